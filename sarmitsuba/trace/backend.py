@@ -1,0 +1,268 @@
+"""Pick and start the Dr.Jit back end: find an LLVM that works (or a GPU) and set Mitsuba's variant, on demand."""
+
+import ctypes
+import importlib.metadata
+import os
+import platform
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sarmitsuba.errors import BackendError
+
+LLVM_PACKAGE = "karellen-llvm-core"
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"  # read by Dr.Jit when it is first imported
+VARIANT_VARIABLE = "SARMITSUBA_VARIANT"
+LLVM_VARIANT = "llvm_ad_rgb"
+CUDA_VARIANT = "cuda_ad_rgb"
+
+# Dr.Jit 1.5 needs 15; 15 cannot select "fminimum" on machines with AVX-512
+_OLDEST_LLVM = 15
+_OLDEST_LLVM_AVX512 = 16
+
+_SYSTEM_FOLDERS = (
+    "/usr/lib/llvm-*/lib",
+    "/usr/lib/*-linux-gnu",
+    "/usr/lib64/llvm*/lib",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/local/lib",
+    "/opt/homebrew/opt/llvm*/lib",
+    "/usr/local/opt/llvm*/lib",
+)
+_LLVM_NAME = re.compile(r"libLLVM(?:-C)?(?:[-.](?P<a>\d+)[\d.]*)?\.(?:so|dylib)(?:\.(?P<b>\d+)[\d.]*)?$")
+
+REMEDY = (
+    f"pip install '{LLVM_PACKAGE}>=19,<24' (x86-64 Linux), or install LLVM >= {_OLDEST_LLVM_AVX512} with the "
+    f"system's package manager and point {LLVM_VARIABLE} at its libLLVM.so"
+)
+
+
+@dataclass(frozen=True)
+class Backend:
+    """What the kernels run on.
+
+    Parameters
+    ----------
+    variant : Mitsuba variant that is set now
+    llvm_path : the LLVM library that Dr.Jit was pointed to, None on a GPU or where Dr.Jit found its own
+    llvm_version : as Dr.Jit reports it, e.g. ``23.1.4``; None on a GPU
+    threads : worker threads of Dr.Jit
+    gpu : what CUDA reports, None without a usable GPU
+    """
+
+    variant: str
+    llvm_path: Path | None
+    llvm_version: str | None
+    threads: int
+    gpu: str | None
+
+
+@dataclass(frozen=True)
+class LlvmChoice:
+    """An LLVM library and where it was found: ``environment``, ``package`` or ``system``."""
+
+    path: Path
+    source: str
+    version: str | None
+
+
+def ensure_backend(prefer: str | None = None) -> Backend:
+    """Make Dr.Jit and Mitsuba ready to trace; safe to call again and again.
+
+    The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
+    the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
+    ``llvm_ad_rgb``. Dr.Jit looks for LLVM when it is imported first, so call this before importing Mitsuba
+    or set ``DRJIT_LIBLLVM_PATH``.
+
+    Parameters
+    ----------
+    prefer : Mitsuba variant, or None
+
+    Raises
+    ------
+    BackendError
+        No back end works, or the variant asked for does not exist or cannot start.
+    """
+    choice = None if "drjit" in sys.modules else prepare_llvm()
+    mi, dr = _import_mitsuba()
+    current = mi.variant()
+    if current is None or not current.startswith(("llvm_", "cuda_")):
+        wanted = prefer or os.environ.get(VARIANT_VARIABLE) or None
+        current = _start(mi, dr, wanted, choice)
+    on_gpu = current.startswith("cuda_")
+    path = os.environ.get(LLVM_VARIABLE)
+    return Backend(
+        variant=current,
+        llvm_path=Path(path) if path and not on_gpu else None,
+        llvm_version=None if on_gpu else llvm_version(),
+        threads=int(dr.thread_count()),
+        gpu=gpu_description() if on_gpu else None,
+    )
+
+
+def prepare_llvm() -> LlvmChoice | None:
+    """Point ``DRJIT_LIBLLVM_PATH`` at an LLVM that works, unless the user did; return the choice, None if none."""
+    choice = find_llvm()
+    if choice is not None and choice.source != "environment":
+        if choice.source == "package":
+            _preload_libcxx(choice.path)
+        os.environ[LLVM_VARIABLE] = str(choice.path)
+    return choice
+
+
+def find_llvm() -> LlvmChoice | None:
+    """Look for LLVM: the user's variable, then the PyPI package, then the system; touches nothing."""
+    own = os.environ.get(LLVM_VARIABLE)
+    if own:
+        return LlvmChoice(Path(own), "environment", None)
+    return _packaged_llvm() or _system_llvm()
+
+
+def llvm_version() -> str | None:
+    """Version of the LLVM that Dr.Jit loaded, None if it loaded none."""
+    import drjit.detail
+
+    try:
+        return _dotted(drjit.detail.llvm_version())
+    except (AttributeError, RuntimeError):
+        return None
+
+
+def gpu_description() -> str | None:
+    """One line about the NVIDIA GPU if Dr.Jit can use it for rays, else None; imports Dr.Jit."""
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.CUDA) or not _has_optix():
+        return None
+    try:
+        version = _dotted(dr.detail.cuda_version())
+    except (AttributeError, RuntimeError):
+        version = "unknown version"
+    return f"NVIDIA GPU, CUDA driver {version}"
+
+
+def _dotted(version: Any) -> str:
+    return ".".join(str(part) for part in version) if isinstance(version, (tuple, list)) else str(version)
+
+
+def _import_mitsuba() -> tuple[Any, Any]:
+    try:
+        import drjit as dr
+        import mitsuba as mi
+    except ImportError as error:
+        raise BackendError(f"Mitsuba cannot be imported: {error}; pip install mitsuba==3.9.1") from error
+    return mi, dr
+
+
+def _start(mi: Any, dr: Any, wanted: str | None, choice: LlvmChoice | None) -> str:
+    """Set the wanted variant, or the best one, and return its name."""
+    if wanted is not None:
+        usable = [v for v in mi.variants() if v.startswith(("llvm_ad", "cuda_ad"))]
+        if wanted not in usable:
+            raise BackendError(f"variant {wanted!r} cannot trace radar paths; use one of {', '.join(usable)}")
+    if wanted is None:
+        wanted = CUDA_VARIANT if gpu_description() else LLVM_VARIANT
+    if wanted.startswith("cuda_"):
+        if gpu_description() is None:
+            raise BackendError(f"variant {wanted!r} needs an NVIDIA GPU with its driver and OptiX; none works here")
+    elif not dr.has_backend(dr.JitBackend.LLVM):
+        raise BackendError(_no_llvm(choice))
+    mi.set_variant(wanted)
+    return wanted
+
+
+def _no_llvm(choice: LlvmChoice | None) -> str:
+    own = os.environ.get(LLVM_VARIABLE)
+    if own:
+        return f"{LLVM_VARIABLE} = {own}: Dr.Jit cannot use this LLVM library; unset it, or {REMEDY}"
+    if choice is None and find_llvm() is not None:
+        return "Mitsuba was imported before an LLVM was found; import sarmitsuba and call ensure_backend() first"
+    return f"no LLVM library of version {_OLDEST_LLVM} or later was found; {REMEDY}"
+
+
+def _packaged_llvm() -> LlvmChoice | None:
+    """Find libLLVM among the files of the PyPI package, wherever pip put them."""
+    try:
+        distribution = importlib.metadata.distribution(LLVM_PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    found = {
+        Path(os.path.normpath(str(distribution.locate_file(file))))
+        for file in distribution.files or ()
+        if _LLVM_NAME.fullmatch(file.name)
+    }
+    # the link libLLVM.so is only there after the interpreter's first start: the shortest name that exists
+    existing = sorted((path for path in found if path.exists()), key=lambda path: len(path.name))
+    if not existing:
+        return None
+    return LlvmChoice(existing[0], "package", distribution.version)
+
+
+def _preload_libcxx(llvm: Path) -> None:
+    """Load the package's libc++ by its full name where the links to it are missing.
+
+    The links are made by ``wheel-axle-runtime`` at the first start of the interpreter, which fails when that
+    start may not write to the environment (installed by root, run by a user).
+    """
+    for folder in llvm.parent.glob("*-linux-gnu"):
+        for name in ("libc++abi.so.1", "libc++.so.1"):
+            full = folder / f"{name}.0"
+            if full.exists() and not (folder / name).exists():
+                try:
+                    ctypes.CDLL(str(full), mode=ctypes.RTLD_GLOBAL)
+                except OSError:
+                    return  # Dr.Jit's own attempt then fails and is reported
+
+
+def _system_llvm() -> LlvmChoice | None:
+    """Newest LLVM library of the system that Dr.Jit can work with on this processor."""
+    oldest = _OLDEST_LLVM_AVX512 if has_avx512() else _OLDEST_LLVM
+    root = Path("/")
+    best: tuple[int, Path] | None = None
+    for pattern in _SYSTEM_FOLDERS:
+        for path in root.glob(f"{pattern[1:]}/libLLVM*"):
+            match = _LLVM_NAME.fullmatch(path.name) or _LLVM_NAME.fullmatch(path.resolve().name)
+            if match is None:
+                continue
+            digits = match["a"] or match["b"] or _folder_version(path)
+            if digits is None:
+                resolved = _LLVM_NAME.fullmatch(path.resolve().name)
+                digits = (resolved["a"] or resolved["b"]) if resolved else None
+            if digits is None or not path.exists():
+                continue
+            version = int(digits)
+            if version >= oldest and (best is None or version > best[0]):
+                best = (version, path)
+    return None if best is None else LlvmChoice(best[1], "system", str(best[0]))
+
+
+def _folder_version(path: Path) -> str | None:
+    match = re.search(r"llvm[@-]?(\d+)", str(path.parent))
+    return match[1] if match else None
+
+
+def has_avx512() -> bool:
+    """True on an x86-64 processor with AVX-512, as far as /proc/cpuinfo tells."""
+    if platform.machine().lower() not in {"x86_64", "amd64"}:
+        return False
+    try:
+        return "avx512" in Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+
+
+def _has_optix() -> bool:
+    """True if the ray tracing library of the NVIDIA driver is there (containers often lack it)."""
+    if sys.platform != "linux":
+        return True
+    try:
+        ctypes.CDLL("libnvoptix.so.1")
+    except OSError:
+        return False
+    return True
+
+
+__all__ = ["Backend", "LlvmChoice", "ensure_backend", "find_llvm", "gpu_description", "llvm_version", "prepare_llvm"]
