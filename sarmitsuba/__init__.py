@@ -4,6 +4,8 @@ The names below are loaded on first use: importing the package imports neither M
 """
 
 import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -26,18 +28,40 @@ _HOME = {
 }
 
 
+_VERBS = ("focus", "simulate")  # public functions that share their name with the module they live in
+
+
+class _Verb(ModuleType):
+    """A module that can be called like the function of its own name, so that import order does not matter."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call the function."""
+        return getattr(self, self.__name__.rpartition(".")[2])(*args, **kwargs)
+
+
+class _Package(ModuleType):
+    """This package: makes the verbs' modules callable when the import system binds them."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Bind a name."""
+        if name in _VERBS and type(value) is ModuleType:
+            value.__class__ = _Verb
+        super().__setattr__(name, value)
+
+
 def __getattr__(name: str) -> Any:
     """Import the home of a public name on first use (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module 'sarmitsuba' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
-    globals()[name] = value  # also replaces the sub-modules "focus" and "simulate", which carry the same name
-    return value
+    module = importlib.import_module(_HOME[name])
+    return module if name in _VERBS else getattr(module, name)
 
 
 def __dir__() -> list[str]:
     """Public names, loaded or not."""
     return sorted({*globals(), *_HOME})
 
+
+sys.modules[__name__].__class__ = _Package
 
 __all__ = ["RawData", "SarImage", "__version__", "focus", "load_scene", "register_plugins", "simulate"]

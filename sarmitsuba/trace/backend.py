@@ -167,7 +167,9 @@ def _start(mi: Any, dr: Any, wanted: str | None, choice: LlvmChoice | None) -> s
         wanted = CUDA_VARIANT if gpu_description() else LLVM_VARIANT
     if wanted.startswith("cuda_"):
         if gpu_description() is None:
-            raise BackendError(f"variant {wanted!r} needs an NVIDIA GPU with its driver and OptiX; none works here")
+            raise BackendError(
+                f"variant {wanted!r} needs an NVIDIA GPU with its driver and OptiX; none works here"
+            )
     elif not dr.has_backend(dr.JitBackend.LLVM):
         raise BackendError(_no_llvm(choice))
     mi.set_variant(wanted)
@@ -179,7 +181,9 @@ def _no_llvm(choice: LlvmChoice | None) -> str:
     if own:
         return f"{LLVM_VARIABLE} = {own}: Dr.Jit cannot use this LLVM library; unset it, or {REMEDY}"
     if choice is None and find_llvm() is not None:
-        return "Mitsuba was imported before an LLVM was found; import sarmitsuba and call ensure_backend() first"
+        return (
+            "Mitsuba was imported before an LLVM was found; import sarmitsuba and call ensure_backend() first"
+        )
     return f"no LLVM library of version {_OLDEST_LLVM} or later was found; {REMEDY}"
 
 
@@ -265,4 +269,12 @@ def _has_optix() -> bool:
     return True
 
 
-__all__ = ["Backend", "LlvmChoice", "ensure_backend", "find_llvm", "gpu_description", "llvm_version", "prepare_llvm"]
+__all__ = [
+    "Backend",
+    "LlvmChoice",
+    "ensure_backend",
+    "find_llvm",
+    "gpu_description",
+    "llvm_version",
+    "prepare_llvm",
+]
