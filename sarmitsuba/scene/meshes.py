@@ -1,5 +1,7 @@
 """Triangle meshes as they come: refused when they cannot mean anything, cleaned when they can."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix
@@ -138,7 +140,7 @@ def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0
     return np.asarray(label, dtype=np.int32)
 
 
-def _refuse(name: str, v: F64, f: NDArray[np.generic]) -> None:
+def _refuse(name: str, v: F64, f: NDArray[Any]) -> None:
     if v.ndim != 2 or v.shape[-1] != 3:
         raise SceneError(f'mesh "{name}": vertices have the shape {v.shape}, not (n, 3)')
     if v.shape[0] == 0 or f.size == 0:

@@ -144,14 +144,17 @@ def _circle(n: int) -> F64:
 def _geodesic(n: int) -> Mesh:
     """Divide the faces of an icosahedron n x n and put the vertices on the unit sphere."""
     g = (1.0 + 5.0**0.5) / 2.0
-    corner = np.array(
-        [-1, g, 0, 1, g, 0, -1, -g, 0, 1, -g, 0, 0, -1, g, 0, 1, g]
-        + [0, -1, -g, 0, 1, -g, g, 0, -1, g, 0, 1, -g, 0, -1, -g, 0, 1]
-    ).reshape(12, 3)
-    faces = np.array(
-        [0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8]
-        + [3, 9, 4, 3, 4, 2, 3, 2, 6, 3, 6, 8, 3, 8, 9, 4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1]
-    ).reshape(20, 3)
+    # fmt: off
+    corner = np.array([
+        [-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
+        [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1],
+    ])
+    faces = np.array([
+        [0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2],
+        [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5],
+        [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1],
+    ])
+    # fmt: on
     # barycentric lattice of one face: rows i = 0..n, columns j = 0..i
     i = np.repeat(np.arange(n + 1), np.arange(1, n + 2))
     j = np.arange(i.size) - i * (i + 1) // 2

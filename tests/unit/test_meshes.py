@@ -17,7 +17,7 @@ def as_set(vertices, faces):
 
 
 def soup(vertices, faces):
-    """The same triangles with three vertices of their own each."""
+    """Give every triangle three vertices of its own."""
     return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
 
 
