@@ -1,8 +1,8 @@
 """Diffuse laws: every one becomes a table of sqrt(sigma0) against incidence angle.
 
 The bistatic use of a table is ``sqrt(sigma0(theta_i, theta_s)) = sqrt(a(theta_i) a(theta_s))``, which is
-reciprocal and returns the law itself in backscatter. ``h`` is the electric field perpendicular to the plane of
-incidence, ``v`` the field parallel to it.
+reciprocal and returns the law itself in backscatter. ``h`` is the electric field perpendicular to the plane
+of incidence, ``v`` the field parallel to it.
 """
 
 from collections.abc import Callable
@@ -79,8 +79,8 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
 
     Notes
     -----
-    Ignores cross polarisation (the material's ratio is applied by the tracer), shadowing by the roughness itself
-    and the bistatic shape of the physical laws: off the backscatter direction the geometric mean of the two
+    Ignores cross polarisation (the material's ratio is applied by the tracer), shadowing by the roughness
+    itself and the bistatic shape of the physical laws: off the backscatter direction the geometric mean of the two
     angles stands in for it, so a Kirchhoff lobe points back at the radar but never forward.
     """
     if n_angles < 2:
@@ -132,8 +132,8 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
         \sigma^0(\theta_i, \theta_s) = 4 \cos\theta_i \cos\theta_s \frac{A(\theta_i) A(\theta_s)}{\bar A},
         \quad \bar A = 2 \int_0^{\pi/2} A \cos\theta \sin\theta\, d\theta
 
-    Scattered over the hemisphere, this is the fraction ``A(theta_i)`` of the incident power for *every* incidence
-    angle, and it is reciprocal; the mean albedo in the denominator is what makes both true at once.
+    Scattered over the hemisphere, this is the fraction ``A(theta_i)`` of the incident power for *every*
+    incidence angle, and it is reciprocal; the mean albedo in the denominator is what makes both true at once.
 
     Parameters
     ----------
@@ -268,7 +268,8 @@ def _kirchhoff(material: Material, wavelength: float, theta: F64) -> _Law:
         )
     if slope < 2.0 * (theta[1] - theta[0]):
         notes.append(
-            f"rms slope {slope:.3g} is a lobe narrower than the table's step of {np.degrees(theta[1]):.2g} deg; "
+            f"rms slope {slope:.3g} is a lobe narrower than two steps of the table, "
+            f"{2 * np.degrees(theta[1]):.2g} deg; "
             "raise rms_height, shorten correlation_length or use no diffuse law"
         )
     reflectivity = 1.0 if material.pec else float(np.abs(fresnel(1.0, material.permittivity)[0]) ** 2)
@@ -299,7 +300,8 @@ def _iem(material: Material, wavelength: float, theta: F64) -> _Law:
     if k * s > _LARGEST_IEM_ROUGHNESS:
         raise SceneError(
             f'material "{material.name}": rms_height = {s:g} m is k s = {k * s:.3g}, above '
-            f"{_LARGEST_IEM_ROUGHNESS:g}, where the integral-equation model means nothing; set diffuse_law to kirchhoff or lambert"
+            f"{_LARGEST_IEM_ROUGHNESS:g}, where the integral-equation model means nothing; "
+            "set diffuse_law to kirchhoff or lambert"
         )
     notes = []
     if k * s > 3.0:
@@ -323,7 +325,8 @@ def _correlation_length(material: Material) -> float:
     if not material.correlation_length > 0.0:
         raise SceneError(
             f'material "{material.name}": correlation_length = {material.correlation_length:g} m must be '
-            f"above 0 for diffuse_law = {material.diffuse_law}; give the correlation length of the surface height"
+            f"above 0 for diffuse_law = {material.diffuse_law}; "
+            "give the correlation length of the surface height"
         )
     return material.correlation_length
 

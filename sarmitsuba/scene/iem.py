@@ -51,9 +51,9 @@ def iem_backscatter(
         W^{(n)}(2 k \sin\theta), \qquad
         I^n_{pp} = (2 k_z)^n f_{pp} e^{-k_z^2 s^2} + \tfrac{k_z^n}{2} F_{pp}
 
-    with ``f_vv = 2 R_v / cos``, ``f_hh = -2 R_h / cos`` and the complementary terms ``F_pp`` of the reference.
-    The reflection coefficients in ``f_pp`` go from Fresnel at the incidence angle (smooth) to Fresnel at normal
-    incidence (rough) by the transition function of Wu et al.
+    with ``f_vv = 2 R_v / cos``, ``f_hh = -2 R_h / cos`` and the complementary terms ``F_pp`` of the
+    reference. The reflection coefficients in ``f_pp`` go from Fresnel at the incidence angle (smooth) to Fresnel
+    at normal incidence (rough) by the transition function of Wu et al.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def iem_backscatter(
     Notes
     -----
     Ignores multiple scattering (so gives no cross polarisation), shadowing and the phase terms that the
-    improved model (I2EM, 2002) adds: with those the small-perturbation limit is the same, but the geometrical-optics
-    limit is missed (by 0.9 dB at 30 degrees for a slope of 0.2), whereas this form meets both.
+    improved model (I2EM, 2002) adds: with those the small-perturbation limit is the same, but the
+    geometrical-optics limit is missed (by 0.9 dB at 30 degrees for a slope of 0.2), whereas this form meets both.
 
     References
     ----------
@@ -130,7 +130,7 @@ def _transition(
     slope_term = 8.0 * r_0**2 * sin2 * (c + q) / (c * q)
     if abs(slope_term) == 0.0:  # normal incidence: both coefficients are the same
         return 0.0
-    # weights x^n / n! and (2^n e^-x)^2 x^n / n!; only their ratio matters, so the largest exponent is taken out
+    # weights x^n / n! and (2^n e^-x)^2 x^n / n!; only their ratio matters: the top is taken out
     half = 0.5 * (log_poisson - n * np.log(4.0))
     boost = (n + 1.0) * np.log(2.0) - x
     top = float(np.max(half + np.maximum(boost, 0.0)))

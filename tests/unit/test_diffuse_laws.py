@@ -83,7 +83,15 @@ def test_missing_correlation_length_is_one_line(law: DiffuseLaw) -> None:
 
 def test_geometrical_optics_values() -> None:
     # reference: |R(0)|^2 exp(-tan^2/(2 m^2)) / (2 m^2 cos^4), m = 0.2, eps = 15 - 3j
-    reference = {0: 6.453047, 5: 6.103752, 10: 5.031146, 15: 3.157678, 20: 0.342006, 25: -3.642259, 30: -9.143782}
+    reference = {
+        0: 6.453047,
+        5: 6.103752,
+        10: 5.031146,
+        15: 3.157678,
+        20: 0.342006,
+        25: -3.642259,
+        30: -9.143782,
+    }
     rms = 0.05
     material = soil("kirchhoff", rms_height=rms, correlation_length=np.sqrt(2.0) * rms / 0.2)
     table = diffuse_tables(material, WAVELENGTH)
