@@ -80,8 +80,8 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
     Notes
     -----
     Ignores cross polarisation (the material's ratio is applied by the tracer), shadowing by the roughness
-    itself and the bistatic shape of the physical laws: off the backscatter direction the geometric mean of the two
-    angles stands in for it, so a Kirchhoff lobe points back at the radar but never forward.
+    itself and the bistatic shape of the physical laws: off the backscatter direction the geometric mean of
+    the two angles stands in for it, so a Kirchhoff lobe points back at the radar but never forward.
     """
     if n_angles < 2:
         raise SceneError(f"diffuse table: n_angles = {n_angles} is too few; give 2 or more")

@@ -52,8 +52,8 @@ def iem_backscatter(
         I^n_{pp} = (2 k_z)^n f_{pp} e^{-k_z^2 s^2} + \tfrac{k_z^n}{2} F_{pp}
 
     with ``f_vv = 2 R_v / cos``, ``f_hh = -2 R_h / cos`` and the complementary terms ``F_pp`` of the
-    reference. The reflection coefficients in ``f_pp`` go from Fresnel at the incidence angle (smooth) to Fresnel
-    at normal incidence (rough) by the transition function of Wu et al.
+    reference. The reflection coefficients in ``f_pp`` go from Fresnel at the incidence angle (smooth) to
+    Fresnel at normal incidence (rough) by the transition function of Wu et al.
 
     Parameters
     ----------
@@ -66,7 +66,8 @@ def iem_backscatter(
     -----
     Ignores multiple scattering (so gives no cross polarisation), shadowing and the phase terms that the
     improved model (I2EM, 2002) adds: with those the small-perturbation limit is the same, but the
-    geometrical-optics limit is missed (by 0.9 dB at 30 degrees for a slope of 0.2), whereas this form meets both.
+    geometrical-optics limit is missed (by 0.9 dB at 30 degrees for a slope of 0.2), whereas this form meets
+    both.
 
     References
     ----------
