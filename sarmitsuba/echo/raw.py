@@ -1,0 +1,80 @@
+"""Raw data: what the receiver recorded, with everything needed to focus it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.radar.radar import Radar
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What one plane of the data holds; the planes of one channel add up to that channel.
+
+    Parameters
+    ----------
+    channel : ``HH``, ``HV``, ``VH`` or ``VV`` (transmit first)
+    order : number of bounces, or 0 when all orders are summed
+    half : 0 for all rays, or 1 / 2 for one independent half of them
+    """
+
+    channel: str
+    order: int = 0
+    half: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class RawData:
+    r"""Echoes of every pulse.
+
+    Parameters
+    ----------
+    data : (n_layers, n_pulses, n_fast) complex64, sqrt(W)
+    layers : n_layers labels
+    domain : ``compressed``: range profiles on ``radar.window``; a point target of unit RCS at slant range R
+        has the value ``K / R^2 sinc((r - R) / range_cell) exp(-j 4 pi fc R / c)`` with K the radar's
+        ``amplitude_constant``.
+        ``chirped``: LFM echoes at baseband; sample i of pulse t is at the fast time
+        ``2 start_range[t] / c - pulse_width / 2 + i / sampling_rate`` and
+        ``n_fast = n_samples + ceil(pulse_width * sampling_rate)``.
+    radar : the radar that recorded it
+    metadata : JSON-able facts: parameters, versions, seed, timings, warnings
+
+    Notes
+    -----
+    Phase is that of demodulation by the carrier: ``exp(-j 4 pi fc R / c)``, time convention exp(+j w t).
+    """
+
+    data: NDArray[np.complex64]
+    layers: tuple[Layer, ...]
+    domain: Literal["compressed", "chirped"]
+    radar: Radar
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.data.ndim != 3 or self.data.shape[0] != len(self.layers):
+            raise DataError(f"raw data: shape {self.data.shape} does not match {len(self.layers)} layers")
+        if self.data.shape[1] != self.radar.track.n_pulses:
+            raise DataError(
+                f"raw data: {self.data.shape[1]} pulses in the data, {self.radar.track.n_pulses} in the track"
+            )
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels in order of first appearance."""
+        return tuple(dict.fromkeys(layer.channel for layer in self.layers))
+
+    def total(self, channel: str | None = None) -> NDArray[np.complex64]:
+        """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""
+        name = channel or self.channels[0]
+        picks = [i for i, layer in enumerate(self.layers) if layer.channel == name]
+        if not picks:
+            raise DataError(f"raw data: no channel {name!r}; there are {', '.join(self.channels)}")
+        return np.asarray(self.data[picks].sum(axis=0, dtype=np.complex64))
+
+
+__all__ = ["Layer", "RawData"]

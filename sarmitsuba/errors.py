@@ -1,0 +1,40 @@
+"""The project's own errors and warnings: one line each, with where, what, value, bound and remedy."""
+
+
+class SarmitsubaError(Exception):
+    """Base of every error that a user can cause; its text is one complete line."""
+
+
+class SceneError(SarmitsubaError):
+    """The scene file, a mesh or a material is missing, malformed or out of bounds."""
+
+
+class RadarError(SarmitsubaError):
+    """The radar description is inconsistent or does not see the scene."""
+
+
+class DataError(SarmitsubaError):
+    """Saved raw data or an image cannot be read, or does not fit what is asked of it."""
+
+
+class BackendError(SarmitsubaError):
+    """No usable Dr.Jit back end (LLVM or CUDA) on this machine."""
+
+
+class OutputError(SarmitsubaError):
+    """A result cannot be written (permissions, full disk)."""
+
+
+class SarmitsubaWarning(UserWarning):
+    """The result stands, but something about it deserves a look; one line."""
+
+
+__all__ = [
+    "BackendError",
+    "DataError",
+    "OutputError",
+    "RadarError",
+    "SarmitsubaError",
+    "SarmitsubaWarning",
+    "SceneError",
+]

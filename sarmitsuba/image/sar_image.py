@@ -1,0 +1,131 @@
+"""The focused complex image and the grid it stands on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class ImageGrid:
+    """Where every pixel stands in the scene.
+
+    ``slant``: zero-Doppler coordinates of a straight reference track: along-track position x from ``origin``
+    (the mid-aperture antenna position) and slant range r of closest approach, on the horizontal plane z = ``height``.
+    ``ground``: metres along and across track from ``origin`` (a scene point) in the plane z = ``height``.
+
+    Parameters
+    ----------
+    kind : ``slant`` or ``ground``
+    azimuth : (n_azimuth,) float64, m, uniform, increasing along the flight direction
+    range : (n_range,) float64, m, uniform, increasing away from the radar (slant range, or across-track metres)
+    origin : (3,) float64, m, scene frame
+    along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
+    height : m, scene frame
+    """
+
+    kind: Literal["slant", "ground"]
+    azimuth: NDArray[np.float64]
+    range: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    height: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n_azimuth, n_range)."""
+        return (self.azimuth.size, self.range.size)
+
+    @property
+    def azimuth_spacing(self) -> float:
+        """Pixel spacing in azimuth, m."""
+        return float(self.azimuth[1] - self.azimuth[0]) if self.azimuth.size > 1 else 1.0
+
+    @property
+    def range_spacing(self) -> float:
+        """Pixel spacing in range (slant or ground as ``kind``), m."""
+        return float(self.range[1] - self.range[0]) if self.range.size > 1 else 1.0
+
+    def across_distance(self) -> NDArray[np.float64]:
+        """(n_range,) float64 horizontal across-track distance of each range column from ``origin``, m."""
+        if self.kind == "ground":
+            return self.range
+        drop = self.origin[2] - self.height
+        square = self.range**2 - drop**2
+        if (square < 0).any():
+            raise DataError(
+                f"image grid: slant range {self.range.min():.3f} m is shorter than the antenna's height "
+                f"{drop:.3f} m above the image plane; start the image at a longer range"
+            )
+        return np.asarray(np.sqrt(square))
+
+    def positions(self) -> NDArray[np.float64]:
+        """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
+        flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
+        return np.asarray(
+            flat
+            + self.azimuth[:, None, None] * self.along
+            + self.across_distance()[None, :, None] * self.across
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SarImage:
+    """A calibrated complex image: ``|pixel|^2`` is the radar cross section in m^2 of a point target at its peak.
+
+    Parameters
+    ----------
+    data : (n_layers, n_azimuth, n_range) complex64, m (square root of RCS)
+    layers : n_layers labels
+    grid : where the pixels stand
+    wavelength : m
+    azimuth_resolution_cell, range_resolution_cell : noise-equivalent widths of the impulse response, m; the range one
+        is in slant range
+    incidence_angle : (n_range,) float64, rad, at mid-aperture on the grid's plane; converts RCS to sigma0
+    metadata : JSON-able facts
+
+    Notes
+    -----
+    ``sigma0 = |pixel|^2 / (azimuth_resolution_cell * range_resolution_cell / sin(incidence_angle))``: distributed
+    clutter of normalised cross section sigma0 has that mean on flat ground. Terrain slope is ignored.
+    """
+
+    data: NDArray[np.complex64]
+    layers: tuple[Layer, ...]
+    grid: ImageGrid
+    wavelength: float
+    azimuth_resolution_cell: float
+    range_resolution_cell: float
+    incidence_angle: NDArray[np.float64]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels in order of first appearance."""
+        return tuple(dict.fromkeys(layer.channel for layer in self.layers))
+
+    def total(self, channel: str | None = None) -> NDArray[np.complex64]:
+        """Sum of all layers of a channel (default: the first), (n_azimuth, n_range) complex64."""
+        name = channel or self.channels[0]
+        picks = [i for i, layer in enumerate(self.layers) if layer.channel == name]
+        if not picks:
+            raise DataError(f"image: no channel {name!r}; there are {', '.join(self.channels)}")
+        return np.asarray(self.data[picks].sum(axis=0, dtype=np.complex64))
+
+    def rcs(self, channel: str | None = None) -> NDArray[np.float64]:
+        """|pixel|^2 in m^2."""
+        return np.abs(self.total(channel).astype(np.complex128)) ** 2
+
+    def sigma0(self, channel: str | None = None) -> NDArray[np.float64]:
+        """Normalised radar cross section of flat ground, linear."""
+        area = self.azimuth_resolution_cell * self.range_resolution_cell / np.sin(self.incidence_angle)
+        return np.asarray(self.rcs(channel) / area[None, :])
+
+
+__all__ = ["ImageGrid", "SarImage"]

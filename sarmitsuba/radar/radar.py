@@ -1,0 +1,89 @@
+"""The whole radar: track, waveform, antenna, polarisation, power and receive window."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.waveform import Waveform
+
+
+@dataclass(frozen=True, eq=False)
+class ReceiveWindow:
+    """Fast-time window of the receiver in one-way slant range, the same number of samples for every pulse.
+
+    Parameters
+    ----------
+    start_range : (n_pulses,) float64, m; slant range of the first sample of each pulse (range compressed)
+    sample_spacing : slant-range spacing of the samples, m: c / (2 sampling_rate); at most the range cell
+    n_samples : samples per pulse of a range-compressed profile
+    """
+
+    start_range: NDArray[np.float64]
+    sample_spacing: float
+    n_samples: int
+
+    @property
+    def sampling_rate(self) -> float:
+        """Complex sampling rate, Hz."""
+        return SPEED_OF_LIGHT / (2.0 * self.sample_spacing)
+
+    @property
+    def extent(self) -> float:
+        """Length of the window in slant range, m."""
+        return self.n_samples * self.sample_spacing
+
+
+@dataclass(frozen=True, eq=False)
+class Radar:
+    """Everything about the sensor that simulation and focusing need.
+
+    Parameters
+    ----------
+    mode : ``stripmap`` (beam fixed to the track) or ``spotlight`` (beam held on ``aim_point``)
+    track, waveform, antenna, pointing, window : see their classes
+    channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    look_side : ``left`` or ``right`` of the flight direction
+    aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
+    transmit_power : W
+    noise_temperature : K; 0 adds no receiver noise
+    losses : two-way system losses, linear power >= 1
+    """
+
+    mode: Literal["stripmap", "spotlight"]
+    track: Track
+    waveform: Waveform
+    antenna: Antenna
+    pointing: Pointing
+    window: ReceiveWindow
+    channels: tuple[str, ...] = ("VV",)
+    look_side: Literal["left", "right"] = "right"
+    aim_point: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    transmit_power: float = 1.0
+    noise_temperature: float = 0.0
+    losses: float = 1.0
+
+    @property
+    def amplitude_constant(self) -> float:
+        r"""Received amplitude of ``sqrt(rcs) / R^2``, sqrt(W) m.
+
+        .. math:: K = \sqrt{P_t G^2 \lambda^2 / ((4 \pi)^3 L)}
+        """
+        lam = self.waveform.wavelength
+        return float(
+            np.sqrt(self.transmit_power / self.losses) * self.antenna.gain * lam / (4.0 * np.pi) ** 1.5
+        )
+
+    @property
+    def across(self) -> NDArray[np.float64]:
+        """Horizontal unit vector perpendicular to the flight direction, on the look side."""
+        a = self.track.along
+        right = np.array([a[1], -a[0], 0.0])
+        return right if self.look_side == "right" else -right
+
+
+__all__ = ["Radar", "ReceiveWindow"]

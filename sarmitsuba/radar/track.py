@@ -1,0 +1,142 @@
+"""The antenna's trajectory: one position and velocity per pulse, float64, scene frame."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from sarmitsuba.errors import RadarError
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Antenna phase-centre positions at the pulse times (stop-and-go: still during one pulse).
+
+    Parameters
+    ----------
+    time : (n_pulses,) float64, s, strictly increasing
+    position : (n_pulses, 3) float64, m, scene frame (east, north, up)
+    velocity : (n_pulses, 3) float64, m/s, scene frame
+
+    Notes
+    -----
+    Ignores the antenna's motion within one pulse and between transmission and reception.
+    """
+
+    time: F64
+    position: F64
+    velocity: F64
+
+    def __post_init__(self) -> None:
+        n = self.time.shape[0]
+        if n < 1 or self.position.shape != (n, 3) or self.velocity.shape != (n, 3):
+            raise RadarError(
+                f"track: time {self.time.shape}, position {self.position.shape} and velocity "
+                f"{self.velocity.shape} must be (n,), (n, 3), (n, 3) with n >= 1"
+            )
+        if not (np.isfinite(self.time).all() and np.isfinite(self.position).all()):
+            raise RadarError("track: time and position must be finite")
+        if n > 1 and not (np.diff(self.time) > 0).all():
+            raise RadarError("track: pulse times must increase strictly")
+
+    @property
+    def n_pulses(self) -> int:
+        """Number of pulses."""
+        return int(self.time.shape[0])
+
+    @property
+    def center_index(self) -> int:
+        """Index of the pulse at the middle of the aperture."""
+        return self.n_pulses // 2
+
+    @property
+    def center_position(self) -> F64:
+        """Mid-aperture position, the mean of the two middle pulses when their number is even."""
+        n = self.n_pulses
+        return np.asarray(0.5 * (self.position[(n - 1) // 2] + self.position[n // 2]))
+
+    @property
+    def along(self) -> F64:
+        """Horizontal unit vector of flight at mid-aperture, from the velocity."""
+        v = self.velocity[self.center_index] * np.array([1.0, 1.0, 0.0])
+        norm = float(np.linalg.norm(v))
+        if norm == 0.0:
+            return np.array([0.0, 1.0, 0.0])
+        return np.asarray(v / norm)
+
+    @property
+    def is_straight(self) -> bool:
+        """True when every pulse lies on one uniformly sampled line, to a micrometre."""
+        n = self.n_pulses
+        if n < 3:
+            return True
+        line = np.linspace(0.0, 1.0, n)[:, None]
+        fit = self.position[0] + line * (self.position[-1] - self.position[0])
+        return bool(np.abs(fit - self.position).max() < 1e-6)
+
+    def slice(self, start: int, stop: int) -> "Track":
+        """Return the pulses ``start:stop`` as a track of their own."""
+        s = slice(start, stop)
+        return Track(self.time[s], self.position[s], self.velocity[s])
+
+    @staticmethod
+    def straight(center: ArrayLike, velocity: ArrayLike, prf: float, n_pulses: int) -> "Track":
+        """Uniform straight track; time zero and ``center`` are at mid-aperture.
+
+        Parameters
+        ----------
+        center, velocity : (3,) float, m and m/s, scene frame
+        prf : pulse repetition frequency, Hz
+        n_pulses : number of pulses
+        """
+        t = (np.arange(n_pulses) - 0.5 * (n_pulses - 1)) / prf
+        v = np.asarray(velocity, dtype=np.float64)
+        p = np.asarray(center, dtype=np.float64) + t[:, None] * v
+        return Track(t, p, np.broadcast_to(v, p.shape).copy())
+
+    @staticmethod
+    def from_csv(path: Path | str) -> "Track":
+        """Read one pulse a line: ``time_s, x_m, y_m, z_m``, comma separated, ``#`` comments, one optional header.
+
+        Velocities come from a cubic spline through the positions.
+        """
+        path = Path(path)
+        try:
+            lines = [ln for ln in path.read_text(encoding="utf-8").splitlines() if ln.strip() and ln.lstrip()[0] != "#"]
+        except OSError as error:
+            raise RadarError(f"{path}: cannot read the track: {error.strerror}") from error
+        if lines and not _is_number(lines[0].split(",")[0]):
+            lines = lines[1:]
+        try:
+            rows = np.array([[float(c) for c in ln.split(",")] for ln in lines], dtype=np.float64)
+        except ValueError as error:
+            raise RadarError(f"{path}: {error}; every line needs time_s, x_m, y_m, z_m") from error
+        if rows.ndim != 2 or rows.shape[1] != 4:
+            raise RadarError(f"{path}: every line needs four numbers: time_s, x_m, y_m, z_m")
+        return Track.from_samples(rows[:, 0], rows[:, 1:])
+
+    @staticmethod
+    def from_samples(time: ArrayLike, position: ArrayLike) -> "Track":
+        """Track through given pulse times and positions; velocities from a cubic spline (zero for one pulse)."""
+        t = np.asarray(time, dtype=np.float64)
+        p = np.asarray(position, dtype=np.float64)
+        if t.size > 1 and (np.diff(t) > 0).all() and np.isfinite(p).all():
+            v = np.asarray(CubicSpline(t, p, axis=0)(t, 1)) if t.size > 2 else np.gradient(p, t, axis=0)
+        else:
+            v = np.zeros_like(p)
+        return Track(t, p, v)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+__all__ = ["Track"]

@@ -1,0 +1,52 @@
+"""The transmitted waveform: a linear frequency-modulated pulse."""
+
+from dataclasses import dataclass
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """LFM pulse, in complex baseband ``exp(j pi chirp_rate t^2)`` for ``|t| <= pulse_width / 2``.
+
+    Parameters
+    ----------
+    center_frequency : Hz
+    bandwidth : swept bandwidth, Hz
+    pulse_width : s
+    """
+
+    center_frequency: float
+    bandwidth: float
+    pulse_width: float
+
+    def __post_init__(self) -> None:
+        if not (self.center_frequency > 0 and self.bandwidth > 0 and self.pulse_width > 0):
+            raise RadarError(
+                f"waveform: center_frequency = {self.center_frequency:g} Hz, bandwidth = {self.bandwidth:g} Hz and "
+                f"pulse_width = {self.pulse_width:g} s must be positive"
+            )
+        if self.bandwidth >= 2 * self.center_frequency:
+            raise RadarError(
+                f"waveform: bandwidth = {self.bandwidth:g} Hz must be below twice the "
+                f"center_frequency = {self.center_frequency:g} Hz"
+            )
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength at the centre frequency, m."""
+        return SPEED_OF_LIGHT / self.center_frequency
+
+    @property
+    def chirp_rate(self) -> float:
+        """Sweep rate, Hz/s."""
+        return self.bandwidth / self.pulse_width
+
+    @property
+    def range_cell(self) -> float:
+        """Slant-range cell c / (2 B), m; the unweighted -3 dB width is 0.886 of it."""
+        return SPEED_OF_LIGHT / (2.0 * self.bandwidth)
+
+
+__all__ = ["Waveform"]

@@ -1,0 +1,125 @@
+"""The polarised field along a ray: a complex 3-vector in the scene frame, Fresnel reflection and PO currents.
+
+A complex vector is the pair ``(re, im)`` of real 3-vectors. All functions are pure functions of Dr.Jit arrays.
+Time convention exp(+j w t): a lossy medium has ``eps = eps' - j eps''``.
+"""
+
+from typing import Any
+
+Vector = Any
+Complex = Any
+ComplexVector = tuple[Any, Any]
+
+
+def scale(z: Complex, v: Vector) -> ComplexVector:
+    """Complex scalar times real vector."""
+    return (v * z.real, v * z.imag)
+
+
+def add(x: ComplexVector, y: ComplexVector) -> ComplexVector:
+    """Sum of two complex vectors."""
+    return (x[0] + y[0], x[1] + y[1])
+
+
+def dot(x: ComplexVector, v: Vector, dr: Any, complex_t: Any) -> Complex:
+    """Complex vector dotted (no conjugate) with a real one."""
+    return complex_t(dr.dot(x[0], v), dr.dot(x[1], v))
+
+
+def cross_left(v: Vector, x: ComplexVector, dr: Any) -> ComplexVector:
+    """Real vector cross complex vector, ``v x x``."""
+    return (dr.cross(v, x[0]), dr.cross(v, x[1]))
+
+
+def polarisation_basis(u: Vector, up: Vector, dr: Any) -> tuple[Vector, Vector]:
+    """Horizontal and vertical unit vectors of the antenna for the look direction ``u`` (antenna to scene).
+
+    ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive.
+    """
+    h = dr.normalize(dr.cross(u, up))
+    return h, dr.cross(h, u)
+
+
+def incidence_basis(d: Vector, n: Vector, dr: Any, mi: Any) -> Vector:
+    """Unit vector perpendicular to the plane of incidence of direction ``d`` on normal ``n``.
+
+    At normal incidence there is no such plane; any direction across ``d`` serves, because there
+    ``r_te = -r_tm`` and the reflected field does not depend on it.
+    """
+    c = dr.cross(d, n)
+    length2 = dr.squared_norm(c)
+    fallback = mi.coordinate_system(d)[0]
+    return dr.select(length2 > 1e-12, c * dr.rsqrt(dr.maximum(length2, 1e-12)), fallback)
+
+
+def fresnel(cos_theta: Any, chi: Complex, dr: Any) -> tuple[Complex, Complex]:
+    r"""Fresnel coefficients of a half space of relative permittivity ``1 + chi``.
+
+    .. math::
+        r_{TE} = \frac{-\chi}{(c + q)^2}, \quad
+        r_{TM} = \frac{\chi ((\epsilon + 1) c^2 - 1)}{(\epsilon c + q)^2}, \quad q = \sqrt{\chi + c^2}
+
+    The usual quotients with their differences multiplied out: exact zero for ``eps = 1`` and at the Brewster
+    angle, no cancellation at grazing or for a nearly perfect conductor. A perfect conductor is the limit -1, +1.
+
+    Parameters
+    ----------
+    cos_theta : float32 array, cosine of the incidence angle, > 0
+    chi : complex float32 array, ``eps - 1``
+
+    Notes
+    -----
+    Ignores magnetic materials and slabs of finite thickness.
+    """
+    c = cos_theta
+    q = dr.sqrt(chi + c * c)
+    q = dr.select(q.imag > 0, -q, q)  # decaying branch for exp(+j w t): Im q <= 0
+    eps = chi + 1.0
+    s_te = q + c
+    s_tm = eps * c + q
+    r_te = -chi / s_te / s_te
+    r_tm = chi / s_tm * (((eps + 1.0) * (c * c) - 1.0) / s_tm)
+    return r_te, r_tm
+
+
+def reflect_field(e: ComplexVector, d: Vector, d_out: Vector, h: Vector, r_te: Complex, r_tm: Complex, dr: Any,
+                  complex_t: Any) -> ComplexVector:
+    """Field after reflection: perpendicular part times ``r_te``, parallel part times ``r_tm``, turned onto ``d_out``."""
+    v_in = dr.cross(h, d)
+    v_out = dr.cross(h, d_out)
+    e_h = dot(e, h, dr, complex_t) * r_te
+    e_v = dot(e, v_in, dr, complex_t) * r_tm
+    return add(scale(e_h, h), scale(e_v, v_out))
+
+
+def reflect_field_pec(e: ComplexVector, n: Vector, dr: Any) -> ComplexVector:
+    """Field reflected by a perfect conductor: ``-E + 2 (E . n) n``."""
+    return (-e[0] + n * (2.0 * dr.dot(e[0], n)), -e[1] + n * (2.0 * dr.dot(e[1], n)))
+
+
+def po_current_pec(e: ComplexVector, d: Vector, n: Vector, dr: Any) -> ComplexVector:
+    """PO radiation vector ``n x (d x E)`` of a perfect conductor (half of eta J)."""
+    return cross_left(n, cross_left(d, e, dr), dr)
+
+
+def po_receive(e: ComplexVector, e_out: ComplexVector, d: Vector, d_out: Vector, n: Vector, s: Vector, q: Vector,
+               dr: Any, complex_t: Any) -> Complex:
+    r"""Component along ``q`` (across ``s``) of the PO radiation vector of a dielectric surface.
+
+    .. math::
+        C = \tfrac12 [\eta J + M \times s], \quad \eta J = n \times (d \times E_i + d' \times E_r),
+        \quad M = (E_i + E_r) \times n
+
+    the far field of both equivalent currents (Balanis, Advanced Engineering Electromagnetics, 6-122); for a
+    perfect conductor it becomes ``n x (d x E)``.
+
+    Parameters
+    ----------
+    e, e_out : incident and reflected field at the surface
+    d, d_out : their directions
+    n, s, q : normal facing the ray, direction to the antenna, receiving polarisation
+    """
+    j = cross_left(n, add(cross_left(d, e, dr), cross_left(d_out, e_out, dr)), dr)
+    m = cross_left(n, add(e, e_out), dr)  # = -M
+    sq = dr.cross(s, q)  # (M x s) . q = M . (s x q)
+    return (dot(j, q, dr, complex_t) - dot(m, sq, dr, complex_t)) * 0.5

@@ -1,0 +1,106 @@
+"""The scene as the kernel sees it: one Embree/OptiX mesh in float32 and float64 tables to gather from."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.scene.diffuse import diffuse_tables
+from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.trace.backend import ensure_backend
+
+DIFFUSE_NODES = 256
+
+
+@dataclass(frozen=True, eq=False)
+class TraceScene:
+    """Intersection structure and tables; one row a face or a material.
+
+    Parameters
+    ----------
+    mi_scene : ``mi.Scene`` holding one mesh
+    face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
+        ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
+    face_info : (2 n_faces,) uint32: material, smooth group
+    material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
+    diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
+        uniform in angle from 0 to 90 degrees
+    extent : largest coordinate modulus, m (bounds float32 rounding of positions)
+    """
+
+    mi_scene: Any
+    face_table: Any
+    face_info: Any
+    material_table: Any
+    diffuse_table: Any
+    extent: float
+    n_faces: int
+
+
+# a conductor this good has |1 + r_te| < 2e-5 at any angle that float32 can hold; used where a scene mixes metals
+# called perfect with dielectrics, so that one formula serves both
+PEC_CHI = (0.0, -1e10)
+
+
+def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
+    """Build the intersection structure and the tables of a scene.
+
+    Parameters
+    ----------
+    geometry, materials : as loaded; faces of invisible materials are left out
+    wavelength : m
+
+    Raises
+    ------
+    SceneError
+        When no visible face is left.
+    """
+    ensure_backend()
+    import drjit as dr
+    import mitsuba as mi
+
+    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    faces = geometry.faces[visible]
+    if faces.shape[0] == 0:
+        raise SceneError("scene: no visible face to trace; every mesh is empty or of an invisible material")
+    v0, v1, v2 = (geometry.vertices[faces[:, i]] for i in range(3))
+    e1, e2 = v1 - v0, v2 - v0
+    normal = np.cross(e1, e2)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    packed = np.stack(
+        [np.column_stack([a, normal[:, i]]) for i, a in enumerate((v0, e1, e2))], axis=1
+    )  # (n_faces, 3, 4)
+
+    mesh = mi.Mesh("scene", vertex_count=3 * faces.shape[0], face_count=faces.shape[0])
+    params = mi.traverse(mesh)
+    # every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still
+    # coincide along shared edges because equal float64 values round alike
+    corners = np.stack([v0, v1, v2], axis=1).astype(np.float32)
+    params["vertex_positions"] = mi.Float(corners.reshape(-1))
+    params["faces"] = mi.UInt32(np.arange(3 * faces.shape[0], dtype=np.uint32))
+    params.update()
+    mi_scene = mi.load_dict(
+        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}
+    )
+
+    rows = []
+    tables = []
+    for m in materials:
+        chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
+        rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
+        table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
+        tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
+    info = np.stack([geometry.face_material[visible], geometry.face_group[visible]], axis=1)
+    return TraceScene(
+        mi_scene=mi_scene,
+        face_table=mi.Float64(packed.reshape(-1)),
+        face_info=mi.UInt32(info.astype(np.uint32).reshape(-1)),
+        material_table=mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1)),
+        diffuse_table=mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1)),
+        extent=float(np.abs(corners).max()),
+        n_faces=int(faces.shape[0]),
+    )
+
+
+__all__ = ["DIFFUSE_NODES", "TraceScene", "build_trace_scene"]

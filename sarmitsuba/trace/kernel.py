@@ -1,0 +1,413 @@
+"""The bounce loop: launch, intersect, close, add, reflect. One recorded kernel, one launch a batch.
+
+Each ray stands for a tube of solid angle. At every hit the tube closes to the antenna by physical optics, and the
+persistent diffuse scatterer it falls on closes as well. A path behind mirrors is measured from the mirrored
+("unfolded") antenna, which is carried in float64 and mirrored exactly in each facet's plane: lengths depend on
+where a ray hits, never on the rounding of how it got there.
+
+What this does not do: transmission, edge and surface-wave diffraction, mirror images of curved surfaces other than
+by their facets, and diffuse-to-diffuse bounces.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.trace import field, scatterers, tube
+from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
+from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
+
+
+class Adder(Protocol):
+    """Takes the contributions of one hit; owns the memory they go to."""
+
+    def begin(self) -> tuple[Any, ...]:
+        """Loop state that the adder needs (arrays of the launch's width), often none."""
+
+    def add(
+        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Add one complex float32 amplitude per channel at a path's half length (float64 m, absolute).
+
+        ``rate`` is the derivative of the half length (float64 m/s); ``order`` the number of bounces (uint32, from 1).
+        """
+
+
+@dataclass(frozen=True)
+class KernelSettings:
+    """Numbers of a launch that are not effects.
+
+    Parameters
+    ----------
+    wavelength : m
+    max_depth : most bounces
+    cell : m, edge of a diffuse scatterer's cell
+    seed : of the diffuse scatterers
+    amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
+    reference_range : m, stands for both legs where spreading is off
+    up : (3,) vertical reference of the polarisation basis, scene frame
+    """
+
+    wavelength: float
+    max_depth: int
+    cell: float
+    seed: int
+    amplitude: float
+    reference_range: float
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TraceCounts:
+    """Dr.Jit arrays of the launch's width, to be reduced by the caller: hits and contributions of each lane."""
+
+    hits: Any
+    contributions: Any
+
+
+def trace(
+    scene: TraceScene,
+    grid: LaunchGrid,
+    pulses: PulseBatch,
+    flags: KernelFlags,
+    settings: KernelSettings,
+    antenna: Antenna,
+    adder: Adder,
+) -> tuple[TraceCounts, tuple[Any, ...]]:
+    """Trace every ray of the grid from every pulse of the batch and hand all contributions to the adder.
+
+    Nothing is evaluated here: the caller's ``dr.eval`` launches the one kernel that this records.
+
+    Returns
+    -------
+    counts : per-lane hits and contributions
+    state : the adder's loop state after the last bounce
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    f32, f64, u32, c32 = mi.Float, mi.Float64, mi.UInt32, mi.Complex2f
+    v32, v64 = mi.Vector3f, mi.Vector3d
+    single = f64 if flags.double_phase else f32
+
+    # ---- constants of the launch, opaque so that another value does not compile another kernel
+    wavelength = dr.opaque(f32, settings.wavelength)
+    k = dr.opaque(f32, 2.0 * np.pi / settings.wavelength)
+    max_depth = dr.opaque(u32, settings.max_depth)
+    cell = dr.opaque(f64, settings.cell)
+    seed = dr.opaque(u32, settings.seed & 0xFFFFFFFF)
+    gain = dr.opaque(f32, settings.amplitude)
+    n_rays = dr.opaque(u32, grid.n_rays)
+    clearance = dr.opaque(f32, 1e-5 + 8.0 * 2.0**-24 * scene.extent)
+    up = v32(*(dr.opaque(f32, x) for x in settings.up))
+    po_gain = (2.0 * float(np.sqrt(np.pi))) / wavelength * gain
+    range2 = dr.opaque(f32, settings.reference_range**2)
+
+    # ---- launch
+    lane = dr.arange(u32, grid.n_rays * pulses.n_pulses)
+    pulse = lane // n_rays
+    ray = lane - pulse * n_rays
+    gx, gy = dr.gather(f32, f32(grid.x), ray), dr.gather(f32, f32(grid.y), ray)
+    plane = pulse if pulses.frame.center.shape[0] > 1 else dr.zeros(u32, 1)
+    center = dr.gather(v64, vector64(mi, pulses.frame.center), plane)
+    axis_x = dr.gather(v64, vector64(mi, pulses.frame.axis_x), plane)
+    axis_y = dr.gather(v64, vector64(mi, pulses.frame.axis_y), plane)
+    antenna_p = dr.gather(v64, vector64(mi, pulses.position), pulse)
+    antenna_v = dr.gather(v64, vector64(mi, pulses.velocity), pulse)
+
+    start = center + axis_x * f64(gx) + axis_y * f64(gy)
+    leg = start - antenna_p
+    distance = dr.norm(leg)
+    d64 = leg / distance
+    d = v32(d64)
+    # re-based origin: outside the scene's bounds, but never behind the antenna
+    back = dr.minimum(distance, dr.opaque(f64, 4.0 * scene.extent) + dr.norm(start))
+    origin = v32(start - d64 * back)
+
+    turn = dr.opaque(f64, grid.turn)
+    ct, st = dr.cos(turn) * grid.spacing, dr.sin(turn) * grid.spacing
+    edge_a = v32(axis_x * ct + axis_y * st)
+    edge_b = v32(axis_y * ct - axis_x * st)
+    edge_a -= d * dr.dot(edge_a, d)
+    edge_b -= d * dr.dot(edge_b, d)
+    tube_area = dr.norm(dr.cross(edge_a, edge_b))
+    inverse_start = f32(1.0 / distance)
+
+    weight = f32(1.0)
+    if flags.taper:
+        weight = _fade(gx, grid.half_x, grid.taper, dr, f32) * _fade(gy, grid.half_y, grid.taper, dr, f32)
+    pattern = _Pattern(antenna, pulses, pulse, mi, dr) if flags.antenna_pattern else None
+    if pattern is not None:
+        weight *= pattern.one_way(d)
+
+    h0, p0 = field.polarisation_basis(d, up, dr)
+    zero = dr.zeros(v32)
+    tracked = flags.tracked
+    e0 = tuple(((h0 if letter == "H" else p0) * weight, zero) for letter in tracked)
+
+    # fmt: off
+    # ---- loop state                     meaning
+    state: tuple[Any, ...] = (
+        dr.full(mi.Bool, True, lane.shape[0] if hasattr(lane, "shape") else len(lane)),  # lane is alive
+        u32(0),                         # hits so far
+        origin,                         # ray origin, scene frame
+        d,                              # ray direction
+        antenna_p,                      # antenna, mirrored through the chain so far
+        antenna_v,                      # its velocity, mirrored likewise
+        edge_a, edge_b,                 # tube cross-section at the start's distance
+        e0,                             # field of each tracked transmit polarisation, unit at launch
+        u32(0),                         # contributions so far
+        adder.begin(),                  # whatever the adder keeps per lane
+    )
+    # fmt: on
+
+    def cond(*s: Any) -> Any:
+        return s[0]
+
+    def body(
+        active: Any, hits: Any, o: Any, d: Any, image: Any, image_v: Any, ea: Any, eb: Any, e: Any, n_added: Any,
+        added: Any,
+    ) -> tuple[Any, ...]:
+        # ---- intersect
+        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=active)
+        active = active & pi.is_valid()
+        face = pi.prim_index
+        p, n64 = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
+        info = dr.gather(mi.Vector2u, scene.face_info, face, active)
+
+        # the ray as the unfolded antenna sees this hit
+        leg = p - image
+        length = dr.norm(leg)
+        d64 = leg / length
+        n64 = dr.select(dr.dot(d64, n64) > 0.0, -n64, n64)
+        n = v32(n64)
+        d = v32(d64)
+        cos_i = dr.maximum(-dr.dot(d, n), 1e-7)
+
+        leg_back = antenna_p - p
+        length_back = dr.norm(leg_back)
+        s64 = leg_back / length_back
+        s = v32(s64)
+        cos_s = dr.dot(s, n)
+        first = hits == 0
+        sees = active & (cos_s > 1e-7)
+        if flags.visibility and flags.multi_bounce:
+            shadow_ray = mi.Ray3f(v32(p) + n * clearance, s)
+            blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
+            sees &= first | ~blocked
+        hits = dr.select(active, hits + 1, hits)
+
+        # ---- the tube on this facet
+        growth = f32(length) * inverse_start
+        u = tube.footprint(ea, d, n, cos_i, dr) * growth
+        v = tube.footprint(eb, d, n, cos_i, dr) * growth
+        area = tube_area * dr.square(growth) / cos_i
+        if flags.spreading:
+            loss = f32(1.0 / (length * length_back))
+            loss_retro = f32(1.0 / (length * length))
+        else:
+            loss = loss_retro = dr.rcp(range2)
+        half = 0.5 * (length + length_back) if flags.double_phase else f64(0.5 * (f32(length) + f32(length_back)))
+        rate_out = -dr.dot(d64, image_v)  # d/dt of the leg from the mirrored antenna
+        rate_back = dr.dot(s64, antenna_v)
+        rate = 0.5 * (rate_out + rate_back)
+
+        # ---- material and reflection
+        mat = dr.gather(mi.Vector4f, scene.material_table, info.x, active)
+        d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
+        if flags.fresnel:
+            h = field.incidence_basis(d, n, dr, mi)
+            r_te, r_tm = field.fresnel(cos_i, c32(mat.x, mat.y), dr)
+            e_out = tuple(field.reflect_field(x, d, d_out, h, r_te, r_tm, dr, c32) for x in e)
+        else:
+            e_out = tuple(field.reflect_field_pec(x, n, dr) for x in e)
+
+        # ---- close: receiving polarisation of this direction home
+        q_h, q_v = field.polarisation_basis(-s, up, dr)
+        receive = {"H": q_h, "V": q_v}
+        home = pattern.one_way(-s) if pattern is not None else f32(1.0)
+
+        coherent: list[Any] = []
+        if flags.coherent:
+            wave = d - s
+            factor = po_gain * area * loss * home
+            if flags.tube_phase:
+                factor *= tube.phase_integral(k * wave, u, v, dr)
+            if flags.roughness:
+                factor *= dr.exp(-0.5 * dr.square(k * dr.dot(wave, n) * mat.z))
+            for channel in flags.channels:
+                i = tracked.index(channel[0])
+                q = receive[channel[1]]
+                if flags.fresnel:
+                    c = field.po_receive(e[i], e_out[i], d, d_out, n, s, q, dr, c32)
+                else:
+                    c = field.dot(field.po_current_pec(e[i], d, n, dr), q, dr, c32)
+                coherent.append(c * factor)
+            n_added = dr.select(sees, n_added + 1, n_added)
+            added = adder.add(added, hits, pulse, half, rate, coherent, sees)
+
+        # ---- diffuse scatterer of the cell that was hit
+        if flags.diffuse:
+            centre, cell_area, key = scatterers.anchor(p, n64, info.y, cell, seed, dr, mi)
+            leg_d, back_d = centre - image, antenna_p - centre
+            length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)
+            half_d = 0.5 * (length_d + length_back_d)
+            rate_d = 0.5 * (dr.dot(back_d / length_back_d, antenna_v) - dr.dot(leg_d / length_d, image_v))
+            operator = _DiffuseOperator(scene, info.x, mat.w, cos_i, cos_s, n, d, s, key, flags, mi, dr)
+            weight_d = gain * area * dr.rsqrt(cell_area)
+            factor = weight_d * loss * home
+            straight = []
+            for channel in flags.channels:
+                i = tracked.index(channel[0])
+                c = operator.between(receive[channel[1]], e[i])
+                if flags.diffuse_double and flags.multi_bounce:
+                    # behind mirrors the reversed path comes home with the same length: the transposed channel
+                    j = tracked.index(channel[1])
+                    reverse = operator.between(receive[channel[0]], e[j])
+                    c = c + dr.select(first, c32(0.0), reverse)
+                straight.append(c * factor)
+            n_added = dr.select(sees, n_added + 1, n_added)
+            added = adder.add(added, hits, pulse, half_d, rate_d, straight, sees)
+            if flags.diffuse_double and flags.multi_bounce:
+                chain = active & ~first
+                operator = _DiffuseOperator(scene, info.x, mat.w, cos_i, cos_i, n, d, -d, key, flags, mi, dr)
+                factor = weight_d * loss_retro
+                retro = []
+                for channel in flags.channels:
+                    i, j = tracked.index(channel[0]), tracked.index(channel[1])
+                    retro.append(operator.between_fields(e[j], e[i]) * factor)
+                n_added = dr.select(chain, n_added + 1, n_added)
+                rate_retro = -dr.dot(leg_d / length_d, image_v)
+                added = adder.add(added, hits, pulse, length_d, rate_retro, retro, chain)
+
+        # ---- reflect
+        if not flags.multi_bounce:
+            return (mi.Bool(False) & active, hits, o, d, image, image_v, ea, eb, e, n_added, added)
+        if flags.roughness:
+            kept = dr.exp(-2.0 * dr.square(k * mat.z * cos_i))
+            e_out = tuple((x[0] * kept, x[1] * kept) for x in e_out)
+        image = image - n64 * (2.0 * dr.dot(image - p, n64))
+        image_v = image_v - n64 * (2.0 * dr.dot(image_v, n64))
+        ea = ea - n * (2.0 * dr.dot(ea, n))
+        eb = eb - n * (2.0 * dr.dot(eb, n))
+        active = active & (hits < max_depth)
+        return (active, hits, v32(p) + n * clearance, d_out, image, image_v, ea, eb, e_out, n_added, added)
+
+    final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
+    del single
+    return TraceCounts(final[1], final[9]), final[10]
+
+
+def _fade(x: Any, half: float, taper: float, dr: Any, f32: Any) -> Any:
+    """1 within ``half``, raised-cosine fall to 0 over ``taper`` beyond it."""
+    t = dr.clip((dr.abs(x) - dr.opaque(f32, half)) / dr.opaque(f32, max(taper, 1e-6)), 0.0, 1.0)
+    return 0.5 + 0.5 * dr.cos(t * np.pi)
+
+
+def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:
+    """Point from the barycentric coordinates on the float64 triangle, and its unit normal."""
+    row = face * 3
+    a = dr.gather(mi.Array4f64, scene.face_table, row, active) if hasattr(mi, "Array4f64") else None
+    array4 = dr.float64_array_t(mi.Vector4f)
+    a = dr.gather(array4, scene.face_table, row, active)
+    b = dr.gather(array4, scene.face_table, row + 1, active)
+    c = dr.gather(array4, scene.face_table, row + 2, active)
+    u, v = mi.Float64(uv.x), mi.Float64(uv.y)
+    p = mi.Vector3d(a[0] + u * b[0] + v * c[0], a[1] + u * b[1] + v * c[1], a[2] + u * b[2] + v * c[2])
+    return p, mi.Vector3d(a[3], b[3], c[3])
+
+
+class _Pattern:
+    """One-way amplitude pattern of the pulse that a lane belongs to."""
+
+    def __init__(self, antenna: Antenna, pulses: PulseBatch, pulse: Any, mi: Any, dr: Any) -> None:
+        assert pulses.azimuth_axis is not None and pulses.elevation_axis is not None
+        assert pulses.boresight is not None
+        self.antenna, self.dr = antenna, dr
+        self.azimuth = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.azimuth_axis), pulse))
+        self.elevation = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.elevation_axis), pulse))
+        self.boresight = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.boresight), pulse))
+
+    def one_way(self, u: Any) -> Any:
+        """Relative one-way amplitude towards the unit vector ``u`` (antenna to scene); zero behind the aperture."""
+        dr = self.dr
+        two_way = self.antenna.two_way_amplitude(dr.dot(u, self.azimuth), dr.dot(u, self.elevation), dr)
+        return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
+
+
+class _DiffuseOperator:
+    """Symmetric scattering tensor of one cell between an incoming and an outgoing direction.
+
+    Symmetric, so that exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at
+    a pair of angles is the geometric mean of the law at each.
+    """
+
+    def __init__(
+        self, scene: TraceScene, material: Any, cross_ratio: Any, cos_i: Any, cos_s: Any, n: Any, d: Any, s: Any,
+        key: Any, flags: KernelFlags, mi: Any, dr: Any,
+    ) -> None:
+        self.flags, self.mi, self.dr = flags, mi, dr
+        self.n = n
+        co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
+        table_i = _diffuse_lookup(scene, material, cos_i, mi, dr)
+        table_s = _diffuse_lookup(scene, material, cos_s, mi, dr)
+        self.amp_h = dr.sqrt(table_i.x * table_s.x)
+        self.amp_v = dr.sqrt(table_i.y * table_s.y)
+        if flags.polarised_diffuse:
+            self.h_i = field.incidence_basis(d, n, dr, mi)
+            self.h_s = field.incidence_basis(-s, n, dr, mi)
+            self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
+        if flags.depolarisation:
+            # azimuthal symmetry: <|S_hv|^2> = <|S_hh - S_vv|^2> / 4 = ratio of the total co-polar power
+            root = dr.sqrt(cross_ratio)
+            self.co = co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0))
+            self.difference = scatterers.gaussian(key, 1, dr, mi) * root
+            self.cross = scatterers.gaussian(key, 2, dr, mi) * root
+            self.t1, self.t2 = mi.coordinate_system(n)
+        else:
+            self.co = co
+
+    def _bilinear(self, q: Any, x: Any) -> Any:
+        """``q . D x`` for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
+        dr = self.dr
+        if self.flags.polarised_diffuse:
+            value = self.co * (
+                self.amp_h * dr.dot(q, self.h_s) * dr.dot(self.h_i, x)
+                + self.amp_v * dr.dot(q, self.v_s) * dr.dot(self.v_i, x)
+            )
+        else:
+            value = self.co * (self.amp_h * dr.dot(q, x))
+        if self.flags.depolarisation:
+            q1, q2, x1, x2 = dr.dot(q, self.t1), dr.dot(q, self.t2), dr.dot(x, self.t1), dr.dot(x, self.t2)
+            amp = dr.sqrt(self.amp_h * self.amp_v)
+            value = value + self.difference * (amp * (q1 * x1 - q2 * x2)) + self.cross * (amp * (q1 * x2 + q2 * x1))
+        return value
+
+    def between(self, q: Any, e: field.ComplexVector) -> Any:
+        """``q . D E`` for a real receiving vector and a complex field."""
+        j = self.mi.Complex2f(0.0, 1.0)
+        return self._bilinear(q, e[0]) + j * self._bilinear(q, e[1])
+
+    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> Any:
+        """``Q . D E`` (no conjugate) for two complex fields, incoming and retracing."""
+        j = self.mi.Complex2f(0.0, 1.0)
+        return self.between(q[0], e) + j * self.between(q[1], e)
+
+
+def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, dr: Any) -> Any:
+    """sqrt(sigma0) for h and v at an incidence angle, linear between table nodes uniform in angle."""
+    theta = dr.acos(dr.clip(cos_theta, 0.0, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
+    node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
+    t = theta - mi.Float(node)
+    row = material * DIFFUSE_NODES + node
+    low = dr.gather(mi.Vector2f, scene.diffuse_table, row)
+    high = dr.gather(mi.Vector2f, scene.diffuse_table, row + 1)
+    return low + (high - low) * t
+
+
+__all__ = ["Adder", "KernelSettings", "TraceCounts", "trace"]

@@ -1,0 +1,168 @@
+"""Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+
+# irrational turn of the lattice (rad): no low-order lattice line falls along or across the window's axes
+LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchGrid:
+    """One set of rays, in coordinates (x, y) of the launch plane.
+
+    Parameters
+    ----------
+    x, y : (n_rays,) float32, m, lattice points within the window, neighbours in memory near in space
+    spacing : m between neighbouring rays
+    turn : rad, angle of the lattice against the plane's axes
+    half_x, half_y : m, half extents of the window that is to be covered at full weight
+    taper : m, width of the fade-out beyond the half extents
+    """
+
+    x: F32
+    y: F32
+    spacing: float
+    turn: float
+    half_x: float
+    half_y: float
+    taper: float
+
+    @property
+    def n_rays(self) -> int:
+        """Number of rays."""
+        return int(self.x.size)
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchFrame:
+    """Plane through ``center`` across the line of sight, for each pulse or one for all.
+
+    Parameters
+    ----------
+    center : (n, 3) float64, m, scene frame
+    axis_x, axis_y : (n, 3) float64 unit vectors of the plane
+    """
+
+    center: F64
+    axis_x: F64
+    axis_y: F64
+
+
+def frame_towards(antenna: F64, center: F64, along: F64) -> LaunchFrame:
+    """Launch planes through ``center`` across the lines of sight from ``antenna``.
+
+    Parameters
+    ----------
+    antenna : (n, 3) float64, m; center : (3,); along : (3,) direction that the x axis follows where it can
+    """
+    los = center - antenna
+    los = los / np.linalg.norm(los, axis=1, keepdims=True)
+    x = along - los * (los @ along)[:, None]
+    norm = np.linalg.norm(x, axis=1, keepdims=True)
+    spare = np.cross(los, np.roll(np.eye(3)[np.argmin(np.abs(los), axis=1)], 1, axis=1))
+    x = np.where(norm > 1e-9, x, spare)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return LaunchFrame(np.broadcast_to(center, antenna.shape).copy(), x, np.cross(x, los))
+
+
+def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
+    """Lower and upper (x, y) of scene points seen from the antenna and projected onto the first launch plane."""
+    c, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
+    w = np.cross(ux, uy)
+    ray = points - antenna
+    t = ((c - antenna) @ w) / (ray @ w)
+    hit = antenna + ray * t[:, None] - c
+    xy = np.stack([hit @ ux, hit @ uy], axis=1)
+    return np.asarray(xy.min(axis=0)), np.asarray(xy.max(axis=0))
+
+
+def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    v = (v | (v << 8)) & np.uint32(0x00FF00FF)
+    v = (v | (v << 4)) & np.uint32(0x0F0F0F0F)
+    v = (v | (v << 2)) & np.uint32(0x33333333)
+    return (v | (v << 1)) & np.uint32(0x55555555)
+
+
+def lattice(
+    half_x: float, half_y: float, spacing: float, *, taper: float = 0.0, seed: int = 0, subset: int = 0
+) -> LaunchGrid:
+    """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
+
+    Tubes of the lattice tile the plane, so the phase integrals of a flat facet telescope to its rim; the turn keeps
+    the rim from lining up with the lattice, which would put false lobes along the facet's edge normals.
+
+    Parameters
+    ----------
+    half_x, half_y, spacing, taper : m
+    seed : shifts the lattice at random and adds to its turn
+    subset : independent lattices of one seed (halves, passes)
+    """
+    rng = np.random.default_rng([seed & 0x7FFFFFFF, subset, 0x5A12])
+    shift = rng.random(2) * spacing
+    turn = LATTICE_TURN + 0.25 * np.pi * float(rng.random()) * (subset > 0 or seed > 0)
+    # keep away from the axes and diagonals of the window
+    turn = 0.15 + (turn % (0.25 * np.pi - 0.3))
+    hx, hy = half_x + taper, half_y + taper
+    reach = np.hypot(hx, hy)
+    n = int(np.ceil(reach / spacing)) + 1
+    c, s = np.cos(turn), np.sin(turn)
+    xs, ys, keys = [], [], []
+    rows = np.arange(-n, n + 1)
+    step = max(1, 4_000_000 // rows.size)  # bounds the temporary arrays of one slab
+    for start in range(0, rows.size, step):
+        j = rows[start : start + step][:, None].astype(np.float64)
+        i = rows[None, :].astype(np.float64)
+        x = (i * c - j * s) * spacing + shift[0]
+        y = (i * s + j * c) * spacing + shift[1]
+        keep = (np.abs(x) <= hx) & (np.abs(y) <= hy)
+        x, y = x[keep], y[keep]
+        xs.append(x.astype(np.float32))
+        ys.append(y.astype(np.float32))
+        side = 2.0 * reach / 65535.0
+        keys.append(
+            _spread_bits(((x + reach) / side).astype(np.uint32))
+            | (_spread_bits(((y + reach) / side).astype(np.uint32)) << 1)
+        )
+    order = np.argsort(np.concatenate(keys), kind="stable")  # Morton order: neighbours share cache lines of the BVH
+    return LaunchGrid(
+        np.concatenate(xs)[order], np.concatenate(ys)[order], spacing, turn, half_x, half_y, taper
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PulseBatch:
+    """Antenna state of the pulses of one launch; lane = pulse * n_rays + ray.
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s, scene frame
+    frame : launch planes, one for all pulses or one each
+    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
+    """
+
+    position: F64
+    velocity: F64
+    frame: LaunchFrame
+    boresight: F64 | None = None
+    azimuth_axis: F64 | None = None
+    elevation_axis: F64 | None = None
+
+    @property
+    def n_pulses(self) -> int:
+        """Number of pulses in the launch."""
+        return int(self.position.shape[0])
+
+
+def vector64(mi: Any, rows: F64) -> Any:
+    """(n, 3) float64 array as a flat Dr.Jit buffer to gather 3-vectors from."""
+    return mi.Float64(np.ascontiguousarray(rows, dtype=np.float64).reshape(-1))
+
+
+__all__ = ["LATTICE_TURN", "LaunchFrame", "LaunchGrid", "PulseBatch", "frame_towards", "lattice", "window_of"]
