@@ -1,0 +1,43 @@
+"""Turn facts gathered along the way into plain JSON values."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+
+def to_json(value: Any, *, strict: bool = False) -> Any:
+    """Return ``value`` made of dict, list, str, int, float, bool and None only.
+
+    Parameters
+    ----------
+    value : mappings, sequences, dataclasses, NumPy values, complex numbers (as ``[re, im]``), paths
+    strict : write NaN and infinities as text, because the JSON standard has no numbers for them
+    """
+
+    def convert(item: Any) -> Any:
+        if item is None or isinstance(item, (str, bool, int)):
+            return item
+        if isinstance(item, float):
+            return item if math.isfinite(item) or not strict else str(item)
+        if isinstance(item, complex):
+            return [convert(item.real), convert(item.imag)]
+        if isinstance(item, np.ndarray):
+            return convert(item.tolist())
+        if isinstance(item, np.generic):
+            return convert(item.item())
+        if isinstance(item, Mapping):
+            return {str(key): convert(entry) for key, entry in item.items()}
+        if isinstance(item, (list, tuple, set, frozenset)):
+            return [convert(entry) for entry in item]
+        if dataclasses.is_dataclass(item) and not isinstance(item, type):
+            return {field.name: convert(getattr(item, field.name)) for field in dataclasses.fields(item)}
+        return str(item.as_posix() if isinstance(item, PurePath) else item)
+
+    return convert(value)
+
+
+__all__ = ["to_json"]

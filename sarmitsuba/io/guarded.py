@@ -1,0 +1,80 @@
+"""A file for libraries that cannot bear a failing disk: it keeps the first error instead of raising it."""
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+
+class GuardedFile(io.RawIOBase):
+    """Random-access file whose writes always seem to succeed; the first failure is kept in ``error``.
+
+    HDF5 1.14 crashes the process when a write fails while it still holds unwritten chunks (seen with a file
+    size limit). Given this file it finishes in peace, and the caller raises ``error`` afterwards.
+
+    Parameters
+    ----------
+    path : file to create or overwrite
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.error: OSError | None = None
+        self._file = open(path, "w+b", buffering=0)
+
+    def write(self, data: Any) -> int:
+        """Write all of ``data``; drop it once the disk has refused."""
+        view = memoryview(data).cast("B")
+        done = 0
+        try:
+            while self.error is None and done < len(view):
+                done += self._file.write(view[done:]) or 0
+        except OSError as error:
+            self.error = error
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the file's length."""
+        length = self._file.tell() if size is None else size
+        try:
+            if self.error is None:
+                self._file.truncate(length)
+        except OSError as error:
+            self.error = error
+        return length
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill ``buffer`` from the current position, with zeros past the end."""
+        view = memoryview(buffer).cast("B")
+        count = self._file.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """Return the current position."""
+        return self._file.tell()
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self._file.close()
+        super().close()
+
+
+__all__ = ["GuardedFile"]

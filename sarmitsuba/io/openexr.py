@@ -1,0 +1,63 @@
+"""OpenEXR picture of a complex image, for image tools: float32 channels with names.
+
+Row i, column j is the pixel [azimuth i, range j] of the array, so a viewer shows azimuth downwards.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.errors import OutputError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.encoding import to_json
+
+
+def channel_name(layer: Layer) -> str:
+    """EXR layer of one plane: ``VV``, ``VV.order2``, ``VV.order2.half1``."""
+    name = layer.channel
+    if layer.order:
+        name += f".order{layer.order}"
+    if layer.half:
+        name += f".half{layer.half}"
+    return name
+
+
+def write(path: Path | str, image: SarImage) -> None:
+    """Write every layer as two channels ``<name>.re`` and ``<name>.im``, m (square root of RCS)."""
+    channels = {}
+    for layer, plane in zip(image.layers, image.data, strict=True):
+        channels[f"{channel_name(layer)}.re"] = np.ascontiguousarray(plane.real, dtype=np.float32)
+        channels[f"{channel_name(layer)}.im"] = np.ascontiguousarray(plane.imag, dtype=np.float32)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "comments": "complex radar image; |re + j im|^2 is the radar cross section in m^2; rows are azimuth",
+        "sarmitsuba": json.dumps(_facts(image)),
+    }
+    with atomic_path(path) as temporary:
+        try:
+            OpenEXR.File(header, channels).write(str(temporary))
+        except RuntimeError as error:  # OpenEXR's own word for a failed write
+            raise OutputError(f"{path}: cannot write: {' '.join(str(error).split())}") from error
+
+
+def _facts(image: SarImage) -> object:
+    grid = image.grid
+    return to_json(
+        {
+            "grid": grid.kind,
+            "azimuth_start_m": float(grid.azimuth[0]),
+            "azimuth_spacing_m": grid.azimuth_spacing,
+            "range_start_m": float(grid.range[0]),
+            "range_spacing_m": grid.range_spacing,
+            "wavelength_m": image.wavelength,
+        },
+        strict=True,
+    )
+
+
+__all__ = ["channel_name", "write"]

@@ -1,0 +1,25 @@
+"""parameters.json: what was asked for and what happened, for a person and for the next program."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.encoding import to_json
+
+
+def write(path: Path | str, facts: Mapping[str, Any]) -> None:
+    """Write the facts as standard JSON (non-finite numbers as text), indented, UTF-8."""
+    text = json.dumps(to_json(facts, strict=True), indent=2, ensure_ascii=False, allow_nan=False)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read(path: Path | str) -> dict[str, Any]:
+    """Read the facts back."""
+    facts: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+    return facts
+
+
+__all__ = ["read", "write"]
