@@ -64,10 +64,10 @@ class Material:
     pec : perfect electric conductor; ``permittivity`` is then ignored
     permittivity : relative, ``eps' - j eps''`` with ``eps'' >= 0`` (time convention exp(+j w t))
     rms_height : m; standard deviation of the surface height, reduces the coherent reflection
-    diffuse_law : how the incoherent return depends on angle; ``roughness`` is Lambert's law with the power that the
-        coherent wave lost to the rms height
-    diffuse_level_db : sigma0 (``constant``), gamma (``constant_gamma``) or 4 * albedo (``lambert``, sigma0 at normal
-        incidence), dB
+    diffuse_law : how the incoherent return depends on angle; ``roughness`` is Lambert's law with the power
+        that the coherent wave lost to the rms height
+    diffuse_level_db : sigma0 (``constant``), gamma (``constant_gamma``) or 4 * albedo (``lambert``, sigma0 at
+        normal incidence), dB
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
@@ -164,7 +164,8 @@ class TraceSettings:
 
     Parameters
     ----------
-    method : ``raw`` (every pulse traced), ``hybrid`` (key pulses), ``image`` (one look), ``raster`` (one bounce)
+    method : ``raw`` (every pulse traced), ``hybrid`` (key pulses), ``image`` (one look),
+        ``raster`` (one bounce)
     max_depth : most bounces; 0 = automatic
     ray_spacing : m, distance between rays in the launch plane; 0 = automatic
     key_pulse_interval : pulses that share one tracing; 0 = automatic
@@ -176,7 +177,7 @@ class TraceSettings:
     phase_precision : arithmetic of path lengths and phases
     target_error_db : dB of the image's clutter or peak; 0 = off
     time_limit : s; 0 = off
-    effects : effect name (``EFFECT_NAMES``) to ``auto``, ``on`` or ``off``; every name is present after loading
+    effects : effect name (``EFFECT_NAMES``) to ``auto``, ``on`` or ``off``; after loading every name is present
     """
 
     method: Method = "hybrid"
@@ -228,8 +229,8 @@ class Scene:
     geometry, materials, points : what there is to see
     radar : what sees it
     settings, image : how to trace and what to focus
-    offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than 5 km from the
-        file's origin, whole metres then
+    offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than 5 km from
+        the file's origin, whole metres then
     notes : one line each; what was assumed or repaired while loading
     """
 

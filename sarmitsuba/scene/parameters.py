@@ -1,0 +1,252 @@
+"""Declarative tables of XML parameters: kind, unit, default, bounds and meaning, to validate and document by."""
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from sarmitsuba.errors import SarmitsubaError, SceneError
+
+Kind = Literal["float", "integer", "string", "boolean", "integer or auto", "ignored"]
+Value = float | int | str | bool
+
+_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
+
+
+@dataclass(frozen=True)
+class Param:
+    """One parameter of a plugin.
+
+    Parameters
+    ----------
+    name : as in the XML file
+    kind : XML element that carries it; ``integer or auto`` also takes the string ``auto`` (read as 0);
+        ``ignored`` is accepted in any form and has no effect
+    default : value when absent
+    doc : meaning, one sentence
+    unit : SI unit, ``deg`` or ``dB``; empty when it has none
+    minimum, maximum : inclusive bounds
+    positive : True also refuses the minimum itself
+    choices : allowed strings
+    auto : True when the default 0 means automatic
+    """
+
+    name: str
+    kind: Kind
+    default: Value
+    doc: str
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    positive: bool = False
+    choices: tuple[str, ...] = ()
+    auto: bool = False
+
+    @property
+    def tag(self) -> str:
+        """XML element to write it with."""
+        return {"integer or auto": "integer", "ignored": "float"}.get(self.kind, self.kind)
+
+    def convert(self, value: Any, where: str, error: type[SarmitsubaError]) -> Value:
+        """Return ``value`` with the parameter's type, or raise ``error`` with one line."""
+        if self.kind == "ignored":
+            return self.default
+        if self.kind == "boolean":
+            if not isinstance(value, bool):
+                raise self._wrong_type(value, where, error)
+            return value
+        if self.kind == "string":
+            return self._string(value, where, error)
+        return self._number(value, where, error)
+
+    def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value:
+        """Return the value written as ``text`` (a command-line override)."""
+        value: Any = text
+        if self.kind == "boolean":
+            lower = text.strip().lower()
+            value = True if lower in _TRUE else False if lower in _FALSE else text
+        elif self.kind in ("integer", "integer or auto"):
+            value = _as_number(text, int)
+        elif self.kind == "float":
+            value = _as_number(text, float)
+        return self.convert(value, where, error)
+
+    def _number(self, value: Any, where: str, error: type[SarmitsubaError]) -> Value:
+        if self.kind == "integer or auto" and isinstance(value, str):
+            value = 0 if value == "auto" else _as_number(value, int)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong_type(value, where, error)
+        if self.kind != "float" and not isinstance(value, int):
+            raise self._wrong_type(value, where, error)
+        if not math.isfinite(value):
+            raise error(f"{where}: {self.name} = {value} is not a finite number; {self._remedy()}")
+        low = value <= self.minimum if self.positive else value < self.minimum
+        if low or value > self.maximum:
+            side = "above" if value > self.maximum else "not above" if self.positive else "below"
+            bound = self.maximum if value > self.maximum else self.minimum
+            raise error(
+                f"{where}: {self.name} = {_text(value, self.unit)} is {side} the bound "
+                f"{_text(bound, self.unit)}; {self._remedy()}"
+            )
+        return float(value) if self.kind == "float" else value
+
+    def _string(self, value: Any, where: str, error: type[SarmitsubaError]) -> str:
+        if not isinstance(value, str):
+            raise self._wrong_type(value, where, error)
+        if self.choices and value not in self.choices:
+            raise error(
+                f'{where}: {self.name} = "{value}" is not one of {", ".join(self.choices)}'
+                f"{did_you_mean(value, self.choices)}"
+            )
+        return value
+
+    def _wrong_type(self, value: Any, where: str, error: type[SarmitsubaError]) -> SarmitsubaError:
+        shown = f'"{value}"' if isinstance(value, str) else one_line(value)
+        return error(f"{where}: {self.name} = {shown} is not of type {self.kind}; {self._remedy()}")
+
+    def _remedy(self) -> str:
+        example = self.default if self.default != "" or not self.choices else self.choices[0]
+        if isinstance(example, bool):
+            example = "true" if example else "false"
+        elif not isinstance(example, str):
+            example = f"{example:g}"
+        return f'give {self.bounds_text()}, for example <{self.tag} name="{self.name}" value="{example}"/>'
+
+    def bounds_text(self) -> str:
+        """Bounds or choices in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.kind == "boolean":
+            return "true or false"
+        if self.kind == "string":
+            return "a text"
+        if self.kind == "ignored":
+            return "anything"
+        noun = "an integer" if self.kind.startswith("integer") else "a number"
+        low, high = math.isfinite(self.minimum), math.isfinite(self.maximum)
+        if low and high:
+            from_ = "above" if self.positive else "from"
+            text = f"{noun} {from_} {_compact(self.minimum)} to {_compact(self.maximum)}{unit}"
+        elif low:
+            text = f"{noun} {'above' if self.positive else 'of at least'} {_compact(self.minimum)}{unit}"
+        elif high:
+            text = f"{noun} of at most {_compact(self.maximum)}{unit}"
+        else:
+            text = f"{noun}{f' in{unit}' if unit else ''}"
+        return text + (' or "auto"' if self.kind == "integer or auto" else "")
+
+
+@dataclass(frozen=True)
+class ParamTable:
+    """All parameters of one plugin.
+
+    Parameters
+    ----------
+    plugin : name in the XML ``type`` attribute
+    element : XML element (``sensor``, ``film``, ``integrator``, ``bsdf``)
+    doc : what the plugin is, one or two sentences
+    params : its parameters
+    error : class of the errors raised
+    hints : remedies for names that people from Mitsuba try here
+    """
+
+    plugin: str
+    element: str
+    doc: str
+    params: tuple[Param, ...]
+    error: type[SarmitsubaError] = SceneError
+    hints: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.params)
+
+    def __getitem__(self, name: str) -> Param:
+        """Return the parameter of that name."""
+        for param in self.params:
+            if param.name == name:
+                return param
+        raise KeyError(name)
+
+    def defaults(self) -> dict[str, Any]:
+        """Every parameter with its default."""
+        return {p.name: p.default for p in self.params}
+
+    def read(self, given: Mapping[str, Any], where: str) -> dict[str, Any]:
+        """Validate what a file gives and fill in defaults.
+
+        Parameters
+        ----------
+        given : name to value as the XML parser typed it
+        where : start of every error, for example ``scene.xml: sensor "radar"``
+
+        Returns
+        -------
+        every parameter of the table with its value
+
+        Raises
+        ------
+        ``self.error`` with one line on an unknown name, a wrong type or a value out of bounds
+        """
+        for name in given:
+            self.check_name(name, where)
+        return {
+            p.name: p.convert(given[p.name], where, self.error) if p.name in given else p.default
+            for p in self.params
+        }
+
+    def check_name(self, name: str, where: str) -> None:
+        """Raise unless ``name`` is a parameter."""
+        if name in self.names:
+            return
+        if name in self.hints:
+            raise self.error(f'{where}: unknown parameter "{name}"; {self.hints[name]}')
+        guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {', '.join(self.names)}"
+        raise self.error(f'{where}: unknown parameter "{name}"{guess}')
+
+    def markdown(self) -> str:
+        """Return the table of parameters in Markdown."""
+        rows = ["| parameter | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
+        for p in self.params:
+            default = (
+                "" if p.default == "" else str(p.default).lower() if p.kind == "boolean" else f"{p.default}"
+            )
+            if isinstance(p.default, float):
+                default = _compact(p.default)
+            if p.auto:
+                default += " (automatic)"
+            rows.append(f"| `{p.name}` | {p.kind} | {p.unit} | {default} | {p.bounds_text()} | {p.doc} |")
+        return "\n".join(rows)
+
+
+def did_you_mean(name: str, known: Any) -> str:
+    """``; did you mean "..."?`` when a known name is close to ``name``, else an empty string."""
+    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def one_line(value: Any, limit: int = 60) -> str:
+    """Text of a value on one line, shortened."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _as_number(text: str, kind: type[int] | type[float]) -> Any:
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def _compact(value: float) -> str:
+    return f"{value:.10g}"
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{_compact(value)} {unit}".strip()
+
+
+__all__ = ["Param", "ParamTable", "did_you_mean", "one_line"]

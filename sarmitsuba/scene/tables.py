@@ -1,0 +1,512 @@
+"""The parameters of every plugin."""
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.scene.materials import ITU_BANDS
+from sarmitsuba.scene.parameters import Param, ParamTable
+from sarmitsuba.scene.spec import DIFFUSE_LAWS, EFFECT_NAMES, METHODS
+
+_GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_deg and aim_x, aim_y, aim_z"
+
+SENSOR = ParamTable(
+    plugin="sar_antenna",
+    element="sensor",
+    doc="Monostatic side-looking radar: track, beam, waveform, polarisation, power; may hold a `range_film`.",
+    error=RadarError,
+    hints={
+        "to_world": _GEOMETRY_HINT,
+        "fov": "the beam is given by pattern, azimuth_beamwidth_deg and elevation_beamwidth_deg",
+        "aim_point": "give aim_x, aim_y and aim_z as floats, which keep double precision",
+        "polarization": 'did you mean "polarisation"?',
+    },
+    params=(
+        Param(
+            "mode",
+            "string",
+            "stripmap",
+            "beam fixed to the track, or held on the aim point",
+            choices=("stripmap", "spotlight"),
+        ),
+        Param(
+            "slant_range",
+            "float",
+            10e3,
+            "from the antenna at mid-aperture to the aim point",
+            "m",
+            0.1,
+            1e9,
+        ),
+        Param(
+            "look_angle_deg",
+            "float",
+            45.0,
+            "between nadir and the line of sight to the aim point, at mid-aperture",
+            "deg",
+            0.0,
+            89.999,
+            positive=True,
+        ),
+        Param(
+            "heading_deg", "float", 0.0, "flight direction, clockwise from north (+y)", "deg", -360.0, 360.0
+        ),
+        Param(
+            "look_side",
+            "string",
+            "right",
+            "side of the flight direction looked to",
+            choices=("left", "right"),
+        ),
+        Param(
+            "squint_angle_deg",
+            "float",
+            0.0,
+            "between the line of sight and the plane across the track; positive looks forward",
+            "deg",
+            -80.0,
+            80.0,
+        ),
+        Param("aim_x", "float", 0.0, "aim point, east, in the file's frame", "m", -1e9, 1e9),
+        Param("aim_y", "float", 0.0, "aim point, north, in the file's frame", "m", -1e9, 1e9),
+        Param("aim_z", "float", 0.0, "aim point, up, in the file's frame", "m", -1e9, 1e9),
+        Param("speed", "float", 100.0, "of the antenna", "m/s", 0.0, 1e6, positive=True),
+        Param(
+            "prf",
+            "float",
+            0.0,
+            "pulse repetition frequency; automatic: 1.25 times the Doppler bandwidth of aperture and image, or of "
+            "the beam where that is smaller",
+            "Hz",
+            0.0,
+            1e8,
+            auto=True,
+        ),
+        Param(
+            "n_pulses",
+            "integer",
+            0,
+            "pulses in the aperture; automatic: from azimuth_resolution",
+            "",
+            0,
+            10_000_000,
+            auto=True,
+        ),
+        Param(
+            "azimuth_resolution",
+            "float",
+            0.0,
+            "azimuth cell lambda R / (2 L cos(squint)) of the aperture length L; automatic: the slant-range "
+            "cell, or what n_pulses gives",
+            "m",
+            0.0,
+            1e6,
+            auto=True,
+        ),
+        Param(
+            "track_file",
+            "string",
+            "",
+            "CSV of time_s, x_m, y_m, z_m, one pulse a line, in the file's frame; replaces slant_range, "
+            "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and azimuth_resolution",
+        ),
+        Param("center_frequency", "float", 9.6e9, "carrier", "Hz", 1e6, 1e12),
+        Param("bandwidth", "float", 300e6, "swept by the pulse", "Hz", 1e3, 1e12),
+        Param("pulse_width", "float", 2e-6, "length of the transmitted pulse", "s", 1e-10, 1.0),
+        Param(
+            "polarisation",
+            "string",
+            "VV",
+            "channels, transmit letter first, separated by commas: HH, HV, VH, VV",
+        ),
+        Param(
+            "pattern",
+            "string",
+            "isotropic",
+            "of the antenna",
+            choices=("isotropic", "gaussian", "rectangular"),
+        ),
+        Param(
+            "azimuth_beamwidth_deg",
+            "float",
+            0.0,
+            "one-way half-power width; 0 = not given",
+            "deg",
+            0.0,
+            180.0,
+        ),
+        Param(
+            "elevation_beamwidth_deg",
+            "float",
+            0.0,
+            "one-way half-power width; 0 = not given",
+            "deg",
+            0.0,
+            180.0,
+        ),
+        Param(
+            "antenna_length",
+            "float",
+            0.0,
+            "of a uniform aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
+            "m",
+            0.0,
+            1e5,
+        ),
+        Param(
+            "antenna_height",
+            "float",
+            0.0,
+            "of a uniform aperture across, in place of elevation_beamwidth_deg; 0 = not given",
+            "m",
+            0.0,
+            1e5,
+        ),
+        Param("gain_db", "float", 0.0, "peak one-way gain", "dB", -100.0, 100.0),
+        Param("transmit_power", "float", 1.0, "peak", "W", 0.0, 1e12, positive=True),
+        Param(
+            "noise_temperature",
+            "float",
+            0.0,
+            "of the receiver with its antenna; 0 adds no noise",
+            "K",
+            0.0,
+            1e9,
+        ),
+        Param("losses_db", "float", 0.0, "two-way system losses", "dB", 0.0, 100.0),
+    ),
+)
+
+FILM = ParamTable(
+    plugin="range_film",
+    element="film",
+    doc="Receive window and sampling of the echoes, and the image to focus from them.",
+    error=RadarError,
+    hints={
+        "width": "the image is given by image_extent_range and pixel_spacing_range",
+        "height": "the image is given by image_extent_azimuth and pixel_spacing_azimuth",
+    },
+    params=(
+        Param(
+            "near_range",
+            "float",
+            0.0,
+            "slant range of the first sample at mid-aperture; automatic: from image and geometry",
+            "m",
+            0.0,
+            1e9,
+            auto=True,
+        ),
+        Param(
+            "far_range",
+            "float",
+            0.0,
+            "slant range of the last sample at mid-aperture; automatic: from image and geometry",
+            "m",
+            0.0,
+            1e9,
+            auto=True,
+        ),
+        Param(
+            "sampling_rate",
+            "float",
+            0.0,
+            "complex samples a second; automatic: 1.2 times the bandwidth",
+            "Hz",
+            0.0,
+            1e13,
+            auto=True,
+        ),
+        Param(
+            "gridding_width",
+            "integer",
+            4,
+            "samples that one contribution is spread over; each step of 1 gains about 10 dB of accuracy",
+            "",
+            2,
+            16,
+        ),
+        Param("image_grid", "string", "slant", "coordinates of the image", choices=("slant", "ground")),
+        Param(
+            "image_center_x", "float", 0.0, "east, in the file's frame; absent: the aim point", "m", -1e9, 1e9
+        ),
+        Param(
+            "image_center_y",
+            "float",
+            0.0,
+            "north, in the file's frame; absent: the aim point",
+            "m",
+            -1e9,
+            1e9,
+        ),
+        Param(
+            "image_height",
+            "float",
+            0.0,
+            "height of the horizontal image plane in the file's frame; absent: the aim point's",
+            "m",
+            -1e9,
+            1e9,
+        ),
+        Param(
+            "image_extent_azimuth",
+            "float",
+            0.0,
+            "size along the track, on the ground; automatic: the geometry with a margin, at most 2048 cells",
+            "m",
+            0.0,
+            1e7,
+            auto=True,
+        ),
+        Param(
+            "image_extent_range",
+            "float",
+            0.0,
+            "size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
+            "most 2048 cells",
+            "m",
+            0.0,
+            1e7,
+            auto=True,
+        ),
+        Param(
+            "pixel_spacing_azimuth",
+            "float",
+            0.0,
+            "automatic: half the azimuth cell",
+            "m",
+            0.0,
+            1e6,
+            auto=True,
+        ),
+        Param(
+            "pixel_spacing_range",
+            "float",
+            0.0,
+            "in slant range or on the ground, as image_grid; automatic: half the range cell",
+            "m",
+            0.0,
+            1e6,
+            auto=True,
+        ),
+    ),
+)
+
+_EFFECT_DOCS = {
+    "fresnel": "reflection coefficients of the materials; off: every surface a perfect conductor",
+    "roughness": "coherent reflection reduced by the rms height",
+    "diffuse": "incoherent return of rough surfaces",
+    "speckle": "persistent random reflectivity of the diffuse scatterers; off: all have the same phase",
+    "cross_polarisation": "channels with different transmit and receive polarisation",
+    "antenna_pattern": "two-way beam pattern",
+    "spreading": "spherical spreading inside the scene",
+    "visibility": "test of the way back to the antenna",
+    "tube_phase": "phase integral over each ray tube's footprint",
+    "diffuse_double": "diffuse return after a mirror chain, with its reciprocal path",
+    "noise": "thermal noise of the receiver",
+    "depolarisation": "rotation of the polarisation by reflection",
+    "trajectory": "deviation of the track from a straight line",
+}
+
+INTEGRATOR = ParamTable(
+    plugin="sar_path",
+    element="integrator",
+    doc="Multi-bounce coherent ray tubes. Every effect is `auto` (decided from the scene), `on` or `off`.",
+    hints={"rr_depth": "paths end at max_depth", "hide_emitters": "emitters have no meaning for a radar"},
+    params=(
+        Param(
+            "method",
+            "string",
+            "hybrid",
+            "every pulse traced (raw), key pulses (hybrid), one look (image), one bounce (raster)",
+            choices=tuple(METHODS),
+        ),
+        Param("max_depth", "integer or auto", 0, "most bounces", "", 0, 1000, auto=True),
+        Param("ray_spacing", "float", 0.0, "between rays in the launch plane", "m", 0.0, 1e6, auto=True),
+        Param(
+            "key_pulse_interval", "integer", 0, "pulses that share one tracing", "", 0, 10_000_000, auto=True
+        ),
+        Param(
+            "scatterer_cell",
+            "float",
+            0.0,
+            "side of the cells that carry one persistent diffuse scatterer",
+            "m",
+            0.0,
+            1e6,
+            auto=True,
+        ),
+        Param(
+            "gridding_width",
+            "integer",
+            0,
+            "samples that one contribution is spread over; automatic: the film's",
+            "",
+            0,
+            16,
+            auto=True,
+        ),
+        Param("seed", "integer", 0, "of every random number", "", 0, 2**31 - 1),
+        Param("keep_orders", "boolean", False, "keep contributions of different bounce numbers apart"),
+        Param(
+            "keep_halves", "boolean", False, "keep two independent halves of the rays apart, for error bars"
+        ),
+        Param(
+            "phase_precision",
+            "string",
+            "double",
+            "arithmetic of path lengths and phases",
+            choices=("double", "single"),
+        ),
+        Param("target_error_db", "float", 0.0, "stop refining here; 0 = off", "dB", -200.0, 0.0),
+        Param("time_limit", "float", 0.0, "stop tracing after this time; 0 = off", "s", 0.0, 1e9),
+        *(
+            Param(name, "string", "auto", _EFFECT_DOCS[name], choices=("auto", "on", "off"))
+            for name in EFFECT_NAMES
+        ),
+    ),
+)
+
+_ITU_NAMES = tuple(ITU_BANDS)
+
+RADAR_MATERIAL = ParamTable(
+    plugin="radar_material",
+    element="bsdf",
+    doc="Surface of a half space: `material`, or `permittivity_real` with `permittivity_imag` or `conductivity`.",
+    hints={
+        "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
+        "type": 'did you mean "material"?',
+        "roughness": 'did you mean "rms_height"?',
+    },
+    params=(
+        Param("material", "string", "", "pec, or a material of ITU-R P.2040-3", choices=("pec", *_ITU_NAMES)),
+        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+        Param(
+            "permittivity_imag",
+            "float",
+            0.0,
+            "loss eps'' of the relative permittivity eps' - j eps''",
+            "",
+            0.0,
+            1e12,
+        ),
+        Param("conductivity", "float", 0.0, "in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
+        Param(
+            "diffuse_law",
+            "string",
+            "none",
+            "angular law of the incoherent return",
+            choices=tuple(DIFFUSE_LAWS),
+        ),
+        Param(
+            "diffuse_level_db",
+            "float",
+            -20.0,
+            "sigma0 (constant), gamma (constant_gamma) or sigma0 at normal incidence (lambert)",
+            "dB",
+            -200.0,
+            60.0,
+        ),
+        Param("correlation_length", "float", 0.0, "of the surface height", "m", 0.0, 1e3),
+        Param(
+            "cross_polar_ratio_db",
+            "float",
+            -300.0,
+            "cross- over co-polar diffuse power; -300 = none",
+            "dB",
+            -300.0,
+            0.0,
+        ),
+    ),
+)
+
+POINT_SCATTERER = ParamTable(
+    plugin="point_scatterer",
+    element="bsdf",
+    doc="On a `sphere` shape: its centre becomes an ideal isotropic scatterer; the sphere is not traced.",
+    params=(
+        Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
+        Param("phase_deg", "float", 0.0, "of its reflectivity", "deg", -360.0, 360.0),
+    ),
+)
+
+_COLORS = tuple(
+    Param(name, "ignored", "", "colour on the screen; no effect")
+    for name in ("color", "reflectance", "base_color")
+)
+_SCATTERING = (
+    Param("thickness", "float", 0.1, "accepted; surfaces are half spaces here", "m", 0.0, 1e9),
+    Param(
+        "scattering_coefficient",
+        "float",
+        0.0,
+        "S: share S^2 of the reflected power is scattered by Lambert's law",
+        "",
+        0.0,
+        1.0,
+    ),
+    Param("xpd_coefficient", "float", 0.0, "share of the scattered power that is cross-polar", "", 0.0, 1.0),
+    *(
+        Param(name, "ignored", 0.0, "directive lobe; read as Lambert's law")
+        for name in ("alpha_r", "alpha_i", "lambda_", "scattering_pattern")
+    ),
+    *_COLORS,
+)
+
+ITU_RADIO_MATERIAL = ParamTable(
+    plugin="itu-radio-material",
+    element="bsdf",
+    doc="Sionna RT's ITU material.",
+    params=(Param("type", "string", "", "material of ITU-R P.2040", choices=_ITU_NAMES), *_SCATTERING),
+)
+
+RADIO_MATERIAL = ParamTable(
+    plugin="radio-material",
+    element="bsdf",
+    doc="Sionna RT's general material.",
+    params=(
+        Param("relative_permittivity", "float", 1.0, "real part", "", 1.0, 1e9),
+        Param("conductivity", "float", 0.0, "", "S/m", 0.0, 1e9),
+        *_SCATTERING,
+    ),
+)
+
+ABSORBER = ParamTable(
+    plugin="absorber-radio-material",
+    element="bsdf",
+    doc="Sionna RT's perfect absorber: blocks and returns nothing.",
+    params=_COLORS,
+)
+
+HOLDER = ParamTable(
+    plugin="holder-material",
+    element="bsdf",
+    doc="Sionna RT's wrapper around one nested material, whose meaning it takes.",
+    params=(),
+)
+
+TABLES: dict[str, ParamTable] = {
+    table.plugin: table
+    for table in (
+        SENSOR,
+        FILM,
+        INTEGRATOR,
+        RADAR_MATERIAL,
+        POINT_SCATTERER,
+        ITU_RADIO_MATERIAL,
+        RADIO_MATERIAL,
+        ABSORBER,
+        HOLDER,
+    )
+}
+
+__all__ = [
+    "ABSORBER",
+    "FILM",
+    "HOLDER",
+    "INTEGRATOR",
+    "ITU_RADIO_MATERIAL",
+    "POINT_SCATTERER",
+    "RADAR_MATERIAL",
+    "RADIO_MATERIAL",
+    "SENSOR",
+    "TABLES",
+]
