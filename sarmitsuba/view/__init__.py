@@ -1,1 +1,1 @@
-"""TODO"""
+"""Pictures of images (matplotlib, no display needed)."""

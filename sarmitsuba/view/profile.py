@@ -1,0 +1,72 @@
+"""Cuts through an image: decibels over metres, along range or azimuth."""
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.units import db_from_power
+from sarmitsuba.view.display import Quantity, limits_db, power_of
+
+
+def cut(
+    image: SarImage,
+    axis: Literal["range", "azimuth"],
+    *,
+    at: float | None = None,
+    channel: str | None = None,
+    quantity: Quantity = "rcs",
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return position along the cut (n,) m, power (n,) dB, and where the cut lies on the other axis, m.
+
+    Parameters
+    ----------
+    image : the image
+    axis : direction that the cut runs in
+    at : position on the other axis, m; through the brightest pixel when None
+    channel : polarisation; the first when None
+    quantity : ``rcs`` or ``sigma0``
+    """
+    power = power_of(image, channel, quantity)
+    along, other = image.grid.range, image.grid.azimuth
+    if axis == "azimuth":
+        along, other, power = other, along, power.T
+    if at is None:
+        index = int(np.unravel_index(int(power.argmax()), power.shape)[0])
+    elif other[0] <= at <= other[-1]:
+        index = int(np.abs(other - at).argmin())
+    else:
+        raise DataError(f"profile: at = {at:g} m is outside the image, {other[0]:g} to {other[-1]:g} m")
+    return along, db_from_power(power[index]), float(other[index])
+
+
+def profile(
+    image: SarImage,
+    axis: Literal["range", "azimuth"] = "range",
+    *,
+    at: float | None = None,
+    channel: str | None = None,
+    quantity: Quantity = "rcs",
+    span_db: float = 60.0,
+) -> Figure:
+    """Draw a cut; see :func:`cut`."""
+    position, values, place = cut(image, axis, at=at, channel=channel, quantity=quantity)
+    other = "azimuth" if axis == "range" else "range"
+    figure = Figure(figsize=(8.0, 4.0), dpi=100, layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(position, np.maximum(values, limits_db(values)[0] - 100.0), color="black", linewidth=0.8)
+    top = float(values.max()) if np.isfinite(values.max()) else 0.0
+    axes.set_ylim(top - span_db, top + 3.0)
+    axes.set_xlim(float(position[0]), float(position[-1]))
+    axes.set_xlabel(f"{axis} (m)")
+    axes.set_ylabel("radar cross section (dBsm)" if quantity == "rcs" else "sigma0 (dB)")
+    axes.set_title(f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9)
+    axes.ticklabel_format(axis="x", useOffset=False, style="plain")
+    axes.grid(True, linewidth=0.3)
+    return figure
+
+
+__all__ = ["cut", "profile"]

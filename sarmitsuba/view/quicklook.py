@@ -1,0 +1,177 @@
+"""Quick-look pictures: decibels in grey, axes in metres, range to the right, azimuth up, nothing smoothed."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.view.display import Display, Quantity, limits_db, power_of, prepare, screen_size
+
+_DPI = 100.0
+_LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
+_LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
+_LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 62  # screen pixels around a picture: labels, colour bar, title
+
+
+def quicklook(
+    image: SarImage,
+    *,
+    channel: str | None = None,
+    quantity: Quantity = "sigma0",
+    title: str | None = None,
+    span_db: float = 50.0,
+) -> Figure:
+    """Draw one channel, all its bounce orders added.
+
+    Parameters
+    ----------
+    image : what to draw
+    channel : polarisation; the first when None
+    quantity : ``sigma0`` (clutter) or ``rcs`` (targets), both in dB
+    title : first line above the picture; the scene's name when None
+    span_db : from black to white; white is the 99.9th percentile
+
+    Returns
+    -------
+    Figure whose picture area has one screen pixel, or a whole number of them, for every image pixel; images
+    of more than 1600 pixels are shown with the power of blocks of pixels averaged.
+    """
+    name = channel or image.channels[0]
+    display = prepare(image, power_of(image, name, quantity), quantity, _LARGEST)
+    width, height = screen_size(display, _LARGEST, _SMALLEST)
+    figure = _figure(width + _LEFT + _RIGHT, height + _BOTTOM + _TOP)
+    axes = _axes(figure, _LEFT, _BOTTOM, width, height)
+    picture = _draw(axes, display, image, limits_db(display.values_db, span_db))
+    _arrows(figure, str(image.metadata.get("look_side", "")))
+    _colour_bar(figure, picture, _LEFT + width + 18, _BOTTOM, height, display.label)
+    first = title if title is not None else str(image.metadata.get("scene", ""))
+    axes.set_title("\n".join(line for line in (first, _subtitle(image, name, display)) if line), fontsize=9)
+    return figure
+
+
+def quicklook_by_order(
+    image: SarImage,
+    *,
+    channel: str | None = None,
+    quantity: Quantity = "sigma0",
+    span_db: float = 50.0,
+    columns: int = 3,
+) -> Figure:
+    """Draw every bounce order of a channel beside the others, on one scale; needs layers kept by order."""
+    name = channel or image.channels[0]
+    orders = bounce_orders(image)
+    if not orders:
+        raise DataError(
+            'image: bounce orders were not kept apart; set keep_orders to "true" in the scene\'s integrator'
+        )
+    displays = [
+        prepare(image, power_of(_only(image, order), name, quantity), quantity, _LARGEST_PANEL)
+        for order in orders
+    ]
+    width, height = screen_size(displays[0], _LARGEST_PANEL, _SMALLEST_PANEL)
+    columns = min(columns, len(orders))
+    rows = -(-len(orders) // columns)
+    step_x, step_y = width + _LEFT - 20, height + _BOTTOM + 20
+    figure = _figure(columns * step_x + _RIGHT + 20, rows * step_y + 40)
+    limits = limits_db(np.concatenate([d.values_db.ravel() for d in displays]), span_db)
+    picture = None
+    for i, (order, display) in enumerate(zip(orders, displays, strict=True)):
+        left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
+        axes = _axes(figure, left, bottom, width, height)
+        picture = _draw(axes, display, image, limits)
+        axes.set_title(f"{name}, {order} bounce{'s' if order > 1 else ''}", fontsize=9)
+        if i % columns:
+            axes.set_ylabel("")
+    _arrows(figure, str(image.metadata.get("look_side", "")))
+    _colour_bar(figure, picture, columns * step_x + 28, _BOTTOM - 10, height, displays[0].label)
+    return figure
+
+
+def bounce_orders(image: SarImage) -> tuple[int, ...]:
+    """Bounce numbers that the image keeps apart, ascending; empty when they were summed."""
+    return tuple(sorted({layer.order for layer in image.layers if layer.order > 0}))
+
+
+def save(figure: Figure, path: Path | str) -> None:
+    """Write a figure as PNG; the file appears whole or not at all."""
+    with atomic_path(path) as temporary:
+        FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI)
+
+
+def _only(image: SarImage, order: int) -> SarImage:
+    picks = [i for i, layer in enumerate(image.layers) if layer.order == order]
+    return dataclasses.replace(image, data=image.data[picks], layers=tuple(image.layers[i] for i in picks))
+
+
+def _figure(width: float, height: float) -> Figure:
+    return Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+
+
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Any:
+    """Axes that cover exactly these screen pixels."""
+    full_width, full_height = (figure.get_size_inches() * _DPI).tolist()
+    box = (left / full_width, bottom / full_height, width / full_width, height / full_height)
+    return figure.add_axes(box)
+
+
+def _draw(axes: Any, display: Display, image: SarImage, limits: tuple[float, float]) -> Any:
+    values = np.where(np.isfinite(display.values_db), display.values_db, limits[0])
+    picture = axes.imshow(
+        values,
+        cmap="gray",
+        vmin=limits[0],
+        vmax=limits[1],
+        extent=display.extent,
+        origin="lower",
+        aspect="auto",  # the axes' box already has equal metres in both directions
+        interpolation="nearest",  # speckle must look like what it is
+    )
+    axes.set_xlabel("slant range (m)" if image.grid.kind == "slant" else "ground range (m)", fontsize=9)
+    axes.set_ylabel("azimuth (m)", fontsize=9)
+    axes.ticklabel_format(useOffset=False, style="plain")
+    axes.tick_params(labelsize=8)
+    axes.locator_params(nbins=7)
+    return picture
+
+
+def _arrows(figure: Figure, look_side: str) -> None:
+    """Flight direction (up) and look direction (right), in the corner below the axes' numbers."""
+    style = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+    x, y, length = 18.0, 14.0, 26.0
+    for tip in ((x, y + length), (x + length, y)):
+        figure.add_artist(Annotation("", xy=tip, xycoords="figure pixels", xytext=(x, y), arrowprops=style))
+    for place, text, align in (
+        ((x + 5, y + length), "flight", "top"),
+        ((x + length + 3, y), f"look {look_side}".rstrip(), "center"),
+    ):
+        label = Annotation(text, xy=place, xycoords="figure pixels", fontsize=7, va=align)
+        figure.add_artist(label)
+
+
+def _colour_bar(figure: Figure, picture: Any, left: float, bottom: float, height: float, label: str) -> None:
+    bar_axes = _axes(figure, left, bottom, 16, height)
+    bar = figure.colorbar(picture, cax=bar_axes)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+
+
+def _subtitle(image: SarImage, channel: str, display: Display) -> str:
+    parts = [
+        channel,
+        f"{SPEED_OF_LIGHT / image.wavelength / 1e9:.4g} GHz",
+        f"cell {image.azimuth_resolution_cell:.3g} x {image.range_resolution_cell:.3g} m (azimuth x range)",
+    ]
+    if max(display.averaged) > 1:
+        parts.append(f"power of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
+    return ",  ".join(parts)
+
+
+__all__ = ["bounce_orders", "quicklook", "quicklook_by_order", "save"]
