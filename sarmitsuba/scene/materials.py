@@ -148,7 +148,7 @@ def sionna_material(
     r"""Material of a validated ``itu-radio-material``, ``radio-material`` or ``absorber-radio-material``.
 
     Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it. Here it
-    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height whose coherent loss at normal incidence is S^2.
+    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence.
 
     Notes
     -----

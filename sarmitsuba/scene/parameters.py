@@ -1,4 +1,4 @@
-"""Declarative tables of XML parameters: kind, unit, default, bounds and meaning, to validate and document by."""
+"""Declarative tables of XML parameters: kind, unit, default, bounds, meaning; they validate and document."""
 
 import difflib
 import math

@@ -177,7 +177,7 @@ class TraceSettings:
     phase_precision : arithmetic of path lengths and phases
     target_error_db : dB of the image's clutter or peak; 0 = off
     time_limit : s; 0 = off
-    effects : effect name (``EFFECT_NAMES``) to ``auto``, ``on`` or ``off``; after loading every name is present
+    effects : every name of ``EFFECT_NAMES`` to ``auto``, ``on`` or ``off``
     """
 
     method: Method = "hybrid"
@@ -229,8 +229,8 @@ class Scene:
     geometry, materials, points : what there is to see
     radar : what sees it
     settings, image : how to trace and what to focus
-    offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than 5 km from
-        the file's origin, whole metres then
+    offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than
+        5 km from the file's origin, whole metres then
     notes : one line each; what was assumed or repaired while loading
     """
 

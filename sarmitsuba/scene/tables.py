@@ -32,7 +32,7 @@ SENSOR = ParamTable(
             10e3,
             "from the antenna at mid-aperture to the aim point",
             "m",
-            0.1,
+            1.0,
             1e9,
         ),
         Param(
@@ -72,8 +72,8 @@ SENSOR = ParamTable(
             "prf",
             "float",
             0.0,
-            "pulse repetition frequency; automatic: 1.25 times the Doppler bandwidth of aperture and image, or of "
-            "the beam where that is smaller",
+            "pulse repetition frequency; automatic: 1.25 times the Doppler bandwidth of aperture and image, "
+            "or of the beam where that is smaller",
             "Hz",
             0.0,
             1e8,
@@ -369,7 +369,7 @@ _ITU_NAMES = tuple(ITU_BANDS)
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
-    doc="Surface of a half space: `material`, or `permittivity_real` with `permittivity_imag` or `conductivity`.",
+    doc="Surface of a half space: `material`, or `permittivity_real` with its loss or conductivity.",
     hints={
         "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
         "type": 'did you mean "material"?',

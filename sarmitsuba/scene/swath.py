@@ -1,0 +1,157 @@
+"""What the radar has to hold: the image's box, its slant ranges and Doppler bandwidth, the receive window."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.radar import ReceiveWindow
+
+F64 = NDArray[np.float64]
+
+# Offset of the first null of a uniform aperture over its half-power half angle, in sines
+_NULL_OVER_HALF_POWER = 1.0 / 0.442946470689452
+# Free range cells on both sides of the window, for side lobes and interpolation
+_MARGIN_CELLS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Upright box aligned with the flight direction.
+
+    Parameters
+    ----------
+    origin : (3,) float64, m, scene frame; the aim point
+    axes : (3, 3) float64; rows are the unit vectors along, across (to the look side) and up
+    low, high : (3,) float64, m, corners in these axes from ``origin``
+    """
+
+    origin: F64
+    axes: F64
+    low: F64
+    high: F64
+
+    def local(self, points: F64) -> F64:
+        """(n, 3) scene-frame points in the box's axes."""
+        return np.asarray((points - self.origin) @ self.axes.T)
+
+    def samples(self) -> F64:
+        """(18, 3) corners and midpoints of the edges, in the box's axes, m."""
+        mid = 0.5 * (self.low + self.high)
+        grid = np.meshgrid(
+            *(np.array([self.low[i], mid[i], self.high[i]]) for i in range(2)),
+            np.array([self.low[2], self.high[2]]),
+            indexing="ij",
+        )
+        return np.stack([g.ravel() for g in grid], axis=1)
+
+    def slant_ranges(self, position: F64) -> tuple[F64, F64]:
+        """Shortest and longest distance of the box from (n, 3) scene-frame positions, (n,) float64, m."""
+        q = self.local(position)
+        nearest = np.clip(q, self.low, self.high)
+        farthest = np.where(np.abs(q - self.low) > np.abs(q - self.high), self.low, self.high)
+        return np.linalg.norm(q - nearest, axis=1), np.linalg.norm(q - farthest, axis=1)
+
+    def overlap(self, other_low: F64, other_high: F64) -> tuple[F64, F64] | None:
+        """Corners of the part shared with another box in the same axes, None when there is none."""
+        low, high = np.maximum(self.low, other_low), np.minimum(self.high, other_high)
+        return None if (low > high).any() else (low, high)
+
+
+def bounds_in_axes(bounds: F64, origin: F64, axes: F64) -> tuple[F64, F64]:
+    """Corners in other axes of an axis-parallel box, (2, 3) bounds in the scene frame, m."""
+    corner = np.array(
+        [[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    )
+    local = (corner - origin) @ axes.T
+    return local.min(axis=0), local.max(axis=0)
+
+
+def sine_to_null(beamwidth: float) -> float:
+    """Sine of the angle to the first null of a uniform aperture of that half-power width (rad).
+
+    Notes
+    -----
+    Used for the Gaussian beam too, whose two-way gain is -31 dB there.
+    """
+    return float(min(1.0, np.sin(0.5 * beamwidth) * _NULL_OVER_HALF_POWER))
+
+
+def doppler_bandwidth(
+    position: F64, velocity: F64, box: Box, wavelength: float, *, instantaneous: bool = False
+) -> float:
+    r"""Spread of the Doppler frequencies of a box seen from several positions, Hz.
+
+    .. math:: f_D = 2 v \cdot u / \lambda
+
+    Parameters
+    ----------
+    position, velocity : (n, 3) float64, m and m/s, scene frame
+    box : what is seen
+    wavelength : m
+    instantaneous : largest spread at one position in place of the spread over all positions
+    """
+    points = box.samples() @ box.axes + box.origin
+    line = points[None, :, :] - position[:, None, :]
+    line /= np.maximum(np.linalg.norm(line, axis=2, keepdims=True), 1e-30)
+    frequency = 2.0 / wavelength * np.einsum("npc,nc->np", line, velocity)
+    if instantaneous:
+        return float(np.ptp(frequency, axis=1).max())
+    return float(np.ptp(frequency))
+
+
+def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float) -> float:
+    """Doppler spread between the first nulls of the beam at one instant, Hz; infinite when isotropic."""
+    if antenna.pattern == "isotropic":
+        return np.inf
+    return 2.0 * speed / wavelength * 2.0 * sine_to_null(antenna.azimuth_beamwidth)
+
+
+def receive_window(
+    position: F64,
+    center: F64,
+    box: Box,
+    range_cell: float,
+    sample_spacing: float,
+    near_range: float = 0.0,
+    far_range: float = 0.0,
+) -> ReceiveWindow:
+    """Window that holds the echoes of a box from every pulse.
+
+    The start is the same for all pulses unless the range of the aim point migrates by more than a quarter of
+    the swath; then it follows that range in whole samples.
+
+    Parameters
+    ----------
+    position : (n_pulses, 3) float64, m, scene frame
+    center : (3,) mid-aperture position
+    box : what has to be held; its height is added at both ends for multiple bounces
+    range_cell, sample_spacing : m
+    near_range, far_range : given limits at mid-aperture, m; 0 = automatic
+    """
+    near, far = box.slant_ranges(position)
+    to_aim = np.linalg.norm(position - box.origin, axis=1)
+    follow = np.zeros_like(to_aim)
+    if np.ptp(to_aim) > 0.25 * float((far - near).max()):
+        mid = float(np.linalg.norm(center - box.origin))
+        follow = np.round((to_aim - mid) / sample_spacing) * sample_spacing
+    margin = max(_MARGIN_CELLS * range_cell, float(box.high[2] - box.low[2]))
+    start = near_range or float((near - follow).min()) - margin
+    stop = far_range or float((far - follow).max()) + margin
+    start = max(start, sample_spacing - float(follow.min()))
+    n = int(np.ceil((stop - start) / sample_spacing)) + 1
+    if not far_range:
+        n = int(next_fast_len(max(n, 2)))
+    return ReceiveWindow(start + follow, sample_spacing, n)
+
+
+__all__ = [
+    "Box",
+    "beam_bandwidth",
+    "bounds_in_axes",
+    "doppler_bandwidth",
+    "receive_window",
+    "sine_to_null",
+]
