@@ -3,6 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.block import BlockPlan
+from sarmitsuba.echo.direct import DirectPlan
+from sarmitsuba.echo.gridding import SpreadingKernel
+
 
 class SumAdder:
     """Coherent sum in the lane itself, for look-by-look radar cross sections; no memory traffic at all.
@@ -46,6 +53,145 @@ class SumAdder:
         return tuple(out)
 
 
+class GridAdder:
+    """Spreads contributions onto complex grids with a non-uniform FFT kernel, in single precision.
+
+    Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
+    a copy of its own and the copies are summed at the end of the launch: packet adds without atomics, an order of
+    magnitude faster than atomic ones.
+
+    Parameters
+    ----------
+    n_slots, n_rows, n_columns : shape of the grid: orders (1 when summed), then two coordinates
+    n_channels : amplitudes a contribution
+    max_order : orders kept apart, 1..max_order; 0 sums all orders
+    wavelength : m
+
+    Attributes
+    ----------
+    memory : Dr.Jit float32, flat: slot, row, column, channel (padded to a power of two), re and im
+    """
+
+    def __init__(
+        self, n_slots: int, n_rows: int, n_columns: int, n_channels: int, max_order: int, wavelength: float
+    ) -> None:
+        import drjit as dr
+        import mitsuba as mi
+
+        self.shape = (n_slots, n_rows, n_columns)
+        self.n_channels = n_channels
+        self.padded = 1 << (n_channels - 1).bit_length()
+        self.max_order = max_order
+        self.wavelength = wavelength
+        self.memory = dr.zeros(mi.Float, 2 * self.padded * n_slots * n_rows * n_columns)
+        on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
+        self.mode = dr.ReduceMode.Expand if on_cpu else dr.ReduceMode.Auto
+        self.packet = (mi.Vector2f, mi.Vector4f, mi.ArrayXf)[min(self.padded.bit_length() - 1, 2)]
+
+    def begin(self) -> tuple[Any, ...]:
+        """Contributions of this lane that fell outside the receive window."""
+        import mitsuba as mi
+
+        return (mi.UInt32(0),)
+
+    def slot(self, order: Any) -> Any:
+        """Slot of an order (uint32)."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self.max_order == 0:
+            return mi.UInt32(0)
+        return dr.minimum(order, self.max_order) - 1
+
+    def scatter(self, cell: Any, values: Sequence[Any], weight: Any, active: Any) -> None:
+        """Add one weighted complex value per channel to one cell."""
+        import drjit as dr
+
+        parts = [part * weight for v in values for part in (v.real, v.imag)]
+        parts += [0.0] * (2 * self.padded - len(parts))
+        dr.scatter_add(self.memory, self.packet(*parts), cell, active, mode=self.mode)
+
+    def grid(self) -> NDArray[np.complex64]:
+        """(n_slots * n_channels, n_rows, n_columns) complex64 after the launch, channels fastest in the first axis."""
+        s, m, n = self.shape
+        cells = self.memory.numpy().view(np.complex64).reshape(s, m, n, self.padded)[..., : self.n_channels]
+        return np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n)
+
+
+class BlockAdder(GridAdder):
+    """Adds each path once to a (range, range rate) grid that becomes all pulses of a block."""
+
+    def __init__(self, plan: BlockPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float) -> None:
+        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
+        self.plan = plan
+
+    def add(
+        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        import drjit as dr
+        import mitsuba as mi
+
+        plan = self.plan
+        range0 = half_length - dr.opaque(mi.Float64, plan.reference_range)
+        x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
+        rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
+        y = (rate - dr.opaque(mi.Float64, rate_reference + plan.rate0)) * dr.opaque(
+            mi.Float64, 1.0 / plan.rate_step
+        )
+        ix, wx, inside_x = place(x, plan.kernel, plan.n_range, mi, dr)
+        iy, wy, inside_y = place(y, plan.rate_kernel, plan.n_rate, mi, dr)
+        inside = active & inside_x & inside_y
+        phasor = carrier(range0, self.wavelength, mi, dr)
+        values = [amplitude * phasor for amplitude in amplitudes]
+        base = (self.slot(order) * plan.n_range + ix) * plan.n_rate + iy
+        for i, wi in enumerate(wx):
+            for j, wj in enumerate(wy):
+                self.scatter(base + (i * plan.n_rate + j), values, wi * wj, inside)
+        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+
+
+class DirectAdder(GridAdder):
+    """Adds each path to its own pulse's range grid."""
+
+    def __init__(self, plan: DirectPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float) -> None:
+        import mitsuba as mi
+
+        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
+        self.plan = plan
+        self.range0 = mi.Float64(plan.range0)
+
+    def add(
+        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        import drjit as dr
+        import mitsuba as mi
+
+        plan = self.plan
+        range0 = dr.gather(mi.Float64, self.range0, pulse, active)
+        x = (half_length - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
+        ix, wx, inside = place(x, plan.kernel, plan.n_range, mi, dr)
+        inside &= active
+        phasor = carrier(half_length, self.wavelength, mi, dr)
+        values = [amplitude * phasor for amplitude in amplitudes]
+        base = (self.slot(order) * plan.n_pulses + pulse) * plan.n_range + ix
+        for i, wi in enumerate(wx):
+            self.scatter(base + i, values, wi, inside)
+        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+
+
+def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[Any, list[Any], Any]:
+    """First cell, weights and validity of a position in cells; the kernel's cell convention."""
+    shifted = x + kernel.shift
+    base = dr.floor(shifted)
+    first = mi.Int32(base) - kernel.lead
+    inside = (x >= kernel.margin) & (x <= n - 1 - kernel.margin)
+    return mi.UInt32(first), kernel.taps(mi.Float(shifted - base)), inside
+
+
 def carrier(half_length: Any, wavelength: float, mi: Any, dr: Any) -> Any:
     """``exp(-j 4 pi x / lambda)`` of a float64 half length: reduced to one cycle in float64, sine in float32."""
     cycles = half_length * dr.opaque(mi.Float64, 2.0 / wavelength)
@@ -53,4 +199,4 @@ def carrier(half_length: Any, wavelength: float, mi: Any, dr: Any) -> Any:
     return mi.Complex2f(c, -s)
 
 
-__all__ = ["SumAdder", "carrier"]
+__all__ = ["BlockAdder", "DirectAdder", "GridAdder", "SumAdder", "carrier", "place"]

@@ -1,0 +1,322 @@
+"""From a scene to range-compressed raw data: plan, trace key pulses, synthesise the pulses around each."""
+
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.block import BlockPlan, choose_block_length, plan_block, synthesise
+from sarmitsuba.echo.direct import finish, plan_direct
+from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.trace.adders import BlockAdder, DirectAdder, GridAdder
+from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, lattice
+from sarmitsuba.trace.points import add_points
+from sarmitsuba.trace.window import LaunchWindow, launch_window, ray_spacing, scatterer_cell
+
+# lanes of one launch; bounds the memory of a batch whatever the number of pulses
+MAX_LANES = 8_000_000
+# bytes of one adder grid; bounds the pulses of a direct batch
+MAX_GRID_BYTES = 256_000_000
+# error of a block of pulses against the exact sum that is accepted without being asked, dB
+BLOCK_ERROR_DB = -40.0
+
+
+@dataclass(frozen=True)
+class TraceStatistics:
+    """What a simulation did.
+
+    Parameters
+    ----------
+    rays, hits, contributions : over all pulses traced
+    outside : contributions outside the receive window or the Doppler window, dropped
+    key_pulses : pulses that were traced
+    path_pulses : contributions times the pulses they went to
+    """
+
+    rays: int = 0
+    hits: int = 0
+    contributions: int = 0
+    outside: int = 0
+    key_pulses: int = 0
+    path_pulses: int = 0
+
+    def plus(self, other: "TraceStatistics") -> "TraceStatistics":
+        """Sum."""
+        return TraceStatistics(
+            self.rays + other.rays,
+            self.hits + other.hits,
+            self.contributions + other.contributions,
+            self.outside + other.outside,
+            self.key_pulses + other.key_pulses,
+            self.path_pulses + other.path_pulses,
+        )
+
+
+class Timer:
+    """Adds up seconds by stage name."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap on ``stage``."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
+
+
+def simulate(
+    scene: Scene, *, seed: int | None = None, progress: Progress | None = None, plan: EffectsPlan | None = None
+) -> RawData:
+    """Trace a scene and return the range-compressed echoes of every pulse.
+
+    Parameters
+    ----------
+    scene : as loaded
+    seed : overrides the scene's
+    progress : called after every batch
+    plan : overrides the automatic effects plan
+
+    Returns
+    -------
+    raw : ``compressed`` domain; layers are channels, times bounce orders and ray halves where those are kept
+
+    Raises
+    ------
+    RadarError
+        When not a single path comes back.
+
+    Notes
+    -----
+    Ignores what the kernel ignores; within a block of pulses amplitudes and visibility are those of its key pulse.
+    """
+    ensure_backend()
+    report = progress or silent
+    timer = Timer()
+    if seed is not None:
+        scene = replace(scene, settings=replace(scene.settings, seed=seed))
+    plan = plan or plan_effects(scene)
+    radar = scene.radar
+    settings = scene.settings
+    orders = tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,)
+    halves = (1, 2) if settings.keep_halves else (0,)
+    layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in radar.channels)
+    per_half = len(orders) * len(radar.channels)
+    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    timer.lap("plan")
+
+    stats = TraceStatistics()
+    facts: dict[str, Any] = {}
+    trace_scene = None
+    if scene.geometry.n_faces:
+        trace_scene = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
+        timer.lap("build")
+        window = launch_window(scene)
+        spacing = ray_spacing(scene, window, plan.flags.diffuse, plan.flags.coherent)
+        flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
+        job = _Job(scene, replace(plan, flags=flags), window, trace_scene, timer)
+        grids = [
+            lattice(
+                window.half_x, window.half_y, spacing * np.sqrt(len(halves)), taper=window.taper,
+                seed=settings.seed, subset=h,
+            )
+            for h in halves
+        ]
+        timer.lap("launch grid")
+        facts.update(ray_spacing=spacing, rays_per_key_pulse=sum(g.n_rays for g in grids), scatterer_cell=job.cell)
+        for i, grid in enumerate(grids):
+            target = data[i * per_half : (i + 1) * per_half]
+            for done, batch in job.run(grid, target, len(orders) if settings.keep_orders else 0, facts):
+                stats = stats.plus(batch)
+                rate = stats.rays / max(timer.seconds.get("trace", 0.0), 1e-9)
+                report("trace", i + done, len(grids), {"rays/s": rate})
+        if len(halves) == 2:
+            data *= 0.5  # each half is a whole image of its own; their mean is the estimate
+    if scene.points:
+        n = add_points(scene, plan.flags, trace_scene, data, layers)
+        stats = stats.plus(TraceStatistics(contributions=n, path_pulses=n))
+        timer.lap("points")
+    notes = list(scene.notes)
+    _check_energy(scene, stats, data, notes)
+    metadata = _metadata(scene, plan, stats, timer, facts, notes)
+    raw = RawData(data, layers, "compressed", radar, metadata)
+    if any(d.name == "noise" and d.on for d in plan.decisions):
+        raw = add_noise(raw, seed=settings.seed)
+        timer.lap("noise")
+    return raw
+
+
+class _Job:
+    """The tracing of one scene: everything that does not change from batch to batch."""
+
+    def __init__(
+        self, scene: Scene, plan: EffectsPlan, window: LaunchWindow, trace_scene: TraceScene, timer: Timer
+    ) -> None:
+        self.scene, self.plan, self.window, self.trace_scene, self.timer = scene, plan, window, trace_scene, timer
+        self.cell = scatterer_cell(scene, window.incidence)
+        radar = scene.radar
+        reference = float(np.linalg.norm(window.center - radar.track.center_position))
+        self.kernel = KernelSettings(
+            wavelength=radar.waveform.wavelength,
+            max_depth=plan.max_depth,
+            cell=self.cell,
+            seed=scene.settings.seed,
+            amplitude=radar.amplitude_constant,
+            reference_range=reference,
+            up=_polarisation_up(radar, window.center),
+        )
+
+    def run(
+        self, grid: LaunchGrid, data: NDArray[np.complex64], max_order: int, facts: dict[str, Any]
+    ) -> Iterator[tuple[float, TraceStatistics]]:
+        """Fill ``data`` (layers, pulses, samples) batch by batch; yields the share done and that batch's figures."""
+        radar, settings = self.scene.radar, self.scene.settings
+        n = radar.track.n_pulses
+        width = settings.gridding_width
+        length = 1
+        if settings.method != "raw":
+            length = settings.key_pulse_interval or choose_block_length(
+                radar, self.window.center, self.phase_box(), width, BLOCK_ERROR_DB
+            )
+        facts["key_pulse_interval"] = length
+        if length > 1:
+            for start in range(0, n, length):
+                stop = min(n, start + length)
+                plan = plan_block(radar, start, stop, self.window.center, self.phase_box(), width)
+                yield stop / n, self.block(grid, plan, data, max_order)
+            return
+        row = data.shape[0] * 2 * radar.window.n_samples * 2 * 8
+        step = int(max(1, min(MAX_LANES // grid.n_rays, MAX_GRID_BYTES // row, n)))
+        for start in range(0, n, step):
+            stop = min(n, start + step)
+            yield stop / n, self.direct(grid, start, stop, data, max_order)
+
+    def phase_box(self) -> NDArray[np.float64]:
+        """Bounds of the phase centres whose Doppler is kept: the lit box, and a quarter more for mirror images."""
+        low, high = self.window.box
+        margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.cell
+        return np.stack([low - margin, high + margin])
+
+    def block(
+        self, grid: LaunchGrid, plan: BlockPlan, data: NDArray[np.complex64], max_order: int
+    ) -> TraceStatistics:
+        """Trace one key pulse and synthesise its block."""
+        radar = self.scene.radar
+        adder = BlockAdder(
+            plan, data.shape[0] // len(radar.channels), len(radar.channels), max_order, radar.waveform.wavelength
+        )
+        position, velocity = plan.position[None], plan.velocity[None]
+        stats = self.launch(grid, position, velocity, slice(plan.key, plan.key + 1), adder, plan.n_pulses)
+        data[:, plan.start : plan.stop] = synthesise(adder.grid(), plan, radar)
+        self.timer.lap("synthesise")
+        return stats
+
+    def direct(
+        self, grid: LaunchGrid, start: int, stop: int, data: NDArray[np.complex64], max_order: int
+    ) -> TraceStatistics:
+        """Trace every pulse of ``start:stop`` in one launch."""
+        radar = self.scene.radar
+        plan = plan_direct(radar, start, stop, self.scene.settings.gridding_width)
+        adder = DirectAdder(plan, data.shape[0] // len(radar.channels), len(radar.channels), max_order, radar.waveform.wavelength)
+        pick = slice(start, stop)
+        stats = self.launch(grid, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
+        data[:, pick] = finish(adder.grid(), plan, radar)
+        self.timer.lap("synthesise")
+        return stats
+
+    def launch(
+        self, grid: LaunchGrid, position: NDArray[np.float64], velocity: NDArray[np.float64], pick: slice,
+        adder: GridAdder, pulses_each: int,
+    ) -> TraceStatistics:
+        """Record and run one kernel."""
+        import drjit as dr
+        import mitsuba as mi
+
+        radar = self.scene.radar
+        pointing = radar.pointing
+        patterned = self.plan.flags.antenna_pattern
+        batch = PulseBatch(
+            position=position,
+            velocity=velocity,
+            frame=self.window.frame,
+            boresight=pointing.boresight[pick] if patterned else None,
+            azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
+            elevation_axis=pointing.elevation_axis[pick] if patterned else None,
+        )
+        counts, state = trace(self.trace_scene, grid, batch, self.plan.flags, self.kernel, radar.antenna, adder)
+        dr.eval(counts.hits, counts.contributions, state, adder.memory)
+        totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
+        self.timer.lap("trace")
+        return TraceStatistics(
+            rays=grid.n_rays * batch.n_pulses,
+            hits=totals[0],
+            contributions=totals[1],
+            outside=totals[2],
+            key_pulses=batch.n_pulses,
+            path_pulses=totals[1] * pulses_each,
+        )
+
+
+def _polarisation_up(radar: Radar, center: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Vertical reference of the polarisation basis: the scene's vertical, or across track when looking straight down."""
+    look = center - radar.track.center_position
+    look = look / np.linalg.norm(look)
+    up = np.array([0.0, 0.0, 1.0])
+    if abs(look[2]) > np.cos(np.radians(1.0)):  # within a degree of nadir H and V lose their meaning
+        up = radar.across
+    return (float(up[0]), float(up[1]), float(up[2]))
+
+
+def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64], notes: list[str]) -> None:
+    if scene.geometry.n_faces and stats.hits == 0 and not scene.points:
+        raise RadarError(
+            f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
+            f"(image_center_x, image_center_y, image extents) lies on the geometry"
+        )
+    if not np.any(data):
+        raise RadarError(
+            f"{scene.name}: {stats.hits} hits but no echo within the receive window; widen near_range ... far_range "
+            f"of the range_film"
+        )
+    if stats.outside > 0.05 * max(stats.contributions, 1):
+        text = (
+            f"{scene.name}: {100.0 * stats.outside / stats.contributions:.1f} % of the path contributions fall outside "
+            f"the receive window and are not recorded; widen near_range ... far_range of the range_film"
+        )
+        notes.append(text)
+        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+
+
+def _metadata(
+    scene: Scene, plan: EffectsPlan, stats: TraceStatistics, timer: Timer, facts: Mapping[str, Any], notes: list[str]
+) -> dict[str, Any]:
+    return {
+        "scene": scene.name,
+        "scene_path": str(scene.path) if scene.path else None,
+        "scene_offset_m": scene.offset.tolist(),
+        "settings": {k: v for k, v in vars(scene.settings).items() if k != "effects"},
+        "effects": dict(plan.as_dict()),
+        "plan": plan.summary(),
+        "statistics": vars(stats),
+        "sampling": dict(facts),
+        "image": dict(vars(scene.image)),
+        "seconds": timer.seconds,
+        "notes": notes,
+    }
+
+
+__all__ = ["TraceStatistics", "simulate"]
