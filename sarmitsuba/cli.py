@@ -1,0 +1,66 @@
+"""The command line: parses, dispatches, turns errors into one line and an exit status.
+
+Exit status: 0 done, 1 something is missing (doctor) or the program is at fault, 2 the user's input is at
+fault, 130 stopped by Ctrl-C.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from sarmitsuba import __version__
+from sarmitsuba.commands import COMMANDS
+from sarmitsuba.commands.console import Console
+from sarmitsuba.errors import SarmitsubaError
+
+EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"error: {message} (see {self.prog} --help)", file=sys.stderr)
+        sys.exit(EXIT_USER)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser with every subcommand."""
+    parser = _Parser(prog="sarmitsuba", description="Synthetic aperture radar simulator on Mitsuba 3.")
+    parser.add_argument("--version", action="version", version=f"sarmitsuba {__version__}")
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
+        command.add_arguments(sub)
+        sub.add_argument("--quiet", action="store_true", help="show errors only")
+        sub.add_argument("--verbose", action="store_true", help="show log messages")
+        sub.set_defaults(run=command.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status."""
+    args = build_parser().parse_args(argv)
+    console = Console(quiet=args.quiet, verbose=args.verbose)
+    try:
+        with console.reporting():
+            status: int = args.run(args, console)
+            sys.stdout.flush()
+            return status
+    except SarmitsubaError as error:
+        console.complain(str(error))
+        return EXIT_USER
+    except MemoryError:
+        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser spacing")
+        return EXIT_USER
+    except KeyboardInterrupt:
+        console.complain("interrupted; nothing half-written was left behind")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output went away, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+
+
+__all__ = ["EXIT_INTERRUPTED", "EXIT_OK", "EXIT_USER", "build_parser", "main"]

@@ -1,0 +1,120 @@
+"""What the command line shows while it works: results on stdout, warnings and progress on stderr."""
+
+import logging
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+from sarmitsuba.errors import SarmitsubaWarning
+
+_BAR = "{desc:<12}{percentage:3.0f}% |{bar:30}| {elapsed}, {remaining} left{postfix}"
+
+
+class Console:
+    """The only way that subcommands speak to the user.
+
+    Parameters
+    ----------
+    quiet : results, progress and warnings are not shown; errors are
+    verbose : log messages of the libraries are shown
+    """
+
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        self.quiet = quiet
+        self.verbose = verbose
+        self.warnings: list[str] = []
+        self._bar: Any = None
+        self._stage = ""
+
+    def say(self, text: str) -> None:
+        """Print a result."""
+        if not self.quiet:
+            self._line(text, sys.stdout)
+
+    def complain(self, text: str) -> None:
+        """Print an error, on one line whatever it holds."""
+        self.end_progress()
+        self._line(f"error: {' '.join(text.split())}", sys.stderr)
+
+    def warn(self, text: str) -> None:
+        """Print a warning on one line, each text once, and remember it."""
+        line = " ".join(text.split())
+        if line not in self.warnings:
+            self.warnings.append(line)
+            if not self.quiet:
+                self._line(f"warning: {line}", sys.stderr)
+
+    def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
+        """Draw the bar of a stage; the callback that library stages report to."""
+        if self.quiet or not sys.stderr.isatty():
+            return
+        from tqdm import tqdm
+
+        if stage != self._stage:
+            self.end_progress()
+            self._stage = stage
+            self._bar = tqdm(total=total, desc=stage, bar_format=_BAR, file=sys.stderr, mininterval=0.2)
+        self._bar.total = total
+        if info:
+            rates = (f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())
+            self._bar.set_postfix_str(", ".join(rates), refresh=False)
+        self._bar.update(done - self._bar.n)
+        if done >= total:
+            self.end_progress()
+
+    def end_progress(self) -> None:
+        """Leave the last bar as it is and go to a new line."""
+        if self._bar is not None:
+            self._bar.close()
+        self._bar, self._stage = None, ""
+
+    @contextmanager
+    def reporting(self) -> Iterator[None]:
+        """Show the program's warnings and, when verbose, log messages and other packages' warnings."""
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, SarmitsubaWarning):
+                self.warn(str(message))
+            elif self.verbose:
+                self._line(warnings.formatwarning(message, category, filename, lineno, line), sys.stderr)
+
+        logger = logging.getLogger("sarmitsuba")
+        handler = _LogHandler(self)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", SarmitsubaWarning)
+            warnings.showwarning = show
+            if self.verbose:
+                logger.addHandler(handler)
+                logger.setLevel(logging.DEBUG)
+            try:
+                yield
+            finally:
+                logger.removeHandler(handler)
+                self.end_progress()
+
+    def _line(self, text: str, file: TextIO) -> None:
+        if self._bar is not None:
+            self._bar.write(text, file=file)
+        else:
+            print(text, file=file, flush=True)
+
+
+class _LogHandler(logging.Handler):
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console._line(f"{record.name}: {record.getMessage()}", sys.stderr)
+
+
+__all__ = ["Console"]

@@ -1,0 +1,119 @@
+"""Simulate a scene and focus it: raw data, calibrated complex image, quick-look, record of parameters."""
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.focus import add_focus_arguments, focus_into
+
+NAME = "render"
+HELP = "simulate a scene and focus it"
+
+_METHODS = ("raw", "hybrid", "image", "raster")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
+    parser.add_argument(
+        "--radar", metavar="RADAR", help="radar description (XML or shipped name) put over the scene"
+    )
+    parser.add_argument(
+        "-D",
+        "--define",
+        action="append",
+        default=[],
+        type=_definition,
+        metavar="NAME=VALUE",
+        help="value of a $NAME in the scene file; may be repeated",
+    )
+    parser.add_argument("--method", choices=_METHODS, help="how to simulate (the scene's, usually hybrid)")
+    parser.add_argument(
+        "--seed", type=int, help="of all random numbers (the scene's); same seed, same result"
+    )
+    parser.add_argument(
+        "--raw",
+        choices=("compressed", "chirped"),
+        default="compressed",
+        help="what raw.h5 holds: range-compressed profiles, or LFM echoes that must be compressed",
+    )
+    parser.add_argument("--no-focus", action="store_true", help="stop after the raw data")
+    parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
+    add_focus_arguments(parser)
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Render."""
+    from sarmitsuba.commands import results
+
+    watch = results.Stopwatch()
+    with results.output_folder(args.output, force=args.force) as folder:
+        from sarmitsuba.scene.loader import load_scene
+        from sarmitsuba.simulate import simulate
+        from sarmitsuba.trace.backend import ensure_backend
+
+        with watch.stage("start"):
+            backend = ensure_backend()
+        with watch.stage("load"):
+            scene = load_scene(args.scene, radar=_radar(args.radar), parameters=dict(args.define))
+        if args.method:
+            scene = dataclasses.replace(
+                scene, settings=dataclasses.replace(scene.settings, method=args.method)
+            )
+        for note in scene.notes:
+            console.warn(note)
+        with watch.stage("simulate"):
+            raw = simulate(scene, seed=args.seed, progress=console.progress)
+        for note in raw.metadata.get("notes", ()):
+            console.warn(str(note))
+        if args.raw == "chirped":
+            from sarmitsuba.echo.chirp import to_chirped
+
+            with watch.stage("chirp"):
+                raw = to_chirped(raw)
+        results.clear_results(folder)
+        with watch.stage("write raw"):
+            results.save_raw(folder, raw)
+        facts: dict[str, Any] = {
+            "command": "render",
+            "scene": str(scene.path or scene.name),
+            "radar_file": args.radar,
+            "definitions": dict(args.define),
+            "seed": scene.settings.seed if args.seed is None else args.seed,
+            "versions": results.versions(),
+            "backend": backend,
+            "settings": scene.settings,
+            "image_request": scene.image,
+            "radar": results.radar_facts(raw.radar),
+            "raw_domain": raw.domain,
+            "simulation": raw.metadata,
+            "plan": raw.metadata.get("plan"),
+        }
+        picture = None if args.no_focus else focus_into(folder, raw, args, console, watch, facts)
+        facts["warnings"] = console.warnings
+        facts["seconds"] = {**watch.seconds, "total": watch.total}
+        results.save_facts(folder, facts)
+        console.say(f"{picture or folder / results.RAW} ({watch.total:.1f} s)")
+    return 0
+
+
+def _definition(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name, value
+
+
+def _radar(text: str | None) -> Path | None:
+    """File of a radar description, given by path or shipped name."""
+    if text is None:
+        return None
+    from sarmitsuba.scene.library import resolve_radar
+
+    return resolve_radar(text)
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -1,0 +1,168 @@
+"""The output folder of ``render`` and ``focus``: which files there are and what parameters.json says."""
+
+import dataclasses
+import importlib.metadata
+import platform
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba import __version__
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import OutputError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io import parameters, write_image, write_raw
+from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.radar.radar import Radar
+
+RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
+PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"
+_ALL = (RAW, IMAGE, EXR, PICTURE, PICTURE_ORDERS, FACTS)
+_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
+
+
+class Stopwatch:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start = time.perf_counter()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Book the block's time on a stage."""
+        before = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
+
+    @property
+    def total(self) -> float:
+        """Seconds since the watch was made."""
+        return time.perf_counter() - self._start
+
+
+@contextmanager
+def output_folder(path: str, *, force: bool) -> Iterator[Path]:
+    """Yield the folder, made if need be; removed again if nothing was put into it.
+
+    Raises
+    ------
+    OutputError
+        It holds files and ``force`` was not given, or it cannot be made or written to.
+    """
+    folder = Path(path)
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is a file, not a folder; choose another -o")
+    existed = folder.is_dir()
+    if existed and not force and any(folder.iterdir()):
+        raise OutputError(f"{folder}: is not empty; choose another -o, or overwrite its results with --force")
+    make_folder(folder)
+    probe = folder / ".sarmitsuba.part"
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot write into the folder: {error.strerror}") from error
+    try:
+        yield folder
+    finally:
+        if not existed and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def clear_results(folder: Path, keep: Path | None = None) -> None:
+    """Remove the results of an earlier run, so that old and new files never stand side by side."""
+    for name in _ALL:
+        path = folder / name
+        if keep is None or not keep.exists() or not path.exists() or not path.samefile(keep):
+            path.unlink(missing_ok=True)
+
+
+def save_raw(folder: Path, raw: RawData) -> None:
+    """Write raw.h5."""
+    write_raw(raw, folder / RAW)
+
+
+def save_image(folder: Path, image: SarImage) -> None:
+    """Write the image as HDF5 and OpenEXR."""
+    write_image(image, folder / IMAGE)
+    write_image(image, folder / EXR)
+
+
+def save_pictures(folder: Path, image: SarImage) -> Path:
+    """Write the quick-looks; return the main one."""
+    from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
+
+    save(quicklook(image), folder / PICTURE)
+    if bounce_orders(image):
+        save(quicklook_by_order(image), folder / PICTURE_ORDERS)
+    return folder / PICTURE
+
+
+def save_facts(folder: Path, facts: Mapping[str, Any]) -> None:
+    """Write parameters.json."""
+    parameters.write(folder / FACTS, facts)
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program, Python and the packages that the result depends on."""
+    found = {"sarmitsuba": __version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def radar_facts(radar: Radar) -> dict[str, Any]:
+    """Parameters of the radar, with units in their names; the track in short (raw.h5 has every pulse)."""
+    track, window = radar.track, radar.window
+    span = float(track.time[-1] - track.time[0])
+    return {
+        "mode": radar.mode,
+        "look_side": radar.look_side,
+        "channels": radar.channels,
+        "center_frequency_hz": radar.waveform.center_frequency,
+        "wavelength_m": radar.waveform.wavelength,
+        "bandwidth_hz": radar.waveform.bandwidth,
+        "pulse_width_s": radar.waveform.pulse_width,
+        "n_pulses": track.n_pulses,
+        "prf_hz": (track.n_pulses - 1) / span if span > 0 else None,
+        "speed_m_per_s": float(np.linalg.norm(track.velocity[track.center_index])),
+        "center_position_m": track.center_position,
+        "aim_point_m": radar.aim_point,
+        "slant_range_m": float(np.linalg.norm(radar.aim_point - track.center_position)),
+        "near_range_m": float(window.start_range.min()),
+        "far_range_m": float(window.start_range.max() + window.extent),
+        "sampling_rate_hz": window.sampling_rate,
+        "antenna": dataclasses.asdict(radar.antenna),
+        "transmit_power_w": radar.transmit_power,
+        "noise_temperature_k": radar.noise_temperature,
+        "losses": radar.losses,
+    }
+
+
+__all__ = [
+    "EXR",
+    "FACTS",
+    "IMAGE",
+    "PICTURE",
+    "PICTURE_ORDERS",
+    "RAW",
+    "Stopwatch",
+    "clear_results",
+    "output_folder",
+    "radar_facts",
+    "save_facts",
+    "save_image",
+    "save_pictures",
+    "save_raw",
+    "versions",
+]

@@ -1,0 +1,86 @@
+"""List the shipped scenes and radars, or copy one with everything it needs to start a scene of your own."""
+
+import argparse
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.errors import OutputError, SceneError
+
+NAME = "scenes"
+HELP = "list or copy the shipped scenes"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "--copy", nargs=2, metavar=("NAME", "DIR"), help="copy a scene and its meshes into DIR"
+    )
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """List or copy."""
+    from sarmitsuba.scene import library
+
+    if args.copy:
+        name, target = args.copy
+        written = copy_scene(library.resolve(name), Path(target))
+        console.say("\n".join(str(path) for path in written))
+        return 0
+    scenes, radars = library.list_scenes(), library.list_radars()
+    width = max((len(entry.name) for entry in (*scenes, *radars)), default=0)
+    console.say("scenes:")
+    for entry in scenes:
+        console.say(f"  {entry.name:<{width}}  {entry.title}")
+    console.say("radars (--radar):")
+    for entry in radars:
+        console.say(f"  {entry.name:<{width}}  {entry.title}")
+    return 0
+
+
+def copy_scene(scene: Path, target: Path) -> list[Path]:
+    """Copy a scene file and the files it refers to, in the same folders below ``target``.
+
+    Raises
+    ------
+    OutputError
+        One of the files exists already, or cannot be written. Nothing is copied then.
+    """
+    from sarmitsuba.io.atomic import atomic_path, make_folder
+
+    root = scene.parent
+    sources = list(dict.fromkeys(_with_references(scene)))
+    for source in sources:
+        if not source.is_file():
+            raise SceneError(f"{scene}: refers to {source}, which does not exist")
+        if (target / source.relative_to(root)).exists():
+            raise OutputError(f"{target / source.relative_to(root)}: exists; choose another folder")
+    written = []
+    for source in sources:
+        path = target / source.relative_to(root)
+        make_folder(path.parent)
+        with atomic_path(path) as temporary:
+            shutil.copyfile(source, temporary)
+        written.append(path)
+    return written
+
+
+def _with_references(scene: Path) -> Iterator[Path]:
+    """Yield the file itself, its meshes and tracks, and included scenes with theirs."""
+    yield scene
+    for element in ET.parse(scene).iter():
+        name = element.get("filename") if element.tag == "include" else None
+        if element.tag == "string" and element.get("name") in ("filename", "track_file"):
+            name = element.get("value")
+        if not name:
+            continue
+        path = scene.parent / name
+        if path.suffix == ".xml":
+            yield from _with_references(path)
+        else:
+            yield path
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "copy_scene", "run"]
