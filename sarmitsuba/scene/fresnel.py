@@ -46,8 +46,7 @@ def fresnel(
 
     References
     ----------
-    Ulaby and Long, Microwave Radar and Radiometric Remote Sensing (2014), section 2-7; ITU-R P.2040-3,
-    equations (31a) and (31b).
+    Ulaby and Long, Microwave Radar and Radiometric Remote Sensing (2014); ITU-R P.2040-3.
     """
     c = np.asarray(cos_theta, dtype=np.float64)
     eps = np.asarray(permittivity, dtype=np.complex128)

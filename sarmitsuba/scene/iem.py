@@ -71,7 +71,7 @@ def iem_backscatter(
 
     References
     ----------
-    Fung, Li and Chen, IEEE TGRS 30 (2) 1992, equations (82) to (88); Wu, Chen, Shi and Fung, IEEE TGRS 39 (9)
+    Fung, Li and Chen, IEEE TGRS 30 (2) 1992; Wu, Chen, Shi and Fung, IEEE TGRS 39 (9)
     2001 (transition function); Fung and Chen, Microwave Scattering and Emission Models for Users (2010).
     """
     angles = np.atleast_1d(np.asarray(theta, dtype=np.float64))
@@ -103,7 +103,7 @@ def _one_angle(
     f_h = -2.0 * (r_h + (-r_0 - r_h) * transition) / c
     t_h = 2.0 * c / (c + q)  # 1 + R_h
     t_v = 2.0 * eps * c / (eps * c + q)  # 1 + R_v
-    # (82)-(88) at backscatter, magnetic permeability one; eps - sin^2 - eps cos^2 = (eps - 1) sin^2
+    # complementary terms at backscatter, magnetic permeability one; eps - sin^2 - eps cos^2 = (eps - 1) sin^2
     big_v = 2.0 * sin2 * t_v**2 / c * (1.0 - 1.0 / eps) * (1.0 + sin2 / (eps * c * c))
     big_h = -2.0 * sin2 * t_h**2 / c * (eps - 1.0) / (c * c)
     sigma = []

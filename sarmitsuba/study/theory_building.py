@@ -61,7 +61,7 @@ def kirchhoff_sigma0(
     References
     ----------
     Barrick, IEEE Trans. Antennas Propag. 16 (4) 1968 (geometrical optics); Beckmann and Spizzichino, The
-    Scattering of Electromagnetic Waves from Rough Surfaces (1963), chapter 5 (series).
+    Scattering of Electromagnetic Waves from Rough Surfaces (1963) (series).
     """
     k = 2.0 * np.pi / wavelength
     q_z = 2.0 * k * np.cos(incidence_angle)

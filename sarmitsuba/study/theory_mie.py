@@ -25,7 +25,7 @@ def sphere_mie(ka: ArrayLike) -> F64:
 
     References
     ----------
-    Bohren and Huffman, Absorption and Scattering of Light by Small Particles (1983), section 4.4 in the
+    Bohren and Huffman, Absorption and Scattering of Light by Small Particles (1983) in the
     limit of an infinite refractive index.
     """
     x_all = np.atleast_1d(np.asarray(ka, dtype=np.float64))
@@ -56,7 +56,7 @@ def sphere_po(ka: ArrayLike) -> F64:
 
     References
     ----------
-    Ruck et al., Radar Cross Section Handbook (1970), section 3.2; it is |sphere_po_amplitude|^2.
+    Ruck et al., Radar Cross Section Handbook (1970); it is |sphere_po_amplitude|^2.
     """
     x = np.asarray(ka, dtype=np.float64)
     s = np.sinc(x / np.pi)

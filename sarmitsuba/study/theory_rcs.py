@@ -42,7 +42,7 @@ def plate_amplitude(
 
     References
     ----------
-    Ruck et al., Radar Cross Section Handbook (1970), section 7.5; Skolnik, Radar Handbook, 3rd ed., table
+    Ruck et al., Radar Cross Section Handbook (1970); Skolnik, Radar Handbook, 3rd ed., table
     14.1.
     """
     u, v = np.asarray(sin_u, dtype=np.float64), np.asarray(sin_v, dtype=np.float64)
@@ -73,7 +73,7 @@ def disc_rcs(radius: float, wavelength: float, angle: ArrayLike) -> F64:
 
     References
     ----------
-    Ruck et al., Radar Cross Section Handbook (1970), section 7.5.
+    Ruck et al., Radar Cross Section Handbook (1970).
     """
     theta = np.asarray(angle, dtype=np.float64)
     x = 4.0 * np.pi / wavelength * radius * np.sin(theta)
@@ -101,7 +101,7 @@ def cylinder_rcs(
 
     References
     ----------
-    Skolnik, Radar Handbook, 3rd ed., table 14.1 (broadside); Ruck et al. (1970), section 4.2.
+    Skolnik, Radar Handbook, 3rd ed. (broadside); Ruck et al. (1970).
     """
     psi = np.asarray(angle, dtype=np.float64)
     k = 2.0 * np.pi / wavelength
@@ -158,7 +158,7 @@ def dihedral(
     References
     ----------
     Griesser and Balanis, IEEE Trans. Antennas Propag. 35 (10) 1987 (physical optics with geometrical optics
-    first bounce); peak 8 pi a^2 b^2 / lambda^2: Skolnik, Radar Handbook, table 14.1.
+    first bounce); peak 8 pi a^2 b^2 / lambda^2: Skolnik, Radar Handbook.
     """
     phi = np.asarray(azimuth, dtype=np.float64)
     s, c = np.sin(phi), np.cos(phi)
@@ -194,7 +194,7 @@ def rolled_dihedral(amplitude: float, roll: ArrayLike) -> C128:
 
     References
     ----------
-    Lee and Pottier, Polarimetric Radar Imaging (2009), section 6.5.
+    Lee and Pottier, Polarimetric Radar Imaging (2009).
     """
     tau = np.asarray(roll, dtype=np.float64)
     c, s = np.cos(2.0 * tau), np.sin(2.0 * tau)
@@ -229,8 +229,8 @@ def trihedral_rcs(
 
     References
     ----------
-    Robertson, Bell System Technical Journal 26 (1947); Ruck et al. (1970), section 8.3; peaks
-    4 pi a^4 / (3 lambda^2) and 12 pi a^4 / lambda^2: Skolnik, Radar Handbook, table 14.1.
+    Robertson, Bell System Technical Journal 26 (1947); Ruck et al. (1970); peaks
+    4 pi a^4 / (3 lambda^2) and 12 pi a^4 / lambda^2: Skolnik, Radar Handbook.
     """
     cosines = np.sort(np.asarray(direction, dtype=np.float64), axis=-1)
     inside = cosines[..., 0] > 0.0

@@ -23,7 +23,7 @@ def speckle_cdf(intensity: ArrayLike, mean: float, looks: float = 1.0) -> F64:
 
     References
     ----------
-    Goodman, Speckle Phenomena in Optics (2007), section 3.2 and 4.1.
+    Goodman, Speckle Phenomena in Optics (2007)
     """
     return np.asarray(
         gammainc(looks, looks * np.maximum(np.asarray(intensity, dtype=np.float64), 0.0) / mean)
@@ -95,7 +95,7 @@ def received_power(
 
     Notes
     -----
-    Ignores the atmosphere and multipath. Skolnik, Introduction to Radar Systems, 3rd ed., equation (1.7).
+    Ignores the atmosphere and multipath. Skolnik, Introduction to Radar Systems, 3rd ed..
     """
     return float(
         transmit_power * gain**2 * wavelength**2 * rcs / ((4.0 * np.pi) ** 3 * slant_range**4 * losses)
