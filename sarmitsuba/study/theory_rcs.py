@@ -42,8 +42,7 @@ def plate_amplitude(
 
     References
     ----------
-    Ruck et al., Radar Cross Section Handbook (1970); Skolnik, Radar Handbook, 3rd ed., table
-    14.1.
+    Ruck et al., Radar Cross Section Handbook (1970); Skolnik, Radar Handbook, 3rd ed.
     """
     u, v = np.asarray(sin_u, dtype=np.float64), np.asarray(sin_v, dtype=np.float64)
     k = 2.0 * np.pi / wavelength

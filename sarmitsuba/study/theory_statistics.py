@@ -95,7 +95,7 @@ def received_power(
 
     Notes
     -----
-    Ignores the atmosphere and multipath. Skolnik, Introduction to Radar Systems, 3rd ed..
+    Ignores the atmosphere and multipath. Skolnik, Introduction to Radar Systems, 3rd ed.
     """
     return float(
         transmit_power * gain**2 * wavelength**2 * rcs / ((4.0 * np.pi) ** 3 * slant_range**4 * losses)
