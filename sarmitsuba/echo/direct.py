@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
@@ -24,20 +26,22 @@ class DirectPlan:
     ----------
     start, stop : first pulse and one past the last
     range0 : (stop - start,) float64, half length of cell 0 at each pulse, m
-    range_step : cell, m; half a range cell or slightly less
     n_range : cells a pulse
     width : of the spreading kernel
-    n_fine, n_out : lengths of the two FFTs, ``n_fine * range_step = n_out * sample_spacing``
+    fine : how the grid becomes the window's samples
     """
 
     start: int
     stop: int
     range0: F64
-    range_step: float
     n_range: int
     width: int
-    n_fine: int
-    n_out: int
+    fine: FineGrid
+
+    @property
+    def range_step(self) -> float:
+        """Cell of the grid, m."""
+        return self.fine.range_step
 
     @property
     def n_pulses(self) -> int:
@@ -52,3 +56,91 @@ class DirectPlan:
     def shape(self, n_layers: int) -> tuple[int, int, int]:
         """Shape of the complex64 grid, (n_layers, n_pulses, n_range)."""
         return (n_layers, self.n_pulses, self.n_range)
+
+
+def box_distance(box: F64, position: F64) -> tuple[F64, F64]:
+    """Least and greatest distance from antenna positions to an axis-aligned box.
+
+    Parameters
+    ----------
+    box : (2, 3) float64, m, lower and upper corner
+    position : (n, 3) float64, m
+
+    Returns
+    -------
+    two (n,) float64, m
+    """
+    nearest = np.clip(position, box[0], box[1])
+    farthest = np.where(position < 0.5 * (box[0] + box[1]), box[1], box[0])
+    return np.linalg.norm(position - nearest, axis=-1), np.linalg.norm(position - farthest, axis=-1)
+
+
+def plan_direct(
+    radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_half_length: float = 0.0
+) -> DirectPlan:
+    """Lay out the range grids of the pulses ``start:stop``.
+
+    Parameters
+    ----------
+    radar : track, waveform and window
+    start, stop : pulse indices
+    box : (2, 3) float64, m, scene frame; bounds of all phase centres
+    width : of the spreading kernel, 1 to 8
+    extra_half_length : half of what multiple reflections add to the way to the box at most, m
+    """
+    cell, window = radar.waveform.range_cell, radar.window
+    near, far = box_distance(np.asarray(box, dtype=np.float64), radar.track.position[start:stop])
+    far = far + extra_half_length
+    first = window.start_range[start:stop]
+    low = float((first - far).min()) - cell
+    high = float((first - near).max()) + window.extent + cell
+    kernel = spreading_kernel(width)
+    n_least = int(np.ceil((far - near).max() / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
+    fine = fine_grid(cell, window.sample_spacing, low, high, n_least)
+    n_range = int(np.ceil((far - near).max() / fine.range_step)) + 2 * kernel.margin + 2
+    return DirectPlan(start, stop, near - (kernel.margin + 0.5) * fine.range_step, n_range, width, fine)
+
+
+def spread_reference(plan: DirectPlan, radar: Radar, half_length: F64, amplitude: NDArray[np.complexfloating]) -> C64:
+    """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
+
+    Parameters
+    ----------
+    half_length : (n_paths, n_pulses) float64, m
+    amplitude : (n_layers, n_paths) complex, sqrt(W)
+
+    Returns
+    -------
+    (n_layers, n_pulses, n_range) complex64
+    """
+    kernel = plan.kernel
+    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+    x = (half_length - plan.range0) / plan.range_step + kernel.shift
+    base = np.floor(x)
+    taps = kernel.taps(x - base)
+    phasor = np.exp(-1j * np.mod(wavenumber * half_length, 2.0 * np.pi))
+    cell = base.astype(np.int64) - kernel.lead + np.arange(plan.n_pulses) * plan.n_range
+    grid = np.zeros((amplitude.shape[0], plan.n_pulses * plan.n_range), dtype=np.complex128)
+    for layer, a in enumerate(amplitude):
+        value = a[:, None] * phasor
+        for k in range(kernel.width):
+            np.add.at(grid[layer], cell + k, value * taps[k])
+    return grid.reshape(plan.shape(len(amplitude))).astype(np.complex64)
+
+
+def finish(grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar) -> C64:
+    """Turn filled grids into range-compressed profiles.
+
+    Parameters
+    ----------
+    grid : (n_layers, n_pulses, n_range) complex
+
+    Returns
+    -------
+    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    """
+    offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
+    return to_window(grid, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, plan.kernel)
+
+
+__all__ = ["DirectPlan", "box_distance", "finish", "plan_direct", "spread_reference"]
