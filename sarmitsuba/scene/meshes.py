@@ -1,5 +1,6 @@
 """Triangle meshes as they come: refused when they cannot mean anything, cleaned when they can."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -140,6 +141,25 @@ def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0
     return np.asarray(label, dtype=np.int32)
 
 
+def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
+    """Write a binary PLY file with double-precision vertices, so that what is read back is exact.
+
+    Parameters
+    ----------
+    path : file to write
+    vertices : (n_v, 3) float, m
+    faces : (n_f, 3) int
+    """
+    v = np.asarray(vertices, dtype="<f8")
+    rows = np.zeros(len(np.asarray(faces)), dtype=[("n", "u1"), ("corner", "<i4", (3,))])
+    rows["n"] = 3
+    rows["corner"] = faces
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {v.shape[0]}"]
+    header += [f"property double {axis}" for axis in "xyz"]
+    header += [f"element face {rows.size}", "property list uchar int vertex_indices", "end_header", ""]
+    path.write_bytes("\n".join(header).encode() + v.tobytes() + rows.tobytes())
+
+
 def _refuse(name: str, v: F64, f: NDArray[Any]) -> None:
     if v.ndim != 2 or v.shape[-1] != 3:
         raise SceneError(f'mesh "{name}": vertices have the shape {v.shape}, not (n, 3)')
@@ -215,4 +235,4 @@ def _unique_faces(weld: I64, f: I64) -> tuple[I64, int, int]:
     return np.sort(starts), int(copy.sum()) - n_flipped, n_flipped
 
 
-__all__ = ["clean_mesh", "smooth_groups"]
+__all__ = ["clean_mesh", "smooth_groups", "write_ply"]

@@ -1,0 +1,121 @@
+"""Make every mesh of the shipped scenes again, and check it: closed, outward, no degenerate faces.
+
+    python scenes/build_meshes.py            write scenes/meshes/*.ply
+    python scenes/build_meshes.py --check    compare with the files that are there, write nothing
+
+Deterministic. Needs shapely >= 2.1 besides the program's own dependencies.
+"""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from solids import box, check_closed, merged
+from urban_block import urban_block
+
+from sarmitsuba.scene.city import city_mesh
+from sarmitsuba.scene.meshes import clean_mesh, write_ply
+
+MESHES = Path(__file__).parent / "meshes"
+Parts = dict[str, trimesh.Trimesh]
+
+
+def trihedral() -> Parts:
+    """Build both 1 m trihedrals, corner at the origin, opening towards -x and up; open surfaces."""
+    s = 0.5**0.5
+    a, b, c = np.array([-s, s, 0.0]), np.array([-s, -s, 0.0]), np.array([0.0, 0.0, 1.0])
+    zero = np.zeros(3)
+    pairs = [(a, b), (b, c), (c, a)]
+    triangles = [[zero, p, q] for p, q in pairs]
+    squares = triangles + [[p, p + q, q] for p, q in pairs]
+    return {
+        "trihedral": trimesh.Trimesh(
+            np.reshape(triangles, (-1, 3)), np.arange(9).reshape(-1, 3), process=False
+        ),
+        "trihedral_square": trimesh.Trimesh(
+            np.reshape(squares, (-1, 3)), np.arange(18).reshape(-1, 3), process=False
+        ),
+    }
+
+
+def tower() -> Parts:
+    """Build the block of 20 m x 15 m x 24 m; its near wall stands at x = 0, its foot goes 0.5 m into the ground."""
+    solid = check_closed("tower", box((0, 15), (-12, 12), (-0.5, 20)))
+    return by_rule("tower", solid, lambda center, normal: np.where(normal[:, 2] > 0.5, "roof", "walls"))
+
+
+def bridge() -> Parts:
+    """Build a deck 1 m thick about z = 30 m with its near edge at x = 0, two piers and two banks."""
+    deck = check_closed("deck", box((0, 14), (-80, 80), (29.5, 30.5)))
+    parts = by_rule(
+        "bridge",
+        deck,
+        lambda center, normal: np.select(
+            [normal[:, 2] > 0.5, np.abs(normal[:, 0]) > 0.5], ["road", "fascia"], "underside"
+        ),
+    )
+    piers = [box((5, 9), (y - 1.5, y + 1.5), (-0.5, 29.5)) for y in (-28, 28)]
+    banks = [box((-80, 90), (y - 20, y + 20), (-0.5, 2.5)) for y in (-68, 68)]
+    parts["bridge_piers"] = joined([check_closed("pier", p) for p in piers])
+    parts["bridge_banks"] = joined([check_closed("bank", b) for b in banks])
+    return parts
+
+
+def buildings16() -> Parts:
+    """Build sixteen boxes of 6 m to 24 m on 128 m x 128 m."""
+    return {
+        "buildings16": check_closed(
+            "buildings16", trimesh.Trimesh(*city_mesh(16, 128.0, (6.0, 24.0)), process=False)
+        )
+    }
+
+
+def by_rule(prefix: str, solid: trimesh.Trimesh, rule: Callable[..., np.ndarray]) -> Parts:
+    """Split a solid by what ``rule(centers, normals)`` calls each face."""
+    names = rule(solid.triangles_center, solid.face_normals)
+    return {f"{prefix}_{name}": merged(solid.triangles[names == name]) for name in np.unique(names)}
+
+
+def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Put several solids into one mesh."""
+    return merged(np.concatenate([s.triangles for s in solids]))
+
+
+def build() -> Parts:
+    """Build all meshes by file name."""
+    parts: Parts = {}
+    for make in (trihedral, tower, bridge, buildings16, urban_block):
+        parts |= make()
+    return parts
+
+
+def main() -> None:
+    """Write or compare."""
+    only_check = "--check" in sys.argv[1:]
+    MESHES.mkdir(exist_ok=True)
+    different = []
+    for name, mesh in build().items():
+        vertices, faces, notes = clean_mesh(name, mesh.vertices, mesh.faces)
+        if notes:
+            raise SystemExit("\n".join(notes))
+        path = MESHES / f"{name}.ply"
+        before = path.read_bytes() if path.exists() else b""
+        target = path.with_suffix(".new")
+        write_ply(target, vertices, faces)
+        if target.read_bytes() != before:
+            different.append(name)
+        if only_check:
+            target.unlink()
+        else:
+            target.replace(path)
+        print(
+            f"{name:28s} {len(faces):6d} triangles  {path.stat().st_size / 1024 if path.exists() else 0:8.1f} KiB"
+        )
+    if only_check and different:
+        raise SystemExit(f"differ from what the script makes: {', '.join(different)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""Shipped scenes: found by name, complete, well formed, their meshes what the build script makes."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.scene.city import city_mesh, make_city
+from sarmitsuba.scene.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
+from sarmitsuba.scene.meshes import clean_mesh, write_ply
+from sarmitsuba.scene.tessellate import sphere
+
+WANTED = {
+    "bridge",
+    "buildings16",
+    "dihedral",
+    "flat_ground",
+    "plate",
+    "point",
+    "sphere",
+    "tower",
+    "trihedral",
+    "trihedral_square",
+    "urban_block",
+}
+ENTRIES = [*list_scenes(), *list_radars()]
+
+
+def test_every_scene_and_radar_is_listed():
+    assert {s.name for s in list_scenes()} == WANTED
+    assert {r.name for r in list_radars()} == {"airborne_ku", "airborne_l", "airborne_x", "spaceborne_x"}
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda e: e.name)
+def test_entries_have_a_title_and_say_what_they_show(entry):
+    assert 4 < len(entry.title) < 60
+    assert len(entry.description) > 40
+    assert not entry.title.endswith(".")
+    assert all(len(line) < 121 for line in entry.path.read_text(encoding="utf-8").splitlines())
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda e: e.name)
+def test_files_are_well_formed_and_their_meshes_and_materials_there(entry):
+    root = ElementTree.parse(entry.path).getroot()
+    assert root.tag == "scene"
+    assert len(root.findall("sensor")) == len(root.findall("integrator")) == 1
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            assert (entry.path.parent / node.get("value")).is_file()
+    ids = {b.get("id") for b in root.findall("bsdf")}
+    used = {r.get("id") for r in root.iter("ref")}
+    assert used == ids
+    defaults = {d.get("name") for d in root.findall("default")}
+    refs = {v[1:] for n in root.iter() for v in n.attrib.values() if v.startswith("$")}
+    assert refs == defaults
+
+
+def test_resolve_takes_names_paths_and_suffixes(tmp_path, monkeypatch):
+    assert resolve("dihedral") == scenes_dir() / "dihedral.xml"
+    assert resolve("dihedral.xml") == scenes_dir() / "dihedral.xml"
+    assert resolve_radar("airborne_x").parent.name == "radars"
+    monkeypatch.chdir(tmp_path)
+    Path("dihedral.xml").write_text("<scene/>", encoding="utf-8")
+    assert resolve("dihedral.xml") == Path("dihedral.xml")  # an existing file wins
+    Path("dihedral").mkdir()
+    with pytest.raises(SceneError, match="a folder, not a scene file"):
+        resolve("dihedral")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "dihedrl",
+            'dihedrl: no such file, and no shipped scene of that name; did you mean "dihedral"?; shipped: bri',
+        ),
+        ("elsewhere/dihedral.xml", "elsewhere/dihedral.xml: no such scene file"),
+        ("", "a folder, not a scene file"),
+    ],
+)
+def test_unknown_scenes_are_refused_in_one_line(name, message):
+    with pytest.raises(SceneError) as caught:
+        resolve(name)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted((scenes_dir() / "meshes").glob("*.ply")), ids=lambda p: p.stem)
+def test_shipped_meshes_are_clean(path):
+    mesh = trimesh.load(path, process=False)
+    vertices, faces, notes = clean_mesh(path.stem, mesh.vertices, mesh.faces)
+    assert notes == []
+    assert len(vertices) == len(mesh.vertices)
+    assert path.stat().st_size < 200_000
+
+
+def test_every_shipped_mesh_is_used():
+    used = {
+        Path(n.get("value")).name
+        for s in list_scenes()
+        for n in ElementTree.parse(s.path).iter("string")
+        if n.get("name") == "filename"
+    }
+    assert used == {p.name for p in (scenes_dir() / "meshes").glob("*.ply")}
+
+
+def test_shipped_meshes_are_those_of_the_build_script():
+    shapely = pytest.importorskip("shapely", reason="the build script needs shapely >= 2.1")
+    if not hasattr(shapely, "constrained_delaunay_triangles"):
+        pytest.skip("the build script needs shapely >= 2.1")
+    run = subprocess.run(
+        [sys.executable, str(scenes_dir() / "build_meshes.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**__import__("os").environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_ply_keeps_double_precision(tmp_path):
+    v, f = sphere(1.0, 0.05)
+    v += np.array([4.5e5, 5.3e6, 512.0]) + 1e-7
+    write_ply(tmp_path / "far.ply", v, f)
+    back = trimesh.load(tmp_path / "far.ply", process=False)
+    np.testing.assert_array_equal(back.vertices, v)
+    np.testing.assert_array_equal(back.faces, f)
+
+
+@pytest.mark.parametrize("n", [1, 7, 16, 1024])
+def test_city_boxes_are_closed_apart_and_on_the_ground(n, tmp_path):
+    path = make_city(n, tmp_path / "city")
+    mesh = trimesh.load(path.with_suffix(".ply"), process=False)
+    assert len(mesh.faces) == 12 * n
+    assert mesh.is_watertight
+    assert mesh.volume > 0
+    boxes = np.asarray(mesh.vertices).reshape(n, 8, 3)
+    low, high = boxes.min(axis=1), boxes.max(axis=1)
+    assert (np.abs(boxes[:, :, :2]) < 200).all()
+    assert (low[:, 2] == -0.5).all()
+    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None])[:, :, :2].max(axis=2)
+    assert (gap[~np.eye(n, dtype=bool)] > 0).all()
+    root = ElementTree.parse(path).getroot()
+    assert (path.parent / root.find("shape[@id='buildings']/string").get("value")).is_file()
+
+
+def test_cities_are_the_same_every_time():
+    np.testing.assert_array_equal(city_mesh(5, 100.0, (5, 9), 3)[0], city_mesh(5, 100.0, (5, 9), 3)[0])
+    with pytest.raises(SceneError, match="n_buildings = 0"):
+        city_mesh(0, 100.0, (5.0, 9.0))
