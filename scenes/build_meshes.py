@@ -41,7 +41,7 @@ def trihedral() -> Parts:
 
 
 def tower() -> Parts:
-    """Build the block of 20 m x 15 m x 24 m; its near wall stands at x = 0, its foot goes 0.5 m into the ground."""
+    """Build the block of 20 m x 15 m x 24 m; its near wall stands at x = 0, its foot 0.5 m deep."""
     solid = check_closed("tower", box((0, 15), (-12, 12), (-0.5, 20)))
     return by_rule("tower", solid, lambda center, normal: np.where(normal[:, 2] > 0.5, "roof", "walls"))
 
@@ -110,9 +110,7 @@ def main() -> None:
             target.unlink()
         else:
             target.replace(path)
-        print(
-            f"{name:28s} {len(faces):6d} triangles  {path.stat().st_size / 1024 if path.exists() else 0:8.1f} KiB"
-        )
+        print(f"{name:20s} {len(faces):6d} triangles")
     if only_check and different:
         raise SystemExit(f"differ from what the script makes: {', '.join(different)}")
 

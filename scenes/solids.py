@@ -3,7 +3,8 @@
 Every function returns a watertight trimesh mesh with outward normals, in metres. Needs shapely >= 2.1.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -18,8 +19,8 @@ Cut = tuple[str, Span, Span, Span]
 def blocks(*cuts: Cut) -> trimesh.Trimesh:
     """Add ("+") and remove ("-") axis-parallel boxes, one after the other.
 
-    The outline of every plane is triangulated as a whole, with all corners of its neighbours on its border, so
-    that the mesh has no T-junctions.
+    The outline of every plane is triangulated as a whole, with all corners of its neighbours on its border,
+    so that the mesh has no T-junctions.
     """
     grid = [np.unique(np.round([s for c in cuts for s in c[1 + k]], 6)) for k in range(3)]
     full = np.zeros([g.size - 1 for g in grid], dtype=bool)
@@ -35,7 +36,7 @@ def blocks(*cuts: Cut) -> trimesh.Trimesh:
 
 
 def _outlines(full: NDArray[np.bool_], grid: list[F64], axis: int) -> list[tuple]:
-    """(turning points in space, polygon, axis, level, sign) of every connected piece of surface across an axis."""
+    """Find (turning points in space, polygon, axis, level, sign) of every connected piece of surface."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     solid = np.pad(full, [(1, 1) if k == axis else (0, 0) for k in range(3)]).astype(np.int8)
     step = np.diff(solid, axis=axis).transpose(axis, a, b)  # +1: solid begins, so the normal points backwards
@@ -81,7 +82,7 @@ def _triangles(polygon: shapely.Polygon, axis: int, level: float, sign: int, cor
 def _with_points(ring: F64, points: F64) -> F64:
     """Return the closed ring with every point that lies on one of its axis-parallel edges inserted."""
     out = []
-    for p, q in zip(ring[:-1], ring[1:], strict=True):
+    for p, q in pairwise(ring):
         k = int(np.abs(q - p).argmax())
         low, high = sorted((p[k], q[k]))
         on = points[(points[:, 1 - k] == p[1 - k]) & (points[:, k] > low) & (points[:, k] < high)]
@@ -120,7 +121,7 @@ def revolve(
     circle = np.column_stack([np.cos(a), np.sin(a)])
     rings = [np.insert(r * circle + center, 2, z, axis=1) for r, z in profile]
     parts = []
-    for low, high in zip(rings[:-1], rings[1:], strict=True):
+    for low, high in pairwise(rings):
         low2, high2 = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
         parts += [np.stack([low, low2, high2], 1), np.stack([low, high2, high], 1)]
     return merged(np.concatenate(parts))
@@ -171,9 +172,6 @@ def merged(triangles: F64) -> trimesh.Trimesh:
     f = index.reshape(-1, 3)
     f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
     return trimesh.Trimesh(corner, f, process=False)
-
-
-Rule = Callable[[F64, F64], NDArray[np.str_]]
 
 
 def check_closed(name: str, mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -1,4 +1,4 @@
-"""The urban block of the demo: an L-shaped apartment house, a tower, a rotunda, town houses, a factory, a square.
+"""The urban block of the demo: apartment house in an L, tower, rotunda, town houses, factory.
 
 The radar looks along +x. Heights are metres above the street; every building stands 0.5 m deep in the ground.
 """
