@@ -1,6 +1,7 @@
 """What the command line shows while it works: results on stdout, warnings and progress on stderr."""
 
 import logging
+import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
@@ -55,7 +56,10 @@ class Console:
         if stage != self._stage:
             self.end_progress()
             self._stage = stage
-            self._bar = tqdm(total=total, desc=stage, bar_format=_BAR, file=sys.stderr, mininterval=0.2)
+            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80  # 0: a terminal of unknown size
+            self._bar = tqdm(
+                total=total, desc=stage, bar_format=_BAR, file=sys.stderr, mininterval=0.2, ncols=columns
+            )
         self._bar.total = total
         if info:
             rates = (f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())

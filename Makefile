@@ -1,0 +1,41 @@
+# Everything needs only Python >= 3.10 with venv; no compiler, no LLVM.
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out
+BIN = $(VENV)/bin
+PIP = $(BIN)/pip --disable-pip-version-check --quiet
+
+.PHONY: demo test test-slow benchmarks clean
+
+demo: $(VENV)/.run
+	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
+	@echo "The picture is $(OUT)/urban_block/quicklook.png"
+
+test: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(VENV)/.test
+	$(BIN)/python -m pytest -m slow
+
+# every script prints its table and writes JSON and a plot into benchmarks/results
+benchmarks: $(VENV)/.test
+	set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+clean:
+	rm -rf $(VENV) $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.made:
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.run: $(VENV)/.made pyproject.toml
+	$(PIP) install -e .
+	touch $@
+
+$(VENV)/.test: $(VENV)/.made pyproject.toml
+	$(PIP) install -e ".[test]"
+	touch $@ $(VENV)/.run

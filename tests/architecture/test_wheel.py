@@ -1,0 +1,32 @@
+"""What is installed is complete: plugins, scenes with their meshes, type marker."""
+
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("hatchling", reason="builds the wheel; in the test extra")
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    for folder, inside in (("plugins", "_plugins"), ("scenes", "_scenes")):
+        files = [
+            p
+            for p in (ROOT / folder).rglob("*")
+            if p.is_file() and p.suffix in {".py", ".xml", ".ply", ".csv"}
+        ]
+        assert files
+        for path in files:
+            assert f"sarmitsuba/{inside}/{path.relative_to(ROOT / folder).as_posix()}" in names
+    assert "sarmitsuba/py.typed" in names
+    assert not [name for name in names if name.startswith("tests") or "__pycache__" in name]

@@ -1,0 +1,375 @@
+"""The command line with a stand-in for the simulation: what is written, what is said, how it ends."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import types
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sarmitsuba import cli
+from sarmitsuba.commands.console import Console
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.errors import BackendError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.scene.spec import Geometry, ImageRequest, Scene, TraceSettings
+
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
+
+
+def make_scene() -> Scene:
+    n = 4
+    triad = np.broadcast_to(np.eye(3), (n, 3, 3))
+    radar = Radar(
+        "stripmap",
+        Track.straight([-5e3, 0.0, 5e3], [0.0, 100.0, 0.0], 200.0, n),
+        Waveform(1e10, 1e8, 1e-6),
+        Antenna(),
+        Pointing(triad[0].copy(), triad[1].copy(), triad[2].copy()),
+        ReceiveWindow(np.full(n, 7e3), 1.2, 16),
+    )
+    settings = TraceSettings(seed=3, keep_orders=True)
+    return Scene("fake", None, Geometry.empty(), (), (), radar, settings, ImageRequest(), notes=("a note",))
+
+
+def fake_simulate(scene: Scene, *, seed: int | None = None, progress: Any = None) -> RawData:
+    progress("trace", 1, 2, {"rays/s": 1e6})
+    warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
+    warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
+    rng = np.random.default_rng(scene.settings.seed if seed is None else seed)
+    layers = (Layer("VV", 1), Layer("VV", 2))
+    data = rng.normal(size=(2, 4, 16)).astype(np.complex64)
+    metadata = {"scene": scene.name, "plan": "max_depth 2", "method": scene.settings.method}
+    return RawData(data, layers, "compressed", scene.radar, metadata)
+
+
+def fake_focus(raw: RawData, grid: Any = None, **options: Any) -> SarImage:
+    axes = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    grid = ImageGrid("slant", np.arange(4.0), 7e3 + np.arange(16.0), np.array([0.0, 0.0, 5e3]), *axes)
+    return SarImage(raw.data, raw.layers, grid, 0.03, 1.0, 1.0, np.full(16, 0.7), dict(raw.metadata))
+
+
+def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Replace loading, simulating and focusing; the dictionary receives the loader's arguments."""
+    seen: dict[str, Any] = {}
+
+    def load_scene(path: str, *, radar: Any = None, parameters: Any = None) -> Scene:
+        seen.update(path=path, radar=radar, parameters=parameters)
+        return make_scene()
+
+    def module(name: str, **content: Any) -> None:
+        fake = types.ModuleType(name)
+        vars(fake).update(content)
+        monkeypatch.setitem(sys.modules, name, fake)
+
+    backend = types.SimpleNamespace(variant="none")
+    module("sarmitsuba.trace.backend", ensure_backend=lambda: backend)
+    module("sarmitsuba.scene.loader", load_scene=load_scene)
+    module("sarmitsuba.simulate", simulate=fake_simulate)
+    module("sarmitsuba.focus", focus=fake_focus)
+    return seen
+
+
+@pytest.fixture
+def fake_stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    return install_fakes(monkeypatch)
+
+
+def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / "deep" / "out"
+    status = cli.main(
+        ["render", "box", "-o", str(out), "-Dh=3", "-D", "w=a=b", "--method", "raw", "--seed", "9"]
+    )
+    assert status == 0
+    assert {p.name for p in out.iterdir()} == RESULTS
+    assert fake_stages == {"path": "box", "radar": None, "parameters": {"h": "3", "w": "a=b"}}
+    printed = capsys.readouterr()
+    assert printed.out.startswith(str(out / "quicklook.png"))
+    assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
+    facts = json.loads((out / "parameters.json").read_text())
+    assert facts["seed"] == 9
+    assert facts["settings"]["method"] == "raw"
+    assert facts["definitions"] == {"h": "3", "w": "a=b"}
+    assert facts["warnings"] == ["a note", "the beam misses a corner"]
+    assert facts["plan"] == "max_depth 2"
+    assert facts["radar"]["prf_hz"] == pytest.approx(200.0)  # tol: float rounding
+    assert {"load", "simulate", "focus", "write raw", "write image", "picture", "total"} <= set(
+        facts["seconds"]
+    )
+    assert facts["versions"]["mitsuba"] == "3.9.1"
+
+
+def test_quiet_says_nothing(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
+    assert cli.main(["render", "box", "-o", str(tmp_path), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_no_focus_stops_after_raw(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
+    assert cli.main(["render", "box", "-o", str(tmp_path), "--no-focus"]) == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json"}
+    assert str(tmp_path / "raw.h5") in capsys.readouterr().out
+
+
+def test_focus_of_saved_raw_data_repeats_the_image(fake_stages: dict[str, Any], tmp_path: Path) -> None:
+    a, b = tmp_path / "a", tmp_path / "b"
+    assert cli.main(["render", "box", "-o", str(a), "--quiet"]) == 0
+    assert cli.main(["focus", str(a / "raw.h5"), "-o", str(b), "--quiet"]) == 0
+    assert (b / "image.h5").read_bytes() == (a / "image.h5").read_bytes()
+    # into the folder the raw data are in: they must survive
+    assert cli.main(["focus", str(a / "raw.h5"), "-o", str(a), "--quiet", "--force"]) == 0
+    assert (a / "raw.h5").exists()
+
+
+def test_results_are_not_overwritten_unasked(
+    fake_stages: dict[str, Any], tmp_path: Path, capsys: Any
+) -> None:
+    (tmp_path / "quicklook_order.png").write_text("old")
+    (tmp_path / "mine.txt").write_text("mine")
+    assert cli.main(["render", "box", "-o", str(tmp_path)]) == 2
+    assert "is not empty; choose another -o, or overwrite its results with --force" in capsys.readouterr().err
+    assert cli.main(["render", "box", "-o", str(tmp_path), "--force", "--no-focus"]) == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json", "mine.txt"}
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (
+            SceneError('x.xml: shape "a": mesh b.ply is missing'),
+            2,
+            'error: x.xml: shape "a": mesh b.ply is missing',
+        ),
+        (RadarError("two\nlines"), 2, "error: two lines"),
+        (BackendError("no LLVM"), 2, "error: no LLVM"),
+        (
+            MemoryError(),
+            2,
+            "error: out of memory; ask for a smaller image, fewer pulses or a coarser spacing",
+        ),
+        (KeyboardInterrupt(), 130, "error: interrupted; nothing half-written was left behind"),
+    ],
+)
+def test_errors_are_one_line(
+    fake_stages: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: Any,
+    error: BaseException,
+    status: int,
+    line: str,
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(sys.modules["sarmitsuba.simulate"], "simulate", fail)
+    out = tmp_path / "out"
+    assert cli.main(["render", "box", "-o", str(out)]) == status
+    assert capsys.readouterr().err.splitlines()[-1] == line
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ([], "arguments are required"),
+        (["paint"], "invalid choice"),
+        (["render", "box"], "-o/--output"),
+        (["render", "box", "-o", "x", "-D", "novalue"], "'novalue' is not NAME=VALUE"),
+        (["render", "box", "-o", "x", "--seed", "pi"], "invalid int value"),
+    ],
+)
+def test_wrong_usage_is_one_line(arguments: list[str], text: str, capsys: Any) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(arguments)
+    assert caught.value.code == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and err.startswith("error: ") and text in err
+
+
+def test_folder_that_cannot_be_written_is_found_before_the_work(
+    fake_stages: dict[str, Any], tmp_path: Path, capsys: Any
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    assert cli.main(["render", "box", "-o", str(file)]) == 2
+    assert "is a file, not a folder" in capsys.readouterr().err
+    assert cli.main(["render", "box", "-o", str(file / "below")]) == 2
+    assert "cannot create the folder" in capsys.readouterr().err
+    assert fake_stages == {}
+
+
+def test_focus_of_a_missing_file(tmp_path: Path, capsys: Any) -> None:
+    assert cli.main(["focus", str(tmp_path / "raw.h5"), "-o", str(tmp_path / "o")]) == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+def run_in_terminal(code: str) -> str:
+    """Output on a pseudo-terminal of a Python program."""
+    import pty
+
+    leader, follower = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(code)], stdout=follower, stderr=follower
+    )
+    os.close(follower)
+    chunks = []
+    try:
+        while chunk := os.read(leader, 65536):
+            chunks.append(chunk)
+    except OSError:  # Linux's way to say that the other side is closed
+        pass
+    os.close(leader)
+    assert process.wait(timeout=30) == 0
+    return b"".join(chunks).decode()
+
+
+PROGRESS = """
+    import time
+    from sarmitsuba.commands.console import Console
+    console = Console({options})
+    for i in range(4):
+        console.progress("trace", i + 1, 4, {{"rays/s": 4.1e6}})
+        time.sleep(0.25)
+    console.progress("focus", 1, 2, {{}})
+    console.warn("half way")
+    console.end_progress()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminal")
+def test_progress_shows_rate_and_time_left_on_a_terminal() -> None:
+    shown = run_in_terminal(PROGRESS.format(options=""))
+    assert "4.10M rays/s" in shown
+    assert "left" in shown
+    assert "trace" in shown and "focus" in shown
+    assert "warning: half way" in shown
+    assert run_in_terminal(PROGRESS.format(options="quiet=True")) == ""
+
+
+def test_progress_is_silent_when_not_on_a_terminal(capsys: Any) -> None:
+    console = Console()
+    console.progress("trace", 1, 2, {"rays/s": 1.0})
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
+    # the stand-in for the simulation waits, so that the signal comes in the middle of the work
+    code = f"""
+        import sys, time
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        import pytest, test_commands as t
+        from sarmitsuba import cli
+        t.install_fakes(pytest.MonkeyPatch())
+        def wait(*a, **k):
+            print("working", flush=True)
+            time.sleep(30)
+        sys.modules["sarmitsuba.simulate"].simulate = wait
+        sys.exit(cli.main(["render", "box", "-o", {str(tmp_path / "out")!r}]))
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "working\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+SCENE = """<scene version="3.0.0">
+  <shape type="ply"><string name="filename" value="meshes/a.ply"/></shape>
+  <include filename="part.xml"/>
+</scene>
+"""
+PART = """<scene version="3.0.0">
+  <sensor type="sar_antenna"><string name="track_file" value="track.csv"/></sensor>
+</scene>
+"""
+
+
+def test_scene_is_copied_with_everything_it_needs(tmp_path: Path, capsys: Any) -> None:
+    source, target = tmp_path / "source", tmp_path / "target"
+    (source / "meshes").mkdir(parents=True)
+    for name, text in (
+        ("s.xml", SCENE),
+        ("part.xml", PART),
+        ("meshes/a.ply", "ply"),
+        ("track.csv", "0,0,0,0"),
+    ):
+        (source / name).write_text(text)
+    arguments = ["scenes", "--copy", str(source / "s.xml"), str(target)]
+    assert cli.main(arguments) == 0
+    copied = {p.relative_to(target).as_posix() for p in target.rglob("*") if p.is_file()}
+    assert copied == {"s.xml", "part.xml", "meshes/a.ply", "track.csv"}
+    capsys.readouterr()
+    assert cli.main(arguments) == 2
+    assert "exists; choose another folder" in capsys.readouterr().err
+    shutil.rmtree(target)
+    (source / "track.csv").unlink()
+    assert cli.main(arguments) == 2
+    assert "track.csv, which does not exist" in capsys.readouterr().err
+    assert not target.exists()
+
+
+def test_shipped_scenes_are_listed(capsys: Any) -> None:
+    assert cli.main(["scenes"]) == 0
+    assert capsys.readouterr().out.startswith("scenes:\n")
+
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run() -> Runner:
+    def call(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "sarmitsuba", *arguments],
+            capture_output=True,
+            text=True,
+            env={**os.environ, **environment},
+            timeout=120,
+        )
+
+    return call
+
+
+def test_module_and_version(run: Runner) -> None:
+    result = run("--version")
+    assert (result.returncode, result.stdout) == (0, "sarmitsuba 0.1.0\n")
+
+
+def test_doctor_reports_this_machine(run: Runner) -> None:
+    result = run("doctor", "--json")
+    facts = json.loads(result.stdout)
+    checks = {check["name"]: check for check in facts["checks"]}
+    assert {"Python", "mitsuba", "drjit", "back end", "threads", "GPU", "ray rate", "scenes"} <= set(checks)
+    assert facts["ray_rate_per_s"] > 1e5
+    assert result.returncode == (0 if facts["ok"] else 1)
+    assert result.stderr == ""
+
+
+def test_doctor_says_what_is_missing(run: Runner, tmp_path: Path) -> None:
+    result = run("doctor", DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"), SARMITSUBA_VARIANT="llvm_ad_rgb")
+    assert result.returncode == 1
+    assert "MISSING" in result.stdout
+    assert "none.so: Dr.Jit cannot use this LLVM library; unset it, or pip install" in result.stdout
+    assert "Traceback" not in result.stderr
