@@ -17,10 +17,10 @@ def urban_block() -> Parts:
     """Build the meshes of the block, one for each material."""
     parts: dict[str, list[np.ndarray]] = {}
 
-    def add(name: str, solid: trimesh.Trimesh, materials: dict[str, str]) -> None:
-        """Split a closed solid: ``top`` is what faces up in its upper half, ``wall`` the rest."""
+    def add(name: str, solid: trimesh.Trimesh, materials: dict[str, str], share: float = 0.83) -> None:
+        """Split a closed solid: ``top`` is what faces up above a share of its height, ``wall`` the rest."""
         check_closed(name, solid)
-        high = solid.triangles_center[:, 2] > 0.5 * solid.bounds[1, 2]
+        high = solid.triangles_center[:, 2] > share * solid.bounds[1, 2]
         top = high & (solid.face_normals[:, 2] > 0.3)
         for kind, faces in (("top", top), ("wall", ~top)):
             if faces.any():
@@ -30,7 +30,7 @@ def urban_block() -> Parts:
     for name, solid in _buildings().items():
         add(name, solid, stone)
     for name, solid in _brick_buildings().items():
-        add(name, solid, {"top": "tiles", "wall": "brick"})
+        add(name, solid, {"top": "tiles", "wall": "brick"}, share=0.5)
     for i, solid in enumerate(_street_furniture()):
         add(f"furniture {i}", solid, {"wall": "metal"})
     for i, solid in enumerate(_trees()):
