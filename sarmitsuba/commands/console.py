@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from sarmitsuba.errors import SarmitsubaWarning
 
-_BAR = "{desc:<12}{percentage:3.0f}% |{bar:30}| {elapsed}, {remaining} left{postfix}"
+_BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}, {remaining} left{postfix}"
 
 
 class Console:
@@ -56,9 +56,16 @@ class Console:
         if stage != self._stage:
             self.end_progress()
             self._stage = stage
-            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80  # 0: a terminal of unknown size
+            # a terminal may not know its size and say 0, where tqdm would draw nothing
+            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
             self._bar = tqdm(
-                total=total, desc=stage, bar_format=_BAR, file=sys.stderr, mininterval=0.2, ncols=columns
+                total=total,
+                desc=stage,
+                bar_format=_BAR,
+                file=sys.stderr,
+                mininterval=0.2,
+                ncols=columns,
+                nrows=20,
             )
         self._bar.total = total
         if info:
