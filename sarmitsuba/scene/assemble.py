@@ -1,0 +1,160 @@
+"""Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.scene.meshes import clean_mesh, smooth_groups
+from sarmitsuba.scene.radar_builder import RadarInput, build_radar
+from sarmitsuba.scene.spec import EFFECT_NAMES, Geometry, Material, PointTarget, Scene, TraceSettings
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# Farther from the file's origin than this the scene gets its own: float32 positions stay exact to 1 mm
+RECENTRE_DISTANCE = 5e3
+_MAX_MESH_NOTES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles of one mesh and what they are made of.
+
+    Parameters
+    ----------
+    name : of the mesh
+    vertices : (n_v, 3) float64, m, file frame
+    faces : (n_f, 3) int32
+    material : index into the scene's materials
+    """
+
+    name: str
+    vertices: F64
+    faces: I32
+    material: int
+
+
+def assemble(
+    name: str,
+    path: Path | None,
+    surfaces: Sequence[Surface],
+    materials: Sequence[Material],
+    points: Sequence[PointTarget],
+    radar: RadarInput,
+    settings: TraceSettings,
+    notes: Sequence[str] = (),
+) -> Scene:
+    """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
+
+    Parameters
+    ----------
+    name, path : of the file
+    surfaces, points : in the file frame
+    materials : that ``surfaces`` point into
+    radar : validated parameters of sensor and film
+    settings : of the integrator
+    notes : collected so far
+
+    Raises
+    ------
+    SceneError : there is nothing to see, or a mesh cannot be repaired
+    RadarError : the radar does not see the scene
+    """
+    label = path.name if path else name
+    visible = any(not materials[s.material].invisible for s in surfaces)
+    if not visible and not points:
+        what = "every shape is invisible" if surfaces else "there is no shape"
+        raise SceneError(
+            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
+        )
+    geometry, repairs = _geometry(label, surfaces)
+    offset = _offset(geometry, points)
+    geometry = replace(geometry, vertices=geometry.vertices - offset)
+    moved = tuple(replace(p, position=p.position - offset) for p in points)
+    built, image, radar_notes = build_radar(radar, _bounds(geometry, moved), offset)
+    return Scene(
+        name=name,
+        path=path,
+        geometry=geometry,
+        materials=tuple(materials),
+        points=moved,
+        radar=built,
+        settings=settings,
+        image=image,
+        offset=offset,
+        notes=(*notes, *repairs, *radar_notes),
+    )
+
+
+def trace_settings(integrator: Mapping[str, Any], film: Mapping[str, Any]) -> TraceSettings:
+    """Settings of validated ``sar_path`` parameters; the film's gridding width holds unless they give one."""
+    values = {name: value for name, value in integrator.items() if name not in EFFECT_NAMES}
+    values["gridding_width"] = values["gridding_width"] or film["gridding_width"]
+    return TraceSettings(**values, effects={name: integrator[name] for name in EFFECT_NAMES})
+
+
+def warn_once(notes: list[str], text: str) -> None:
+    """Add a note and give it as a warning, unless it is there already."""
+    if text not in notes:
+        notes.append(text)
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+
+
+def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
+    if not surfaces:
+        return Geometry.empty(), []
+    vertices, faces, material, group, counts, notes = [], [], [], [], [], []
+    n_vertices = n_groups = 0
+    for surface in surfaces:
+        try:
+            v, f, repaired = clean_mesh(surface.name, surface.vertices, surface.faces)
+        except SceneError as error:
+            raise SceneError(f"{label}: {error}") from error
+        g = smooth_groups(v, f)
+        vertices.append(v)
+        faces.append(f + n_vertices)
+        group.append(g + n_groups)
+        material.append(np.full(f.shape[0], surface.material, dtype=np.int32))
+        counts.append(f.shape[0])
+        n_vertices += v.shape[0]
+        n_groups += int(g.max()) + 1
+        notes += repaired
+    if len(notes) > _MAX_MESH_NOTES:
+        notes = [
+            *notes[:_MAX_MESH_NOTES],
+            f"... and {len(notes) - _MAX_MESH_NOTES} more such repairs of meshes",
+        ]
+    geometry = Geometry(
+        vertices=np.concatenate(vertices),
+        faces=np.concatenate(faces).astype(np.int32),
+        face_material=np.concatenate(material),
+        face_group=np.concatenate(group).astype(np.int32),
+        mesh_names=tuple(s.name for s in surfaces),
+        mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+    )
+    return geometry, [f"{label}: {note}" for note in notes]
+
+
+def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
+    """(2, 3) bounds of triangles and points together, m."""
+    clouds = [np.array([p.position for p in points])] if points else []
+    if geometry.n_faces:
+        clouds.append(geometry.bounds)
+    cloud = np.concatenate(clouds)
+    return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
+
+
+def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
+    center = _bounds(geometry, points).mean(axis=0)
+    if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
+        return np.zeros(3)
+    return np.asarray(np.round(center))
+
+
+__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "trace_settings", "warn_once"]
