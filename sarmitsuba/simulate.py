@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.block import BlockPlan, choose_block_length, plan_block, synthesise
-from sarmitsuba.echo.direct import finish, plan_direct
-from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.direct import box_distance, finish, plan_direct
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
@@ -155,6 +154,8 @@ def simulate(
     metadata = _metadata(scene, plan, stats, timer, facts, notes)
     raw = RawData(data, layers, "compressed", radar, metadata)
     if any(d.name == "noise" and d.on for d in plan.decisions):
+        from sarmitsuba.echo.noise import add_noise
+
         raw = add_noise(raw, seed=settings.seed)
         timer.lap("noise")
     return raw
@@ -190,13 +191,17 @@ class _Job:
         length = 1
         if settings.method != "raw":
             length = settings.key_pulse_interval or choose_block_length(
-                radar, self.window.center, self.phase_box(), width, BLOCK_ERROR_DB
+                radar, self.window.center, self.phase_box(), width, BLOCK_ERROR_DB,
+                extra_half_length=self.extra_half_length(),
             )
         facts["key_pulse_interval"] = length
         if length > 1:
             for start in range(0, n, length):
                 stop = min(n, start + length)
-                plan = plan_block(radar, start, stop, self.window.center, self.phase_box(), width)
+                plan = plan_block(
+                    radar, start, stop, self.window.center, self.phase_box(), width,
+                    extra_half_length=self.extra_half_length(),
+                )
                 yield stop / n, self.block(grid, plan, data, max_order)
             return
         row = data.shape[0] * 2 * radar.window.n_samples * 2 * 8
@@ -210,6 +215,13 @@ class _Job:
         low, high = self.window.box
         margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.cell
         return np.stack([low - margin, high + margin])
+
+    def extra_half_length(self) -> float:
+        """What multiple reflections may add to a half length and still be inside the receive window, m."""
+        window, track = self.scene.radar.window, self.scene.radar.track
+        end = float(window.start_range.max()) + window.extent
+        far = float(box_distance(self.phase_box(), track.position)[1].min())
+        return max(0.0, end - far)
 
     def block(
         self, grid: LaunchGrid, plan: BlockPlan, data: NDArray[np.complex64], max_order: int
@@ -230,7 +242,9 @@ class _Job:
     ) -> TraceStatistics:
         """Trace every pulse of ``start:stop`` in one launch."""
         radar = self.scene.radar
-        plan = plan_direct(radar, start, stop, self.scene.settings.gridding_width)
+        plan = plan_direct(
+            radar, start, stop, self.phase_box(), self.scene.settings.gridding_width, self.extra_half_length()
+        )
         adder = DirectAdder(plan, data.shape[0] // len(radar.channels), len(radar.channels), max_order, radar.waveform.wavelength)
         pick = slice(start, stop)
         stats = self.launch(grid, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)

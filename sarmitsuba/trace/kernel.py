@@ -93,7 +93,6 @@ def trace(
 
     f32, f64, u32, c32 = mi.Float, mi.Float64, mi.UInt32, mi.Complex2f
     v32, v64 = mi.Vector3f, mi.Vector3d
-    single = f64 if flags.double_phase else f32
 
     # ---- constants of the launch, opaque so that another value does not compile another kernel
     wavelength = dr.opaque(f32, settings.wavelength)
@@ -259,7 +258,7 @@ def trace(
             half_d = 0.5 * (length_d + length_back_d)
             rate_d = 0.5 * (dr.dot(back_d / length_back_d, antenna_v) - dr.dot(leg_d / length_d, image_v))
             operator = _DiffuseOperator(scene, info.x, mat.w, cos_i, cos_s, n, d, s, key, flags, mi, dr)
-            weight_d = gain * area * dr.rsqrt(cell_area)
+            weight_d = gain * area * dr.rsqrt(cell_area * scatterers.count_bias(cell_area / area, dr))
             factor = weight_d * loss * home
             straight = []
             for channel in flags.channels:
@@ -299,7 +298,6 @@ def trace(
         return (active, hits, v32(p) + n * clearance, d_out, image, image_v, ea, eb, e_out, n_added, added)
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
-    del single
     return TraceCounts(final[1], final[9]), final[10]
 
 
@@ -312,7 +310,6 @@ def _fade(x: Any, half: float, taper: float, dr: Any, f32: Any) -> Any:
 def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:
     """Point from the barycentric coordinates on the float64 triangle, and its unit normal."""
     row = face * 3
-    a = dr.gather(mi.Array4f64, scene.face_table, row, active) if hasattr(mi, "Array4f64") else None
     array4 = dr.float64_array_t(mi.Vector4f)
     a = dr.gather(array4, scene.face_table, row, active)
     b = dr.gather(array4, scene.face_table, row + 1, active)

@@ -81,6 +81,17 @@ def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     return mi.Complex2f(r * c, r * s)
 
 
+def count_bias(rays_per_cell: Any, dr: Any) -> Any:
+    """Mean square over squared mean of the number of rays that fall into a cell.
+
+    A cell's amplitude grows with the rays that find it, so its power is too high by this factor. Fitted to
+    turned lattices over level ground at 35 and 55 degrees (1 to 16 rays a cell, within 0.05 dB from 4 rays on);
+    below one ray a cell the count is 0 or 1.
+    """
+    m = rays_per_cell
+    return dr.select(m >= 1.0, 1.0 + 0.23 * dr.power(dr.maximum(m, 1.0), -1.7), 1.23 / m)
+
+
 def unit_phase(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     """Unit modulus and a hashed phase: a cell without texture of its own."""
     k2 = mix(mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF)) ^ 0xB5297A4D)
@@ -88,4 +99,4 @@ def unit_phase(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["anchor", "gaussian", "mix", "unit_phase"]
+__all__ = ["anchor", "count_bias", "gaussian", "mix", "unit_phase"]
