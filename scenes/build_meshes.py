@@ -15,8 +15,10 @@ import trimesh
 from solids import box, check_closed, merged
 from urban_block import urban_block
 
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.city import city_mesh
 from sarmitsuba.scene.meshes import clean_mesh, write_ply
+from sarmitsuba.scene.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"
 Parts = dict[str, trimesh.Trimesh]
@@ -38,6 +40,13 @@ def trihedral() -> Parts:
             np.reshape(squares, (-1, 3)), np.arange(18).reshape(-1, 3), process=False
         ),
     }
+
+
+def sphere_ka60() -> Parts:
+    """Build the sphere of ka = 60 at 9.65 GHz with edges of at most half a wavelength: no grating lobes."""
+    wavelength = SPEED_OF_LIGHT / 9.65e9
+    vertices, faces = sphere(60.0 * wavelength / (2.0 * np.pi), wavelength / 32.0, edge=0.55 * wavelength)
+    return {"sphere": check_closed("sphere", trimesh.Trimesh(vertices, faces, process=False))}
 
 
 def tower() -> Parts:
@@ -86,7 +95,7 @@ def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 def build() -> Parts:
     """Build all meshes by file name."""
     parts: Parts = {}
-    for make in (trihedral, tower, bridge, buildings16, urban_block):
+    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block):
         parts |= make()
     return parts
 
