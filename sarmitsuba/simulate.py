@@ -22,6 +22,7 @@ from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, lattice
+from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import LaunchWindow, launch_window, ray_spacing, scatterer_cell
 
@@ -79,7 +80,11 @@ class Timer:
 
 
 def simulate(
-    scene: Scene, *, seed: int | None = None, progress: Progress | None = None, plan: EffectsPlan | None = None
+    scene: Scene,
+    *,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    plan: EffectsPlan | None = None,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -130,13 +135,19 @@ def simulate(
         job = _Job(scene, replace(plan, flags=flags), window, trace_scene, timer)
         grids = [
             lattice(
-                window.half_x, window.half_y, spacing * np.sqrt(len(halves)), taper=window.taper,
-                seed=settings.seed, subset=h,
+                window.half_x,
+                window.half_y,
+                spacing * np.sqrt(len(halves)),
+                taper=window.taper,
+                seed=settings.seed,
+                subset=h,
             )
             for h in halves
         ]
         timer.lap("launch grid")
-        facts.update(ray_spacing=spacing, rays_per_key_pulse=sum(g.n_rays for g in grids), scatterer_cell=job.cell)
+        facts.update(
+            ray_spacing=spacing, rays_per_key_pulse=sum(g.n_rays for g in grids), scatterer_cell=job.cell
+        )
         for i, grid in enumerate(grids):
             target = data[i * per_half : (i + 1) * per_half]
             for done, batch in job.run(grid, target, len(orders) if settings.keep_orders else 0, facts):
@@ -167,7 +178,13 @@ class _Job:
     def __init__(
         self, scene: Scene, plan: EffectsPlan, window: LaunchWindow, trace_scene: TraceScene, timer: Timer
     ) -> None:
-        self.scene, self.plan, self.window, self.trace_scene, self.timer = scene, plan, window, trace_scene, timer
+        self.scene, self.plan, self.window, self.trace_scene, self.timer = (
+            scene,
+            plan,
+            window,
+            trace_scene,
+            timer,
+        )
         self.cell = scatterer_cell(scene, window.incidence)
         radar = scene.radar
         reference = float(np.linalg.norm(window.center - radar.track.center_position))
@@ -191,7 +208,11 @@ class _Job:
         length = 1
         if settings.method != "raw":
             length = settings.key_pulse_interval or choose_block_length(
-                radar, self.window.center, self.phase_box(), width, BLOCK_ERROR_DB,
+                radar,
+                self.window.center,
+                self.phase_box(),
+                width,
+                BLOCK_ERROR_DB,
                 extra_half_length=self.extra_half_length(),
             )
         facts["key_pulse_interval"] = length
@@ -199,7 +220,12 @@ class _Job:
             for start in range(0, n, length):
                 stop = min(n, start + length)
                 plan = plan_block(
-                    radar, start, stop, self.window.center, self.phase_box(), width,
+                    radar,
+                    start,
+                    stop,
+                    self.window.center,
+                    self.phase_box(),
+                    width,
                     extra_half_length=self.extra_half_length(),
                 )
                 yield stop / n, self.block(grid, plan, data, max_order)
@@ -229,7 +255,11 @@ class _Job:
         """Trace one key pulse and synthesise its block."""
         radar = self.scene.radar
         adder = BlockAdder(
-            plan, data.shape[0] // len(radar.channels), len(radar.channels), max_order, radar.waveform.wavelength
+            plan,
+            data.shape[0] // len(radar.channels),
+            len(radar.channels),
+            max_order,
+            radar.waveform.wavelength,
         )
         position, velocity = plan.position[None], plan.velocity[None]
         stats = self.launch(grid, position, velocity, slice(plan.key, plan.key + 1), adder, plan.n_pulses)
@@ -245,7 +275,13 @@ class _Job:
         plan = plan_direct(
             radar, start, stop, self.phase_box(), self.scene.settings.gridding_width, self.extra_half_length()
         )
-        adder = DirectAdder(plan, data.shape[0] // len(radar.channels), len(radar.channels), max_order, radar.waveform.wavelength)
+        adder = DirectAdder(
+            plan,
+            data.shape[0] // len(radar.channels),
+            len(radar.channels),
+            max_order,
+            radar.waveform.wavelength,
+        )
         pick = slice(start, stop)
         stats = self.launch(grid, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
         data[:, pick] = finish(adder.grid(), plan, radar)
@@ -253,12 +289,16 @@ class _Job:
         return stats
 
     def launch(
-        self, grid: LaunchGrid, position: NDArray[np.float64], velocity: NDArray[np.float64], pick: slice,
-        adder: GridAdder, pulses_each: int,
+        self,
+        grid: LaunchGrid,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+        adder: GridAdder,
+        pulses_each: int,
     ) -> TraceStatistics:
         """Record and run one kernel."""
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         radar = self.scene.radar
         pointing = radar.pointing
@@ -271,7 +311,9 @@ class _Job:
             azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,
         )
-        counts, state = trace(self.trace_scene, grid, batch, self.plan.flags, self.kernel, radar.antenna, adder)
+        counts, state = trace(
+            self.trace_scene, grid, batch, self.plan.flags, self.kernel, radar.antenna, adder
+        )
         dr.eval(counts.hits, counts.contributions, state, adder.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         self.timer.lap("trace")
@@ -286,7 +328,7 @@ class _Job:
 
 
 def _polarisation_up(radar: Radar, center: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Vertical reference of the polarisation basis: the scene's vertical, or across track when looking straight down."""
+    """Vertical reference of the polarisation basis: the scene's vertical, or across track when looking down."""
     look = center - radar.track.center_position
     look = look / np.linalg.norm(look)
     up = np.array([0.0, 0.0, 1.0])
@@ -295,7 +337,9 @@ def _polarisation_up(radar: Radar, center: NDArray[np.float64]) -> tuple[float, 
     return (float(up[0]), float(up[1]), float(up[2]))
 
 
-def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64], notes: list[str]) -> None:
+def _check_energy(
+    scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64], notes: list[str]
+) -> None:
     if scene.geometry.n_faces and stats.hits == 0 and not scene.points:
         raise RadarError(
             f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
@@ -316,7 +360,12 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
 
 
 def _metadata(
-    scene: Scene, plan: EffectsPlan, stats: TraceStatistics, timer: Timer, facts: Mapping[str, Any], notes: list[str]
+    scene: Scene,
+    plan: EffectsPlan,
+    stats: TraceStatistics,
+    timer: Timer,
+    facts: Mapping[str, Any],
+    notes: list[str],
 ) -> dict[str, Any]:
     return {
         "scene": scene.name,

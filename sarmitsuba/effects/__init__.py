@@ -1,1 +1,1 @@
-"""TODO"""
+"""Which physical effects a scene needs."""

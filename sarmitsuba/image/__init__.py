@@ -1,1 +1,1 @@
-"""TODO"""
+"""Calibrated complex images, their radiometry and their quality."""

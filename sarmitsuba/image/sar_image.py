@@ -65,6 +65,13 @@ class ImageGrid:
             )
         return np.asarray(np.sqrt(square))
 
+    def positions_on_line(self, row: int) -> NDArray[np.float64]:
+        """(n_range, 3) float64 scene-frame positions of one azimuth row."""
+        flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
+        return np.asarray(
+            flat + self.azimuth[row] * self.along + self.across_distance()[:, None] * self.across
+        )
+
     def positions(self) -> NDArray[np.float64]:
         """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])
@@ -122,10 +129,23 @@ class SarImage:
         """|pixel|^2 in m^2."""
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
+    @property
+    def cell_area(self) -> NDArray[np.float64]:
+        """(n_range,) float64 ground area that divides RCS into sigma0, m^2.
+
+        The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed
+        aperture has a cell proportional to range), that is applied.
+        """
+        azimuth = np.full(self.grid.range.shape, self.azimuth_resolution_cell)
+        fit = self.metadata.get("focus", {}).get("azimuth_cell_polynomial")
+        if fit is not None:
+            x = (self.grid.range - fit["center"]) / fit["scale"]
+            azimuth *= np.polynomial.polynomial.polyval(x, np.asarray(fit["coefficients"], dtype=np.float64))
+        return np.asarray(azimuth * self.range_resolution_cell / np.sin(self.incidence_angle))
+
     def sigma0(self, channel: str | None = None) -> NDArray[np.float64]:
         """Normalised radar cross section of flat ground, linear."""
-        area = self.azimuth_resolution_cell * self.range_resolution_cell / np.sin(self.incidence_angle)
-        return np.asarray(self.rcs(channel) / area[None, :])
+        return np.asarray(self.rcs(channel) / self.cell_area[None, :])
 
 
 __all__ = ["ImageGrid", "SarImage"]

@@ -1,1 +1,1 @@
-"""TODO"""
+"""The sensor: track, waveform, antenna, receive window and link budget."""

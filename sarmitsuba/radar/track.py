@@ -93,9 +93,9 @@ class Track:
         prf : pulse repetition frequency, Hz
         n_pulses : number of pulses
         """
-        t = (np.arange(n_pulses) - 0.5 * (n_pulses - 1)) / prf
+        t = np.asarray((np.arange(n_pulses) - 0.5 * (n_pulses - 1)) / prf, dtype=np.float64)
         v = np.asarray(velocity, dtype=np.float64)
-        p = np.asarray(center, dtype=np.float64) + t[:, None] * v
+        p = np.asarray(np.asarray(center, dtype=np.float64) + t[:, None] * v, dtype=np.float64)
         return Track(t, p, np.broadcast_to(v, p.shape).copy())
 
     @staticmethod
@@ -106,7 +106,11 @@ class Track:
         """
         path = Path(path)
         try:
-            lines = [ln for ln in path.read_text(encoding="utf-8").splitlines() if ln.strip() and ln.lstrip()[0] != "#"]
+            lines = [
+                ln
+                for ln in path.read_text(encoding="utf-8").splitlines()
+                if ln.strip() and ln.lstrip()[0] != "#"
+            ]
         except OSError as error:
             raise RadarError(f"{path}: cannot read the track: {error.strerror}") from error
         if lines and not _is_number(lines[0].split(",")[0]):

@@ -1,1 +1,1 @@
-"""TODO"""
+"""Scene files: parameters, materials, meshes and radar, loaded into frozen data."""

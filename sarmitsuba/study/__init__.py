@@ -1,1 +1,1 @@
-"""TODO"""
+"""Theory, radar cross sections, validation and cost."""

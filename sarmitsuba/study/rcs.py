@@ -1,6 +1,7 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +12,10 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.spec import Geometry, Material
 from sarmitsuba.trace.adders import SumAdder
-from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice, window_of
+from sarmitsuba.trace.modules import modules
 
 # lanes of one launch; bounds memory (a lane's outputs take about 100 bytes)
 MAX_LANES = 4_000_000
@@ -76,9 +77,7 @@ def monostatic_rcs(
     -----
     Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
     """
-    ensure_backend()
-    import drjit as dr
-    import mitsuba as mi
+    dr, mi = modules()
 
     wavelength = SPEED_OF_LIGHT / frequency
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
@@ -93,7 +92,9 @@ def monostatic_rcs(
     position = center + look * far
     along = np.array([0.0, 1.0, 0.0])
     frame = frame_towards(position, center, along)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
     half = np.zeros(2)
     for i in range(look.shape[0]):
         one = frame_towards(position[i : i + 1], center, along)
@@ -144,11 +145,8 @@ def monostatic_rcs(
     return RcsResult(amplitude, channels, grid.n_rays)
 
 
-def _sum_lanes(values: "object", block: int, dr: "object", mi: "object") -> NDArray[np.float64]:
-    from typing import Any, cast
-
-    d, m = cast(Any, dr), cast(Any, mi)
-    return np.asarray(d.block_sum(m.Float64(values), block), dtype=np.float64)
+def _sum_lanes(values: Any, block: int, dr: Any, mi: Any) -> NDArray[np.float64]:
+    return np.asarray(dr.block_sum(mi.Float64(values), block), dtype=np.float64)
 
 
 __all__ = ["RcsResult", "monostatic_rcs"]

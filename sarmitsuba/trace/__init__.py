@@ -1,1 +1,1 @@
-"""TODO"""
+"""Ray tracing of coherent paths: geometry, fields, tubes, scatterers and the kernel."""

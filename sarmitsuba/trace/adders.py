@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.block import BlockPlan
 from sarmitsuba.echo.direct import DirectPlan
 from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.trace.modules import modules
 
 
 class SumAdder:
@@ -22,7 +23,9 @@ class SumAdder:
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     """
 
-    def __init__(self, wavelength: float, reference_half_length: Any, n_channels: int, max_order: int = 0) -> None:
+    def __init__(
+        self, wavelength: float, reference_half_length: Any, n_channels: int, max_order: int = 0
+    ) -> None:
         self.wavelength = wavelength
         self.reference = reference_half_length
         self.n_channels = n_channels
@@ -30,17 +33,22 @@ class SumAdder:
 
     def begin(self) -> tuple[Any, ...]:
         """One complex zero per channel and order."""
-        import mitsuba as mi
+        _, mi = modules()
 
         return tuple(mi.Complex2f(0.0, 0.0) for _ in range(self.n_channels * max(1, self.max_order)))
 
     def add(
-        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
         """Add into the lane's sums; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         reference = dr.gather(mi.Float64, self.reference, pulse, active)
         phasor = carrier(half_length - reference, self.wavelength, mi, dr)
@@ -75,8 +83,7 @@ class GridAdder:
     def __init__(
         self, n_slots: int, n_rows: int, n_columns: int, n_channels: int, max_order: int, wavelength: float
     ) -> None:
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         self.shape = (n_slots, n_rows, n_columns)
         self.n_channels = n_channels
@@ -90,14 +97,13 @@ class GridAdder:
 
     def begin(self) -> tuple[Any, ...]:
         """Contributions of this lane that fell outside the receive window."""
-        import mitsuba as mi
+        _, mi = modules()
 
         return (mi.UInt32(0),)
 
     def slot(self, order: Any) -> Any:
         """Slot of an order (uint32)."""
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         if self.max_order == 0:
             return mi.UInt32(0)
@@ -105,33 +111,53 @@ class GridAdder:
 
     def scatter(self, cell: Any, values: Sequence[Any], weight: Any, active: Any) -> None:
         """Add one weighted complex value per channel to one cell."""
-        import drjit as dr
+        dr, _ = modules()
 
         parts = [part * weight for v in values for part in (v.real, v.imag)]
         parts += [0.0] * (2 * self.padded - len(parts))
         dr.scatter_add(self.memory, self.packet(*parts), cell, active, mode=self.mode)
 
+    def add(
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Add one contribution; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        raise NotImplementedError
+
     def grid(self) -> NDArray[np.complex64]:
         """(n_slots * n_channels, n_rows, n_columns) complex64 after the launch, channels fastest in the first axis."""
         s, m, n = self.shape
         cells = self.memory.numpy().view(np.complex64).reshape(s, m, n, self.padded)[..., : self.n_channels]
-        return np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n)
+        return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n))
 
 
 class BlockAdder(GridAdder):
     """Adds each path once to a (range, range rate) grid that becomes all pulses of a block."""
 
-    def __init__(self, plan: BlockPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float) -> None:
+    def __init__(
+        self, plan: BlockPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float
+    ) -> None:
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
 
     def add(
-        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
         """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         plan = self.plan
         range0 = half_length - dr.opaque(mi.Float64, plan.reference_range)
@@ -155,20 +181,27 @@ class BlockAdder(GridAdder):
 class DirectAdder(GridAdder):
     """Adds each path to its own pulse's range grid."""
 
-    def __init__(self, plan: DirectPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float) -> None:
-        import mitsuba as mi
+    def __init__(
+        self, plan: DirectPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float
+    ) -> None:
+        _, mi = modules()
 
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
         self.range0 = mi.Float64(plan.range0)
 
     def add(
-        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
         """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        import drjit as dr
-        import mitsuba as mi
+        dr, mi = modules()
 
         plan = self.plan
         range0 = dr.gather(mi.Float64, self.range0, pulse, active)

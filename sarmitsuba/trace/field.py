@@ -82,9 +82,17 @@ def fresnel(cos_theta: Any, chi: Complex, dr: Any) -> tuple[Complex, Complex]:
     return r_te, r_tm
 
 
-def reflect_field(e: ComplexVector, d: Vector, d_out: Vector, h: Vector, r_te: Complex, r_tm: Complex, dr: Any,
-                  complex_t: Any) -> ComplexVector:
-    """Field after reflection: perpendicular part times ``r_te``, parallel part times ``r_tm``, turned onto ``d_out``."""
+def reflect_field(
+    e: ComplexVector,
+    d: Vector,
+    d_out: Vector,
+    h: Vector,
+    r_te: Complex,
+    r_tm: Complex,
+    dr: Any,
+    complex_t: Any,
+) -> ComplexVector:
+    """Field after reflection: perpendicular part times ``r_te``, parallel part times ``r_tm`` along ``d_out``."""
     v_in = dr.cross(h, d)
     v_out = dr.cross(h, d_out)
     e_h = dot(e, h, dr, complex_t) * r_te
@@ -102,8 +110,17 @@ def po_current_pec(e: ComplexVector, d: Vector, n: Vector, dr: Any) -> ComplexVe
     return cross_left(n, cross_left(d, e, dr), dr)
 
 
-def po_receive(e: ComplexVector, e_out: ComplexVector, d: Vector, d_out: Vector, n: Vector, s: Vector, q: Vector,
-               dr: Any, complex_t: Any) -> Complex:
+def po_receive(
+    e: ComplexVector,
+    e_out: ComplexVector,
+    d: Vector,
+    d_out: Vector,
+    n: Vector,
+    s: Vector,
+    q: Vector,
+    dr: Any,
+    complex_t: Any,
+) -> Complex:
     r"""Component along ``q`` (across ``s``) of the PO radiation vector of a dielectric surface.
 
     .. math::

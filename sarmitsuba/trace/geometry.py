@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.spec import Geometry, Material
-from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.modules import modules
 
 DIFFUSE_NODES = 256
 
@@ -56,9 +56,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     SceneError
         When no visible face is left.
     """
-    ensure_backend()
-    import drjit as dr
-    import mitsuba as mi
+    _, mi = modules()
 
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     faces = geometry.faces[visible]
@@ -80,9 +78,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     params["vertex_positions"] = mi.Float(corners.reshape(-1))
     params["faces"] = mi.UInt32(np.arange(3 * faces.shape[0], dtype=np.uint32))
     params.update()
-    mi_scene = mi.load_dict(
-        {"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh}
-    )
+    mi_scene = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
 
     rows = []
     tables = []

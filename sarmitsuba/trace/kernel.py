@@ -18,8 +18,11 @@ import numpy as np
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.trace import field, scatterers, tube
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
+from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.diffuse_operator import DiffuseOperator
+from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
+from sarmitsuba.trace.modules import modules
 
 
 class Adder(Protocol):
@@ -29,7 +32,13 @@ class Adder(Protocol):
         """Loop state that the adder needs (arrays of the launch's width), often none."""
 
     def add(
-        self, state: tuple[Any, ...], order: Any, pulse: Any, half_length: Any, rate: Any, amplitudes: Sequence[Any],
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
         """Add one complex float32 amplitude per channel at a path's half length (float64 m, absolute).
@@ -88,8 +97,7 @@ def trace(
     counts : per-lane hits and contributions
     state : the adder's loop state after the last bounce
     """
-    import drjit as dr
-    import mitsuba as mi
+    dr, mi = modules()
 
     f32, f64, u32, c32 = mi.Float, mi.Float64, mi.UInt32, mi.Complex2f
     v32, v64 = mi.Vector3f, mi.Vector3d
@@ -139,8 +147,8 @@ def trace(
 
     weight = f32(1.0)
     if flags.taper:
-        weight = _fade(gx, grid.half_x, grid.taper, dr, f32) * _fade(gy, grid.half_y, grid.taper, dr, f32)
-    pattern = _Pattern(antenna, pulses, pulse, mi, dr) if flags.antenna_pattern else None
+        weight = fade(gx, grid.half_x, grid.taper, dr, f32) * fade(gy, grid.half_y, grid.taper, dr, f32)
+    pattern = BeamPattern(antenna, pulses, pulse, mi, dr) if flags.antenna_pattern else None
     if pattern is not None:
         weight *= pattern.one_way(d)
 
@@ -169,7 +177,16 @@ def trace(
         return s[0]
 
     def body(
-        active: Any, hits: Any, o: Any, d: Any, image: Any, image_v: Any, ea: Any, eb: Any, e: Any, n_added: Any,
+        active: Any,
+        hits: Any,
+        o: Any,
+        d: Any,
+        image: Any,
+        image_v: Any,
+        ea: Any,
+        eb: Any,
+        e: Any,
+        n_added: Any,
         added: Any,
     ) -> tuple[Any, ...]:
         # ---- intersect
@@ -211,7 +228,11 @@ def trace(
             loss_retro = f32(1.0 / (length * length))
         else:
             loss = loss_retro = dr.rcp(range2)
-        half = 0.5 * (length + length_back) if flags.double_phase else f64(0.5 * (f32(length) + f32(length_back)))
+        half = (
+            0.5 * (length + length_back)
+            if flags.double_phase
+            else f64(0.5 * (f32(length) + f32(length_back)))
+        )
         rate_out = -dr.dot(d64, image_v)  # d/dt of the leg from the mirrored antenna
         rate_back = dr.dot(s64, antenna_v)
         rate = 0.5 * (rate_out + rate_back)
@@ -257,7 +278,7 @@ def trace(
             length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)
             half_d = 0.5 * (length_d + length_back_d)
             rate_d = 0.5 * (dr.dot(back_d / length_back_d, antenna_v) - dr.dot(leg_d / length_d, image_v))
-            operator = _DiffuseOperator(scene, info.x, mat.w, cos_i, cos_s, n, d, s, key, flags, mi, dr)
+            operator = DiffuseOperator(scene, info.x, mat.w, cos_i, cos_s, n, d, s, key, flags, mi, dr)
             weight_d = gain * area * dr.rsqrt(cell_area * scatterers.count_bias(cell_area / area, dr))
             factor = weight_d * loss * home
             straight = []
@@ -274,7 +295,7 @@ def trace(
             added = adder.add(added, hits, pulse, half_d, rate_d, straight, sees)
             if flags.diffuse_double and flags.multi_bounce:
                 chain = active & ~first
-                operator = _DiffuseOperator(scene, info.x, mat.w, cos_i, cos_i, n, d, -d, key, flags, mi, dr)
+                operator = DiffuseOperator(scene, info.x, mat.w, cos_i, cos_i, n, d, -d, key, flags, mi, dr)
                 factor = weight_d * loss_retro
                 retro = []
                 for channel in flags.channels:
@@ -301,12 +322,6 @@ def trace(
     return TraceCounts(final[1], final[9]), final[10]
 
 
-def _fade(x: Any, half: float, taper: float, dr: Any, f32: Any) -> Any:
-    """1 within ``half``, raised-cosine fall to 0 over ``taper`` beyond it."""
-    t = dr.clip((dr.abs(x) - dr.opaque(f32, half)) / dr.opaque(f32, max(taper, 1e-6)), 0.0, 1.0)
-    return 0.5 + 0.5 * dr.cos(t * np.pi)
-
-
 def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:
     """Point from the barycentric coordinates on the float64 triangle, and its unit normal."""
     row = face * 3
@@ -317,94 +332,6 @@ def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: 
     u, v = mi.Float64(uv.x), mi.Float64(uv.y)
     p = mi.Vector3d(a[0] + u * b[0] + v * c[0], a[1] + u * b[1] + v * c[1], a[2] + u * b[2] + v * c[2])
     return p, mi.Vector3d(a[3], b[3], c[3])
-
-
-class _Pattern:
-    """One-way amplitude pattern of the pulse that a lane belongs to."""
-
-    def __init__(self, antenna: Antenna, pulses: PulseBatch, pulse: Any, mi: Any, dr: Any) -> None:
-        assert pulses.azimuth_axis is not None and pulses.elevation_axis is not None
-        assert pulses.boresight is not None
-        self.antenna, self.dr = antenna, dr
-        self.azimuth = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.azimuth_axis), pulse))
-        self.elevation = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.elevation_axis), pulse))
-        self.boresight = mi.Vector3f(dr.gather(mi.Vector3d, vector64(mi, pulses.boresight), pulse))
-
-    def one_way(self, u: Any) -> Any:
-        """Relative one-way amplitude towards the unit vector ``u`` (antenna to scene); zero behind the aperture."""
-        dr = self.dr
-        two_way = self.antenna.two_way_amplitude(dr.dot(u, self.azimuth), dr.dot(u, self.elevation), dr)
-        return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
-
-
-class _DiffuseOperator:
-    """Symmetric scattering tensor of one cell between an incoming and an outgoing direction.
-
-    Symmetric, so that exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at
-    a pair of angles is the geometric mean of the law at each.
-    """
-
-    def __init__(
-        self, scene: TraceScene, material: Any, cross_ratio: Any, cos_i: Any, cos_s: Any, n: Any, d: Any, s: Any,
-        key: Any, flags: KernelFlags, mi: Any, dr: Any,
-    ) -> None:
-        self.flags, self.mi, self.dr = flags, mi, dr
-        self.n = n
-        co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
-        table_i = _diffuse_lookup(scene, material, cos_i, mi, dr)
-        table_s = _diffuse_lookup(scene, material, cos_s, mi, dr)
-        self.amp_h = dr.sqrt(table_i.x * table_s.x)
-        self.amp_v = dr.sqrt(table_i.y * table_s.y)
-        if flags.polarised_diffuse:
-            self.h_i = field.incidence_basis(d, n, dr, mi)
-            self.h_s = field.incidence_basis(-s, n, dr, mi)
-            self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
-        if flags.depolarisation:
-            # azimuthal symmetry: <|S_hv|^2> = <|S_hh - S_vv|^2> / 4 = ratio of the total co-polar power
-            root = dr.sqrt(cross_ratio)
-            self.co = co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0))
-            self.difference = scatterers.gaussian(key, 1, dr, mi) * root
-            self.cross = scatterers.gaussian(key, 2, dr, mi) * root
-            self.t1, self.t2 = mi.coordinate_system(n)
-        else:
-            self.co = co
-
-    def _bilinear(self, q: Any, x: Any) -> Any:
-        """``q . D x`` for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
-        dr = self.dr
-        if self.flags.polarised_diffuse:
-            value = self.co * (
-                self.amp_h * dr.dot(q, self.h_s) * dr.dot(self.h_i, x)
-                + self.amp_v * dr.dot(q, self.v_s) * dr.dot(self.v_i, x)
-            )
-        else:
-            value = self.co * (self.amp_h * dr.dot(q, x))
-        if self.flags.depolarisation:
-            q1, q2, x1, x2 = dr.dot(q, self.t1), dr.dot(q, self.t2), dr.dot(x, self.t1), dr.dot(x, self.t2)
-            amp = dr.sqrt(self.amp_h * self.amp_v)
-            value = value + self.difference * (amp * (q1 * x1 - q2 * x2)) + self.cross * (amp * (q1 * x2 + q2 * x1))
-        return value
-
-    def between(self, q: Any, e: field.ComplexVector) -> Any:
-        """``q . D E`` for a real receiving vector and a complex field."""
-        j = self.mi.Complex2f(0.0, 1.0)
-        return self._bilinear(q, e[0]) + j * self._bilinear(q, e[1])
-
-    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> Any:
-        """``Q . D E`` (no conjugate) for two complex fields, incoming and retracing."""
-        j = self.mi.Complex2f(0.0, 1.0)
-        return self.between(q[0], e) + j * self.between(q[1], e)
-
-
-def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, dr: Any) -> Any:
-    """sqrt(sigma0) for h and v at an incidence angle, linear between table nodes uniform in angle."""
-    theta = dr.acos(dr.clip(cos_theta, 0.0, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
-    node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
-    t = theta - mi.Float(node)
-    row = material * DIFFUSE_NODES + node
-    low = dr.gather(mi.Vector2f, scene.diffuse_table, row)
-    high = dr.gather(mi.Vector2f, scene.diffuse_table, row + 1)
-    return low + (high - low) * t
 
 
 __all__ = ["Adder", "KernelSettings", "TraceCounts", "trace"]

@@ -84,10 +84,9 @@ def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
 
 
 def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    v = (v | (v << 8)) & np.uint32(0x00FF00FF)
-    v = (v | (v << 4)) & np.uint32(0x0F0F0F0F)
-    v = (v | (v << 2)) & np.uint32(0x33333333)
-    return (v | (v << 1)) & np.uint32(0x55555555)
+    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        v = np.asarray((v | (v << np.uint32(shift))) & np.uint32(mask), dtype=np.uint32)
+    return v
 
 
 def lattice(
@@ -130,7 +129,9 @@ def lattice(
             _spread_bits(((x + reach) / side).astype(np.uint32))
             | (_spread_bits(((y + reach) / side).astype(np.uint32)) << 1)
         )
-    order = np.argsort(np.concatenate(keys), kind="stable")  # Morton order: neighbours share cache lines of the BVH
+    order = np.argsort(
+        np.concatenate(keys), kind="stable"
+    )  # Morton order: neighbours share cache lines of the BVH
     return LaunchGrid(
         np.concatenate(xs)[order], np.concatenate(ys)[order], spacing, turn, half_x, half_y, taper
     )

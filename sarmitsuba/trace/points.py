@@ -10,18 +10,22 @@ from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.modules import modules
 
 # pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
 _BATCH = 2_000_000
 
 
 def add_points(
-    scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, data: NDArray[np.complex64],
+    scene: Scene,
+    flags: KernelFlags,
+    trace_scene: TraceScene | None,
+    data: NDArray[np.complex64],
     layers: Sequence[Layer],
 ) -> int:
-    """Add every point target's exact band-limited echo to range-compressed data.
+    r"""Add every point target's exact band-limited echo to range-compressed data.
 
-    .. math:: K \\sqrt{\\sigma} e^{j \\phi} g_t / R^2 \\, \\mathrm{sinc}((r - R) / \\Delta r) e^{-j 4 \\pi f_c R / c}
+    .. math:: K \sqrt{\sigma} e^{j \phi} g_t / R^2 \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
 
     Parameters
     ----------
@@ -71,10 +75,13 @@ def add_points(
 
 
 def _visible(
-    trace_scene: TraceScene, position: NDArray[np.float64], leg: NDArray[np.float64], distance: NDArray[np.float64]
+    trace_scene: TraceScene,
+    position: NDArray[np.float64],
+    leg: NDArray[np.float64],
+    distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """1 where the straight way from the point to the antenna is free, else 0; (n_pulses,) float64."""
-    import mitsuba as mi
+    _, mi = modules()
 
     d = (-leg / distance[:, None]).astype(np.float32)
     n = d.shape[0]

@@ -71,7 +71,7 @@ def anchor(p: Any, n: Any, group: Any, cell: Any, seed: Any, dr: Any, mi: Any) -
 
 
 def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
-    """Circular complex Gaussian of unit mean power from a hashed cell (Box-Muller); ``stream`` picks independent ones."""
+    """Circular complex Gaussian of unit mean power from a hashed cell; ``stream`` picks independent ones."""
     k1 = mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF))
     k2 = mix(k1 ^ 0xB5297A4D)
     u1 = (mi.Float(k1 >> 8) + 0.5) * (1.0 / 16777216.0)

@@ -89,7 +89,12 @@ def launch_window(scene: Scene) -> LaunchWindow:
     cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
 
     corners = np.array(
-        [[x, y, z] for x in (b_low[0], b_high[0]) for y in (b_low[1], b_high[1]) for z in (b_low[2], b_high[2])]
+        [
+            [x, y, z]
+            for x in (b_low[0], b_high[0])
+            for y in (b_low[1], b_high[1])
+            for z in (b_low[2], b_high[2])
+        ]
     )
     corners = corners @ axes + middle
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -122,7 +127,7 @@ def azimuth_cell(scene: Scene) -> float:
     angle = float(np.arctan2(sine, cosine))
     if track.n_pulses < 2 or angle == 0.0:
         return float(mean_range)
-    return scene.radar.waveform.wavelength / (2.0 * angle)
+    return float(scene.radar.waveform.wavelength / (2.0 * angle))
 
 
 def scatterer_cell(scene: Scene, incidence: float) -> float:
@@ -130,7 +135,7 @@ def scatterer_cell(scene: Scene, incidence: float) -> float:
     if scene.settings.scatterer_cell > 0:
         return scene.settings.scatterer_cell
     ground = scene.radar.waveform.range_cell / max(np.sin(incidence), 0.05)
-    return min(azimuth_cell(scene), ground) / CELLS_PER_RESOLUTION
+    return float(min(azimuth_cell(scene), ground) / CELLS_PER_RESOLUTION)
 
 
 def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: bool) -> float:
