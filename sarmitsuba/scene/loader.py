@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SceneError
@@ -64,11 +65,11 @@ def load_scene(
     check_used(plain, overrides, files, {e.id for e in elements if e.id}, set(tables.TABLES))
 
     sensor, film = _sensor(root, file, radar_root, radar_file)
-    radar_input = _radar_input(sensor, film, overrides)
+    described = radar_input(sensor, film, overrides)
     integrator = _integrator(root, radar_root)
-    settings = trace_settings(overrides.read(integrator, tables.INTEGRATOR)[0], radar_input.film)
+    settings = trace_settings(overrides.read(integrator, tables.INTEGRATOR)[0], described.film)
 
-    frequency = float(radar_input.sensor["center_frequency"])
+    frequency = float(described.sensor["center_frequency"])
     notes: list[str] = []
     book = MaterialBook(frequency, overrides, notes)
     reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
@@ -76,11 +77,11 @@ def load_scene(
     for placed in placed_shapes(root):
         bsdf = placed.element.child("bsdf")
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
-            points.append(_point(placed.element, placed.name, placed.to_world, bsdf, overrides))
+            points.append(point_target(placed.element, placed.name, placed.to_world, bsdf, overrides))
             continue
         material = book.index(bsdf, placed.element.where)
         surfaces.append(Surface(placed.name, *reader.triangles(placed), material))
-    return assemble(file.stem, file, surfaces, book.materials, points, radar_input, settings, notes)
+    return assemble(file.stem, file, surfaces, book.materials, points, described, settings, notes)
 
 
 @dataclass
@@ -105,9 +106,9 @@ class MaterialBook:
         key = id(bsdf)
         if key not in self._index:
             if bsdf is None:
-                warn_once(self.notes, f"{where.partition(':')[0]}: shapes without a BSDF are read as diffuse")
-                bsdf = Element("bsdf", "diffuse", "", where, Path(), {})
-            material = self._material(bsdf, bsdf.id or f"{bsdf.plugin}_{len(self.materials)}", 0)
+                file = where.partition(":")[0]
+                bsdf = Element("bsdf", "diffuse", "", f"{file}: default bsdf", Path(), {})
+            material = self._material(bsdf, bsdf.id or f"{bsdf.plugin}_{len(self.materials) + 1}", 0)
             self._index[key] = len(self.materials)
             self.materials.append(material)
         return self._index[key]
@@ -190,7 +191,8 @@ def _pick_sensor(root: Element) -> Element | None:
     return next((s for s in root.of_kind("sensor") if s.plugin == tables.SENSOR.plugin), None)
 
 
-def _radar_input(sensor: Element, film: Element | None, overrides: Overrides) -> RadarInput:
+def radar_input(sensor: Element, film: Element | None, overrides: Overrides) -> RadarInput:
+    """Validate the parameters of a sensor and its film (None: all defaults)."""
     nested = tuple(name for name, child in sensor.children if child.kind in ("film", "sampler", "medium"))
     values, given = overrides.read(sensor, tables.SENSOR, skip=nested)
     if film is None:
@@ -210,9 +212,10 @@ def _integrator(root: Element, radar_root: Element | None) -> Element:
     return Element("integrator", tables.INTEGRATOR.plugin, "", "integrator sar_path", root.folder, {})
 
 
-def _point(
-    shape: Element, name: str, to_world: np.ndarray, bsdf: Element, overrides: Overrides
+def point_target(
+    shape: Element, name: str, to_world: NDArray[np.float64], bsdf: Element, overrides: Overrides
 ) -> PointTarget:
+    """Ideal scatterer at the centre of a sphere element."""
     values, _ = overrides.read(bsdf, tables.POINT_SCATTERER)
     if shape.plugin != "sphere":
         raise SceneError(f"{shape.where}: point_scatterer is on a {shape.plugin}; put it on a sphere")
@@ -220,4 +223,4 @@ def _point(
     return PointTarget(name, position, 10.0 ** (values["rcs_dbsm"] / 10.0), math.radians(values["phase_deg"]))
 
 
-__all__ = ["MaterialBook", "load_scene"]
+__all__ = ["MaterialBook", "load_scene", "point_target", "radar_input"]

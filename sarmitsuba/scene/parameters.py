@@ -242,7 +242,7 @@ def _as_number(text: str, kind: type[int] | type[float]) -> Any:
 
 
 def _compact(value: float) -> str:
-    return f"{value:.10g}"
+    return f"{value:.7g}"
 
 
 def _text(value: float, unit: str) -> str:

@@ -217,7 +217,7 @@ def _tree(mi: Any, state: Any, path: Path) -> Element:
         plugin, name = props.plugin_name(), props.id()
         label = f'{kind} "{name}"' if name else f"{kind} {plugin}{line(node)}"
         values = {
-            key: _plain(props[key])
+            key: plain_value(props[key])
             for key in props.keys()
             if not isinstance(props[key], mi.Properties.ResolvedReference)
         }
@@ -230,7 +230,7 @@ def _tree(mi: Any, state: Any, path: Path) -> Element:
     return elements[0]
 
 
-def _plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """Python or NumPy value of a property."""
     if isinstance(value, bool | int | float | str):
         return value
@@ -259,4 +259,13 @@ def _parser_message(text: str, path: Path) -> str:
     return f"{file_name}{place}: {one_line(what, 200)}{remedy}"
 
 
-__all__ = ["Element", "Opaque", "Overrides", "check_used", "parse_scene", "split_parameters", "walk"]
+__all__ = [
+    "Element",
+    "Opaque",
+    "Overrides",
+    "check_used",
+    "parse_scene",
+    "plain_value",
+    "split_parameters",
+    "walk",
+]

@@ -1,5 +1,6 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +39,20 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "merge": (),
 }
 _MAX_NESTING = 16
+# what a reader that meets arbitrary bytes raises
+_READER_ERRORS = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,
+    AssertionError,
+    EOFError,
+    ImportError,
+    MemoryError,
+    struct.error,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +231,7 @@ def _vector(element: Element, name: str, default: F64) -> F64:
     value = element.values.get(name, default)
     if not isinstance(value, np.ndarray) or value.shape != (3,) or not np.isfinite(value).all():
         raise SceneError(
-            f'{element.where}: {name} = {one_line(value)} is not a finite point; give <point name="{name}" .../>'
+            f'{element.where}: {name} = {one_line(value)} is not a finite point; give <point name="{name}">'
         )
     return value
 
@@ -244,7 +259,7 @@ def _read_mesh(path: Path, index: int, where: str) -> tuple[F64, I32]:
         faces = np.array(mesh.faces, dtype=np.int64)
     except OSError as error:
         raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror or error}") from error
-    except Exception as error:  # a mesh reader meets arbitrary bytes and raises whatever they lead to
+    except _READER_ERRORS as error:
         what = one_line(error) or type(error).__name__
         raise SceneError(
             f"{where}: mesh file {path.name} is malformed: {what}; export it again as ply or obj"

@@ -1,0 +1,24 @@
+"""Film ``range_film``: receive window and sampling of the echoes, and the image to focus."""
+
+import mitsuba as mi
+
+from sarmitsuba.scene.plugins import describe, given_values
+from sarmitsuba.scene.tables import FILM
+
+
+class RangeFilm(mi.Film):
+    """Holds the parameters; echoes are stored by `sarmitsuba.simulate`."""
+
+    def __init__(self, props: mi.Properties) -> None:
+        self.given = given_values(props, FILM)
+        super().__init__(props)
+
+    def to_string(self) -> str:
+        """Return the parameters as text."""
+        return describe(FILM, self.given)
+
+
+def register() -> str:
+    """Make it known to Mitsuba and return its name."""
+    mi.register_film(FILM.plugin, lambda props: RangeFilm(props))
+    return FILM.plugin

@@ -1,0 +1,50 @@
+"""Integrator ``sar_path``: multi-bounce coherent ray tubes; ``mi.render`` returns the focused image."""
+
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from sarmitsuba.scene.plugins import describe, given_values
+from sarmitsuba.scene.tables import INTEGRATOR
+
+
+class SarPath(mi.SamplingIntegrator):
+    """Holds the parameters; the work is done by `sarmitsuba.simulate` and `sarmitsuba.focus`."""
+
+    def __init__(self, props: mi.Properties) -> None:
+        self.given = given_values(props, INTEGRATOR)
+        super().__init__(props)
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> Any:
+        """Return the image (azimuth, range, 2 n_channels): real and imaginary part of every channel.
+
+        ``seed`` is used unless it is 0, then the integrator's is; for ``spp`` see ``ray_spacing``.
+        """
+        import sarmitsuba
+        from sarmitsuba.scene.loader_mitsuba import scene_from_mitsuba
+
+        loaded = scene_from_mitsuba(scene, sensor, self)
+        image = sarmitsuba.focus(sarmitsuba.simulate(loaded, seed=int(seed) or None))
+        planes = [
+            plane for name in image.channels for plane in (image.total(name).real, image.total(name).imag)
+        ]
+        return mi.TensorXf(np.ascontiguousarray(np.stack(planes, axis=-1), dtype=np.float32))
+
+    def to_string(self) -> str:
+        """Return the parameters as text."""
+        return describe(INTEGRATOR, self.given)
+
+
+def register() -> str:
+    """Make it known to Mitsuba and return its name."""
+    mi.register_integrator(INTEGRATOR.plugin, lambda props: SarPath(props))
+    return INTEGRATOR.plugin
