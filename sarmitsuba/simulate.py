@@ -24,7 +24,14 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, lattice
 from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.points import add_points
-from sarmitsuba.trace.window import LaunchWindow, launch_window, ray_spacing, scatterer_cell
+from sarmitsuba.trace.window import (
+    RAYS_PER_CELL,
+    LaunchWindow,
+    azimuth_cell,
+    launch_window,
+    ray_spacing,
+    scatterer_cell,
+)
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
@@ -162,6 +169,8 @@ def simulate(
         timer.lap("points")
     notes = list(scene.notes)
     _check_energy(scene, stats, data, notes)
+    if scene.geometry.n_faces:
+        _check_sampling(scene, window, spacing, plan, notes)
     metadata = _metadata(scene, plan, stats, timer, facts, notes)
     raw = RawData(data, layers, "compressed", radar, metadata)
     if any(d.name == "noise" and d.on for d in plan.decisions):
@@ -357,6 +366,30 @@ def _check_energy(
         )
         notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+
+
+def _check_sampling(
+    scene: Scene, window: LaunchWindow, spacing: float, plan: EffectsPlan, notes: list[str]
+) -> None:
+    """Say when rays asked for are too far apart for the resolution or for the diffuse scatterers."""
+    texts = []
+    finest = min(azimuth_cell(scene), scene.radar.waveform.range_cell)
+    if plan.flags.coherent and spacing > 0.5 * finest * 1.01:
+        texts.append(
+            f"ray_spacing = {spacing:g} m is coarser than half a resolution cell; {0.5 * finest:.3g} m would do"
+        )
+    if plan.flags.diffuse:
+        cell = scatterer_cell(scene, window.incidence)
+        wanted = cell * np.sqrt(max(np.cos(window.incidence), 0.05) / RAYS_PER_CELL)
+        if spacing > 2.0 * wanted:
+            texts.append(
+                f"ray_spacing = {spacing:g} m leaves fewer than one ray a scatterer cell of {cell:.3g} m; "
+                f"{wanted:.3g} m would do"
+            )
+    for text in texts:
+        line = f"{scene.name}: {text}"
+        notes.append(line)
+        warnings.warn(line, SarmitsubaWarning, stacklevel=3)
 
 
 def _metadata(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
@@ -59,9 +60,10 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     _, mi = modules()
 
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
-    faces = geometry.faces[visible]
-    if faces.shape[0] == 0:
+    if not visible.any():
         raise SceneError("scene: no visible face to trace; every mesh is empty or of an invisible material")
+    rows_kept = np.flatnonzero(visible)[_canonical_order(geometry, visible)]
+    faces = geometry.faces[rows_kept]
     v0, v1, v2 = (geometry.vertices[faces[:, i]] for i in range(3))
     e1, e2 = v1 - v0, v2 - v0
     normal = np.cross(e1, e2)
@@ -87,7 +89,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
         table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
-    info = np.stack([geometry.face_material[visible], geometry.face_group[visible]], axis=1)
+    info = np.stack([geometry.face_material[rows_kept], geometry.face_group[rows_kept]], axis=1)
     return TraceScene(
         mi_scene=mi_scene,
         face_table=mi.Float64(packed.reshape(-1)),
@@ -97,6 +99,17 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         extent=float(np.abs(corners).max()),
         n_faces=int(faces.shape[0]),
     )
+
+
+def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Order of the visible faces that does not depend on the file's: by centroid, then material.
+
+    Where faces of different material overlap in one plane, which of them a ray hits depends on their order; a
+    fixed order makes that choice, and with it the image, the same however the file lists its faces.
+    """
+    centroid = geometry.vertices[geometry.faces[visible]].mean(axis=1)
+    keys = (geometry.face_material[visible], centroid[:, 2], centroid[:, 1], centroid[:, 0])
+    return np.lexsort(keys)
 
 
 __all__ = ["DIFFUSE_NODES", "TraceScene", "build_trace_scene"]
