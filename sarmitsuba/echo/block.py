@@ -1,14 +1,26 @@
 """Block synthesis: paths are added once to a (range, range rate) grid and become K pulses together."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.curvature import Curvature, fit_curvature, key_state, sample_paths
+from sarmitsuba.echo.direct import box_distance
+from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.threads import parallel_map
+from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
+
+
+_ROLL = (0.256, 0.32)  # cycles a cell: flat to just past the band's edge at 1/4, then down, so that the inner
+# response stays within 40 cells
+_GUARD = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +36,8 @@ class BlockPlan:
         grid[layer, i, j] += a exp(-j 4 pi fc R0 / c) phi(x - i) phi(y - j)
 
     with ``phi`` the taps of ``kernel`` along range and of ``rate_kernel`` along the rate. Contributions must
-    satisfy ``margin <= x <= n_range - 1 - margin`` and alike for y, with the kernels' ``margin``; the box given
-    to ``plan_block`` guarantees it for all paths that stay inside, anything else must be masked.
+    satisfy ``margin <= x <= n_range - 1 - margin`` and alike for y, with the kernels' ``margin``; the box
+    given to ``plan_block`` guarantees it for all paths that stay inside, anything else must be masked.
 
     Parameters
     ----------
@@ -39,11 +51,9 @@ class BlockPlan:
     rate0, rate_step, n_rate : the same along the rate, m/s
     width, rate_width : of the spreading kernels
     n_inner : length of the FFT over the grid's range axis
-    n_fine, n_out : lengths of the last two FFTs, ``n_fine * range_step = n_out * sample_spacing``
-    range_center, range_scale, rate_center, rate_scale : normalisation of the curvature polynomials
-    range_curvature : (4, K) float64, m: polynomial in (R0 - range_center) / range_scale of the half length that
-        ``R0 + rate tau`` leaves out; see ``plan_block``
-    rate_curvature : (4, K) float64, m: the same in (rate - rate_center) / rate_scale
+    guard : cells before the grid within ``n_inner``, for the compact response and the range walk
+    fine : how the profiles become the window's samples
+    curvature : what ``R0 + rate tau`` leaves out of the half length
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two spreading kernels, dB
     """
@@ -57,7 +67,6 @@ class BlockPlan:
     reference_range: float
     tau: F64
     range0: float
-    range_step: float
     n_range: int
     rate0: float
     rate_step: float
@@ -65,16 +74,16 @@ class BlockPlan:
     width: int
     rate_width: int
     n_inner: int
-    n_fine: int
-    n_out: int
-    range_center: float
-    range_scale: float
-    rate_center: float
-    rate_scale: float
-    range_curvature: F64
-    rate_curvature: F64
+    guard: int
+    fine: FineGrid
+    curvature: Curvature
     geometry_error_db: float
     kernel_error_db: float
+
+    @property
+    def range_step(self) -> float:
+        """Cell along range, m."""
+        return self.fine.range_step
 
     @property
     def n_pulses(self) -> int:
@@ -84,7 +93,9 @@ class BlockPlan:
     @property
     def predicted_error_db(self) -> float:
         """Relative error to expect, geometry and kernel together, dB."""
-        return float(10.0 * np.log10(10.0 ** (self.geometry_error_db / 10) + 10.0 ** (self.kernel_error_db / 10)))
+        return float(
+            10.0 * np.log10(10.0 ** (self.geometry_error_db / 10) + 10.0 ** (self.kernel_error_db / 10))
+        )
 
     @property
     def kernel(self) -> SpreadingKernel:
@@ -99,3 +110,287 @@ class BlockPlan:
     def shape(self, n_layers: int) -> tuple[int, int, int]:
         """Shape of the complex64 grid, (n_layers, n_range, n_rate)."""
         return (n_layers, self.n_range, self.n_rate)
+
+
+def plan_block(
+    radar: Radar,
+    start: int,
+    stop: int,
+    reference: F64,
+    box: F64,
+    width: int = 4,
+    *,
+    extra_half_length: float = 0.0,
+    rate_width: int | None = None,
+) -> BlockPlan:
+    """Lay out the grid of the pulses ``start:stop`` and fit the curvature over the box.
+
+    Parameters
+    ----------
+    radar : track, waveform and window
+    start, stop : pulse indices
+    reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
+    box : (2, 3) float64, m, scene frame; bounds of all phase centres
+    width, rate_width : of the spreading kernels along range and rate (default: the same)
+    extra_half_length : half of what multiple reflections add to the way to the box at most, m
+
+    Notes
+    -----
+    Ignores the change of a path's amplitude within the block (beam, spreading, visibility).
+    The curvature is the least-squares fit, pulse by pulse, of the exact half lengths of sample paths: points
+    throughout the box and, with ``extra_half_length``, mirror images behind it and pairs of both. So it
+    holds for any track; what the fit leaves is the plan's ``geometry_error_db``.
+    """
+    reference = np.asarray(reference, dtype=np.float64)
+    box = np.asarray(box, dtype=np.float64)
+    rate_width = width if rate_width is None else rate_width
+    cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
+    key, position, velocity, tau = key_state(radar, start, stop)
+    centers, partners = sample_paths(box, position, extra_half_length)
+    fit = fit_curvature(radar, start, stop, reference, centers, partners)
+
+    # range axis: exact bounds of the box; rate axis: those of the samples and 2 % more
+    reference_range = float(np.linalg.norm(reference - position))
+    near, far = (float(d[0]) for d in box_distance(box, position[None]))
+    far += extra_half_length
+    slack = 0.02 * np.ptp(fit.rate) + 1e-9 * float(np.linalg.norm(velocity))
+    rate_low, rate_high = float(fit.rate.min() - slack), float(fit.rate.max() + slack)
+    kernel, rate_kernel = spreading_kernel(width), spreading_kernel(rate_width)
+    reach = float(np.abs(tau).max())
+    s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
+    rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(rate_high - rate_low, 1.0)
+    n_rate = int(np.ceil((rate_high - rate_low) / rate_step)) + 2 * rate_kernel.margin + 2
+
+    # the window against the block's contributions, both relative to the reference range of each pulse
+    walk = max(abs(rate_low), abs(rate_high)) * reach + 2.0 * cell
+    reference_track = np.linalg.norm(reference - radar.track.position[start:stop], axis=-1)
+    first = window.start_range[start:stop] - reference_track
+    low = float(first.min()) - (far - reference_range) - walk
+    high = float(first.max()) + window.extent - (near - reference_range) + walk
+    guard = _GUARD + int(np.ceil(walk / (0.5 * cell) * 1.05))
+    n_cells = int(np.ceil((far - near) / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
+    fine = fine_grid(cell, window.sample_spacing, low, high, int(1.1 * (n_cells + 2 * guard)) + 8)
+    n_range = int(np.ceil((far - near) / fine.range_step)) + 2 * kernel.margin + 2
+    n_inner = min(int(scipy.fft.next_fast_len(n_range + 2 * guard)), fine.n_fine)
+    error = float(np.sqrt(fit.error.max()))
+    return BlockPlan(
+        key=key,
+        start=start,
+        stop=stop,
+        position=position,
+        velocity=velocity,
+        reference=reference,
+        reference_range=reference_range,
+        tau=tau,
+        range0=near - reference_range - (kernel.margin + 0.5) * fine.range_step,
+        n_range=n_range,
+        rate0=rate_low - (rate_kernel.margin + 0.5) * rate_step,
+        rate_step=rate_step,
+        n_rate=n_rate,
+        width=width,
+        rate_width=rate_width,
+        n_inner=n_inner,
+        guard=guard,
+        fine=fine,
+        curvature=fit.curvature,
+        geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
+        kernel_error_db=_kernel_error_db(width, rate_width),
+    )
+
+
+def choose_block_length(
+    radar: Radar,
+    reference: F64,
+    box: F64,
+    width: int = 4,
+    target_error_db: float = -40.0,
+    *,
+    extra_half_length: float = 0.0,
+    max_length: int = 128,
+    max_cells: int = 2**22,
+) -> int:
+    """Largest block length K whose error stays below the target all along the track; 1 where none does.
+
+    The error of every block examined (all of them, or 24 spread over a long track) is the worst one of the
+    box's sample paths, exact half lengths against the model, and the kernels'. A kernel too narrow for the
+    target counts as meeting it: a shorter block would not make it better. Blocks shorter than 8 pulses are
+    dearer than the direct adder and not considered.
+
+    Parameters
+    ----------
+    target_error_db : relative rms error of the data, dB, below 0
+    max_length : largest K to try
+    max_cells : bound on the cells of one layer's grid
+    (the others as for :func:`plan_block`)
+    """
+    n_pulses = radar.track.n_pulses
+    kernel = 10.0 ** (_kernel_error_db(width, width) / 10.0)
+    budget = max(10.0 ** (target_error_db / 10.0), 2.0 * kernel) - kernel
+    for length in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
+        if length > max_length or length > n_pulses:
+            continue
+        starts = np.unique(np.linspace(0, n_pulses - length, min(-(-n_pulses // length), 24)).astype(int))
+        order = np.argsort(-np.abs(starts - 0.5 * (n_pulses - length)))  # the outermost fail first
+        if all(
+            _holds(radar, int(s), length, reference, box, extra_half_length, budget, width, max_cells)
+            for s in starts[order]
+        ):
+            return length
+    return 1
+
+
+def _holds(
+    radar: Radar,
+    start: int,
+    length: int,
+    reference: F64,
+    box: F64,
+    extra: float,
+    budget: float,
+    width: int,
+    max_cells: int,
+) -> bool:
+    reference, box = np.asarray(reference, dtype=np.float64), np.asarray(box, dtype=np.float64)
+    _, position, _, _ = key_state(radar, start, start + length)
+    fit = fit_curvature(radar, start, start + length, reference, *sample_paths(box, position, extra))
+    if fit.error.max() > budget:
+        return False
+    plan = plan_block(radar, start, start + length, reference, box, width, extra_half_length=extra)
+    return plan.n_range * plan.n_rate <= max_cells
+
+
+def _kernel_error_db(width: int, rate_width: int) -> float:
+    power = sum(10.0 ** (spreading_kernel(w).error_db / 10.0) for w in (width, rate_width))
+    return float(10.0 * np.log10(power))
+
+
+def spread_reference(
+    plan: BlockPlan,
+    radar: Radar,
+    range_offset: F64,
+    rate: F64,
+    amplitude: NDArray[np.complexfloating[Any, Any]],
+) -> C64:
+    """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
+
+    Parameters
+    ----------
+    range_offset : (n_paths,) float64, m; R0 of the plan
+    rate : (n_paths,) float64, m/s
+    amplitude : (n_layers, n_paths) complex, sqrt(W)
+
+    Returns
+    -------
+    (n_layers, n_range, n_rate) complex64
+    """
+    kernels = (plan.kernel, plan.rate_kernel)
+    position = ((range_offset - plan.range0) / plan.range_step, (rate - plan.rate0) / plan.rate_step)
+    base = [np.floor(p + k.shift) for p, k in zip(position, kernels, strict=True)]
+    taps = [k.taps(p + k.shift - q) for p, q, k in zip(position, base, kernels, strict=True)]
+    i, j = (q.astype(np.int64) - k.lead for q, k in zip(base, kernels, strict=True))
+    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+    phasor = np.exp(-1j * np.mod(wavenumber * range_offset, 2.0 * np.pi))
+    grid = np.zeros(plan.shape(len(amplitude)), dtype=np.complex128)
+    for layer, a in enumerate(amplitude):
+        for p in range(plan.width):
+            for q in range(plan.rate_width):
+                np.add.at(grid[layer], (i + p, j + q), a * phasor * taps[0][p] * taps[1][q])
+    return grid.astype(np.complex64)
+
+
+def synthesise(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, radar: Radar) -> C64:
+    r"""Make the block's range-compressed profiles from a filled grid.
+
+    .. math:: S(f, t) = e^{-j 4 \pi f_c R_{ref}(t) / c} \sum_j G(f, \dot R_j) \,
+              e^{-j 4 \pi (f_c + f) \dot R_j \tau / c} \, e^{-j 4 \pi f_c b(\dot R_j, t) / c} / \hat\phi
+
+    then, along range, the factor ``exp(-j 4 pi fc a(R, t) / c)`` and the shift by a; a and b are the two
+    parts of the curvature.
+
+    Parameters
+    ----------
+    grid : (n_layers, n_range, n_rate) complex, any strides
+
+    Returns
+    -------
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    """
+    spectrum = _pulses_from_rates(grid, plan, radar)
+    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+    first = plan.range0 - plan.guard * plan.range_step
+    bins = first + plan.range_step * np.arange(plan.n_inner)
+    reference = np.linalg.norm(plan.reference - radar.track.position[plan.start : plan.stop], axis=-1)
+    carrier = np.mod(wavenumber * reference, 2.0 * np.pi)
+    bend = plan.curvature.of_range(bins)
+    # the shift by the curvature across the band, to first order: p(r - a) = p - a dp/dr
+    slope = spectrum * (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64)
+    inner = scipy.fft.ifft(spectrum, axis=-1, workers=-1, overwrite_x=True)
+    inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
+    inner *= np.exp(-1j * (wavenumber * bend + carrier[:, None])).astype(np.complex64)
+    offset = radar.window.start_range[plan.start : plan.stop] - reference - first
+    return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
+
+
+def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, radar: Radar) -> C64:
+    """Transform along range, then rates to pulses by a matrix for every frequency: (n_layers, K, n_inner)."""
+    n, n_layers, n_pulses = plan.n_inner, grid.shape[0], plan.n_pulses
+    spectrum = scipy.fft.fft(grid, n=n, axis=1, workers=-1)
+    count = int(_ROLL[1] * n)
+    out = np.zeros((n_layers, n_pulses, n), dtype=spectrum.dtype)
+
+    rate = plan.rate0 + plan.rate_step * np.arange(plan.n_rate)
+    middle = 0.5 * (rate[0] + rate[-1])
+    per_bin = 2.0 * np.pi / (n * plan.range_step)  # rad per metre and bin
+    wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
+    # the part of the curvature by range is read where the path is at t, so its slope comes off here
+    bend = plan.curvature.of_rate(rate).T - plan.curvature.slope * rate[:, None] * plan.tau
+    drift = rate[:, None] * plan.tau + bend  # m, (n_rate, K)
+    walk = per_bin * (drift - middle * plan.tau)  # rad per bin
+    # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
+    # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
+    half = min(max(1, int(0.25 / max(float(np.abs(walk).max()), 1e-9))), 128)
+
+    def batch(m0: int) -> None:
+        m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
+        center = int(m[len(m) // 2])
+        matrix = np.exp(-1j * (wavenumber + center * per_bin) * drift).astype(np.complex64)
+        terms = [matrix]
+        for order in range(1, 4):
+            terms.append(terms[-1] * (walk * (-1j / order)).astype(np.complex64))
+        rows = spectrum[:, m % n] if m[0] < 0 <= m[-1] else spectrum[:, m[0] % n : m[-1] % n + 1]
+        product = rows @ np.concatenate(terms, axis=1)
+        q = (m - center).astype(np.float32)[:, None]
+        value = product[..., 3 * n_pulses :]
+        for order in (2, 1, 0):
+            value = value * q + product[..., order * n_pulses : (order + 1) * n_pulses]
+        value *= _frequency_weight(m, center, middle, per_bin, plan, radar)
+        out[:, :, m % n] = np.swapaxes(value, 1, 2)
+
+    parallel_map(batch, range(-count, count + 1, 2 * half + 1))
+    return out
+
+
+def _frequency_weight(
+    m: Any, center: int, middle: float, per_bin: float, plan: BlockPlan, radar: Radar
+) -> C64:
+    """Everything that depends on frequency and pulse only, (n_m, K): kernels, roll-off, guard, mean walk."""
+    n = plan.n_inner
+    nu = m / n
+    edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
+    roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
+    by_range = roll / plan.kernel.transform(nu) * np.exp(-2j * np.pi * nu * plan.guard)
+    carrier_bins = radar.waveform.center_frequency * 2.0 * n * plan.range_step / SPEED_OF_LIGHT
+    # cycles per rate cell: nearly the same for all m, so three Chebyshev points and a parabola
+    span = max(float(np.abs(m - center).max()), 1.0)
+    nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
+    cycles = per_bin * plan.rate_step * plan.tau / (2.0 * np.pi)
+    at_nodes = 1.0 / plan.rate_kernel.transform((carrier_bins + center + nodes)[:, None] * cycles)
+    u = (m - center)[:, None] / nodes[2]
+    by_rate = (
+        0.5 * u * (u - 1.0) * at_nodes[0] + (1.0 - u * u) * at_nodes[1] + 0.5 * u * (u + 1.0) * at_nodes[2]
+    )
+    mean_walk = np.exp(-1j * per_bin * middle * np.multiply.outer(m - center, plan.tau))
+    return np.asarray(by_range[:, None] * by_rate * mean_walk, dtype=np.complex64)
+
+
+__all__ = ["BlockPlan", "Curvature", "choose_block_length", "plan_block", "spread_reference", "synthesise"]

@@ -101,7 +101,9 @@ def plan_direct(
     return DirectPlan(start, stop, near - (kernel.margin + 0.5) * fine.range_step, n_range, width, fine)
 
 
-def spread_reference(plan: DirectPlan, radar: Radar, half_length: F64, amplitude: NDArray[np.complexfloating]) -> C64:
+def spread_reference(
+    plan: DirectPlan, radar: Radar, half_length: F64, amplitude: NDArray[np.complexfloating]
+) -> C64:
     """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
 
     Parameters

@@ -28,8 +28,8 @@ class SpreadingKernel:
 
     .. math:: \phi(x) = \exp\left(\beta \left(\sqrt{1 - (2 x / w)^2} - 1\right)\right), \quad |x| \le w / 2
 
-    for widths 3 to 8; width 1 is the nearest cell (a box) and width 2 linear interpolation (a triangle). All of
-    them are divided out afterwards by :meth:`transform`: the box's ``sinc(nu)`` and the triangle's
+    for widths 3 to 8; width 1 is the nearest cell (a box) and width 2 linear interpolation (a triangle). All
+    of them are divided out afterwards by :meth:`transform`: the box's ``sinc(nu)`` and the triangle's
     ``sinc(nu)^2`` too, which removes the mean droop of those two and leaves their aliasing.
 
     Parameters
@@ -42,7 +42,7 @@ class SpreadingKernel:
 
         base  = floor(x + kernel.shift)           # shift is 0 for even widths, 0.5 for odd ones
         frac  = x + kernel.shift - base           # in [0, 1)
-        first = base - kernel.lead                # first of ``width`` consecutive cells, lead = (width - 1) // 2
+        first = base - kernel.lead                # first of ``width`` consecutive cells
         grid[first + k] += value * taps(frac)[k]  # k = 0 .. width - 1
 
     References: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41 (2019), eq. (1.8) for the kernel.
@@ -117,7 +117,9 @@ class SpreadingKernel:
         z = 0.5 * np.cos(np.pi * (np.arange(400) + 0.5) / 400)  # Chebyshev points in (-1/2, 1/2)
         halves = []
         for k in range((w + 1) // 2):
-            c = np.polynomial.chebyshev.Chebyshev.fit(z, self.evaluate(k - 0.5 * (w - 1) - z), degree, [-0.5, 0.5])
+            c = np.polynomial.chebyshev.Chebyshev.fit(
+                z, self.evaluate(k - 0.5 * (w - 1) - z), degree, [-0.5, 0.5]
+            )
             p = c.convert(kind=np.polynomial.Polynomial, domain=[-1, 1]).coef
             halves.append(([float(v) for v in p[0::2]], [float(v) for v in p[1::2]]))
         return halves
@@ -130,8 +132,7 @@ class SpreadingKernel:
         nu = np.asarray(nu, dtype=np.float64)
         if self.width <= 2:
             return np.asarray(np.sinc(nu) ** self.width)
-        node, weight = np.polynomial.legendre.leggauss(24)
-        z, weight = 0.5 * node, 0.5 * weight
+        z, weight = _quadrature()
         taps = self.taps(z + 0.5)
         out = np.zeros(nu.shape)
         for k in range(self.width):
@@ -161,9 +162,8 @@ class SpreadingKernel:
     @cached_property
     def error_db(self) -> float:
         """Relative rms error of one dimension over the used band ``|nu| <= 1/4``, dB."""
-        nu = 0.125 * (np.polynomial.legendre.leggauss(16)[0] + 1.0)
-        weight = 0.5 * np.polynomial.legendre.leggauss(16)[1]
-        return float(10.0 * np.log10(np.sum(weight * self.aliasing(nu) ** 2)))
+        z, weight = _quadrature()
+        return float(10.0 * np.log10(np.sum(weight * self.aliasing(0.25 * (z + 0.5)) ** 2)))
 
 
 @lru_cache(maxsize=16)
@@ -174,7 +174,7 @@ def spreading_kernel(width: int) -> SpreadingKernel:
 
 @dataclass(frozen=True)
 class FineGrid:
-    """Lengths of the two FFTs between a fine range grid and the window's samples, and the cell that ties them.
+    """Lengths of the FFTs between a fine range grid and the window's samples, and the cell that ties them.
 
     Parameters
     ----------
@@ -191,7 +191,9 @@ class FineGrid:
     high: float
 
 
-def fine_grid(range_cell: float, sample_spacing: float, low: float, high: float, n_least: int = 0) -> FineGrid:
+def fine_grid(
+    range_cell: float, sample_spacing: float, low: float, high: float, n_least: int = 0
+) -> FineGrid:
     """Choose the fine grid for distances ``low`` ... ``high`` (m) between contributions and samples.
 
     ``n_least`` is the least number of cells the period must have.
@@ -231,8 +233,8 @@ def to_window(
     Notes
     -----
     The periodic point response is made from ``sinc`` times a taper that is 1 on ``low`` ... ``high`` and 0
-    half a period away: the tails of the sinc fall off so slowly that the plain DFT's images of them are a -45 dB
-    error.
+    half a period away: the tails of the sinc fall off so slowly that the plain DFT's images of them are a
+    -45 dB error.
     """
     n_layers, n_pulses, _ = fine.shape
     weight, count = _band_weight(grid, range_cell, kernel)
@@ -270,6 +272,13 @@ def _band_weight(grid: FineGrid, range_cell: float, kernel: SpreadingKernel | No
     if kernel is not None:
         weight = weight / kernel.transform(m / n)
     return weight, count
+
+
+@lru_cache(maxsize=1)
+def _quadrature() -> tuple[F64, F64]:
+    """Gauss-Legendre nodes and weights on (-1/2, 1/2)."""
+    node, weight = np.polynomial.legendre.leggauss(24)
+    return 0.5 * node, 0.5 * weight
 
 
 def _where(xp: ModuleType, mask: Any, a: Any, b: Any) -> Any:

@@ -1,0 +1,152 @@
+"""Curvature of half lengths within a block of pulses, fitted to the track's own geometry."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+
+_RANGE_DEGREE, _RATE_DEGREE = 4, 3
+_HELD = (
+    1.25  # beyond this multiple of the fitted span the polynomials are held: only kernel skirts live there
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    r"""Half length beyond ``R0 + rate tau``, as a sum of a function of range and one of the rate, per pulse.
+
+    .. math:: c(R_0, \dot R, t_k) = \sum_n a_{nk} x^n + \sum_{n \ge 1} b_{nk} y^n, \quad
+              x = (R_0 - R_c) / R_s, \; y = (\dot R - \dot R_c) / \dot R_s
+
+    Parameters
+    ----------
+    range_center, range_scale : m
+    rate_center, rate_scale : m/s
+    by_range : (n_degree + 1, K) float64, m, constant first
+    by_rate : (n_degree, K) float64, m, without a constant
+    """
+
+    range_center: float
+    range_scale: float
+    rate_center: float
+    rate_scale: float
+    by_range: F64
+    by_rate: F64
+
+    def of_range(self, range_offset: NDArray[np.floating[Any]]) -> F64:
+        """Part by range at the offsets R0 (n,), m: (K, n)."""
+        x = np.clip((range_offset - self.range_center) / self.range_scale, -_HELD, _HELD)
+        return np.asarray(np.polynomial.polynomial.polyval(x, self.by_range))
+
+    def of_rate(self, rate: NDArray[np.floating[Any]]) -> F64:
+        """Part by rate at (n,) m/s: (K, n)."""
+        y = np.clip((rate - self.rate_center) / self.rate_scale, -_HELD, _HELD)
+        return np.asarray(y * np.polynomial.polynomial.polyval(y, self.by_rate))
+
+    @property
+    def slope(self) -> F64:
+        """Derivative of the part by range at the centre, (K,)."""
+        return np.asarray(self.by_range[1] / self.range_scale)
+
+
+def key_state(radar: Radar, start: int, stop: int) -> tuple[int, F64, F64, F64]:
+    """Key pulse, its position, the best line's velocity and the times about it."""
+    key = start + (stop - start) // 2
+    track = radar.track
+    position = track.position[key]
+    tau = track.time[start:stop] - track.time[key]
+    if stop - start < 2:
+        return key, position, track.velocity[key], tau
+    centered = tau - tau.mean()
+    velocity = centered @ (track.position[start:stop] - position) / (centered @ centered)
+    return key, position, np.asarray(velocity), tau
+
+
+def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
+    """Sample paths of the box as pairs of points, half length = mean of the distances to both.
+
+    Direct returns and corner reflectors have both points alike. A mirror chain shifts its image point
+    along the line of sight, behind the first point hit, by at most ``2 * extra`` when only one of the two
+    ways is folded, ``extra`` when both are.
+    """
+    axes = [np.linspace(box[0, i], box[1, i], n) for i, n in enumerate((7, 7, 3))]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    if extra <= 0.0:
+        return points, points
+    sight = points - antenna
+    sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
+    rng = np.random.default_rng(0)
+    partner = np.clip(points + rng.uniform(-2.0 * extra, 2.0 * extra, points.shape), box[0], box[1])
+    images = [points, points + 0.5 * extra * sight, points + extra * sight, points + 2.0 * extra * sight]
+    others = [points, points + 0.5 * extra * sight, points + extra * sight, partner]
+    # paths longer than promised do not belong to the samples
+    a, b = np.concatenate(images), np.concatenate(others)
+    half = 0.5 * (np.linalg.norm(a - antenna, axis=-1) + np.linalg.norm(b - antenna, axis=-1))
+    keep = half <= np.linalg.norm(points - antenna, axis=-1).max() + extra
+    return a[keep], b[keep]
+
+
+@dataclass(frozen=True, eq=False)
+class CurvatureFit:
+    """Result of :func:`fit_curvature`.
+
+    Parameters
+    ----------
+    curvature : the fitted polynomials
+    rate : (n_samples,) float64, m/s, of the sample paths
+    error : (n_samples,) float64, rad^2, mean square phase error over the block's pulses
+    """
+
+    curvature: Curvature
+    rate: F64
+    error: F64
+
+
+def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b: F64) -> CurvatureFit:
+    """Fit the curvature to the exact half lengths of sample paths; a, b (n_samples, 3)."""
+    _, position, velocity, tau = key_state(radar, start, stop)
+    track = radar.track.position[start:stop]
+
+    def distance(p: F64) -> F64:
+        return np.asarray(np.linalg.norm(p[:, None] - track, axis=-1))
+
+    def slope(p: F64) -> F64:
+        d = position - p
+        return np.asarray(d @ velocity / np.linalg.norm(d, axis=-1))
+
+    key = start + (stop - start) // 2
+    offset = 0.5 * (distance(a) + distance(b)) - distance(reference[None])
+    range0 = offset[:, key - start]
+    rate = 0.5 * (slope(a) + slope(b)) - slope(reference[None])
+    residual = offset - range0[:, None] - rate[:, None] * tau
+
+    def center_scale(v: F64, least: float) -> tuple[float, float]:
+        return 0.5 * float(v.max() + v.min()), max(0.5 * float(np.ptp(v)), least)
+
+    rc, rs = center_scale(range0, radar.waveform.range_cell)
+    vc, vs = center_scale(rate, radar.waveform.wavelength / max(4.0 * float(np.abs(tau).max()), 1e-9))
+    x, y = (range0 - rc) / rs, (rate - vc) / vs
+    basis = np.concatenate(
+        [x[None] ** np.arange(_RANGE_DEGREE + 1)[:, None], y[None] ** np.arange(1, _RATE_DEGREE + 1)[:, None]]
+    )
+    coefficients, *_ = np.linalg.lstsq(basis.T, residual, rcond=1e-9)
+    model = basis.T @ coefficients
+    # the correction is exact at the carrier and to first order across the band: mean of (k_f a)^4 / 4
+    wavenumber = 4.0 * np.pi / SPEED_OF_LIGHT
+    at_carrier = wavenumber * radar.waveform.center_frequency * (residual - model)
+    over_band = 0.5 * (0.5 * wavenumber * radar.waveform.bandwidth * model) ** 2 / np.sqrt(5.0)
+    n = _RANGE_DEGREE + 1
+    return CurvatureFit(
+        Curvature(rc, rs, vc, vs, coefficients[:n], coefficients[n:]),
+        rate,
+        np.asarray(np.mean(at_carrier**2 + over_band**2, axis=1)),
+    )
+
+
+__all__ = ["Curvature", "CurvatureFit", "fit_curvature", "key_state", "sample_paths"]
