@@ -92,6 +92,7 @@ def simulate(
     seed: int | None = None,
     progress: Progress | None = None,
     plan: EffectsPlan | None = None,
+    pass_index: int = 0,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -101,6 +102,7 @@ def simulate(
     seed : overrides the scene's
     progress : called after every batch
     plan : overrides the automatic effects plan
+    pass_index : other values shift the ray lattices and nothing else: independent samples of the same scene
 
     Returns
     -------
@@ -139,7 +141,7 @@ def simulate(
         window = launch_window(scene)
         spacing = ray_spacing(scene, window, plan.flags.diffuse, plan.flags.coherent)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
-        job = _Job(scene, replace(plan, flags=flags), window, trace_scene, timer)
+        job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
         grids = [
             lattice(
                 window.half_x,
@@ -147,7 +149,7 @@ def simulate(
                 spacing * np.sqrt(len(halves)),
                 taper=window.taper,
                 seed=settings.seed,
-                subset=h,
+                subset=h + 2 * pass_index,
             )
             for h in halves
         ]
@@ -181,7 +183,7 @@ def simulate(
     return raw
 
 
-class _Job:
+class TraceJob:
     """The tracing of one scene: everything that does not change from batch to batch."""
 
     def __init__(
@@ -415,4 +417,4 @@ def _metadata(
     }
 
 
-__all__ = ["TraceStatistics", "simulate"]
+__all__ = ["Timer", "TraceJob", "TraceStatistics", "simulate"]
