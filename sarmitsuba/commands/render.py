@@ -67,6 +67,14 @@ def run(args: argparse.Namespace, console: Console) -> int:
             console.warn(note)
         with watch.stage("simulate"):
             raw = simulate(scene, seed=args.seed, progress=console.progress)
+        known = {
+            "scene": scene.name,
+            "look_side": raw.radar.look_side,
+            "image_request": dataclasses.asdict(
+                scene.image
+            ),  # so that raw.h5 alone focuses to the same image
+        }
+        raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
         for note in raw.metadata.get("notes", ()):
             console.warn(str(note))
         if args.raw == "chirped":

@@ -21,7 +21,7 @@ from sarmitsuba.radar.radar import Radar
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
 PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"
-_ALL = (RAW, IMAGE, EXR, PICTURE, PICTURE_ORDERS, FACTS)
+_ALL = (RAW, IMAGE, EXR, PICTURE, FACTS)
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
 
 
@@ -78,8 +78,7 @@ def output_folder(path: str, *, force: bool) -> Iterator[Path]:
 
 def clear_results(folder: Path, keep: Path | None = None) -> None:
     """Remove the results of an earlier run, so that old and new files never stand side by side."""
-    for name in _ALL:
-        path = folder / name
+    for path in (*(folder / name for name in _ALL), *folder.glob("quicklook_*.png")):
         if keep is None or not keep.exists() or not path.exists() or not path.samefile(keep):
             path.unlink(missing_ok=True)
 
@@ -96,10 +95,12 @@ def save_image(folder: Path, image: SarImage) -> None:
 
 
 def save_pictures(folder: Path, image: SarImage) -> Path:
-    """Write the quick-looks; return the main one."""
+    """Write quick-looks of every channel and of the bounce orders; return the first channel's."""
     from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
 
     save(quicklook(image), folder / PICTURE)
+    for channel in image.channels[1:]:
+        save(quicklook(image, channel=channel), folder / f"quicklook_{channel}.png")
     if bounce_orders(image):
         save(quicklook_by_order(image), folder / PICTURE_ORDERS)
     return folder / PICTURE

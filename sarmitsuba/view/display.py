@@ -14,6 +14,10 @@ Quantity = Literal["sigma0", "rcs"]
 
 _SYMBOLS: dict[str, str] = {"sigma0": "sigma0 (dB)", "rcs": "radar cross section (dBsm)"}
 
+# quartiles of single-look speckle are 6.8 dB apart, those of a city 12 dB, of side lobes alone more than 20 dB
+_CLUTTER_SPREAD_DB = 16.0
+_ABOVE_CLUTTER_DB = 25.0
+
 
 @dataclass(frozen=True, eq=False)
 class Display:
@@ -69,28 +73,34 @@ def prepare(image: SarImage, power: NDArray[Any], quantity: Quantity, largest: i
 
 
 def limits_db(values_db: NDArray[np.float64], span_db: float = 50.0) -> tuple[float, float]:
-    """Lowest and highest decibel of the grey scale: the 99.9th percentile and ``span_db`` below it.
+    """Lowest and highest decibel of the grey scale.
 
-    A few very bright points (corner reflectors) then do not turn the rest black. Pixels at -inf are left out;
-    without any finite pixel the scale ends at 0 dB.
+    White is the 99.9th percentile, so that a few corner reflectors do not turn the rest black. In a picture that
+    is mostly clutter it is at most 25 dB above the clutter's upper quartile, so that streets show beside the
+    double-bounce lines of a city. Pixels at -inf are left out; without any finite one white is 0 dB.
     """
     finite = values_db[np.isfinite(values_db)]
-    top = float(np.percentile(finite, 99.9)) if finite.size else 0.0
+    if not finite.size:
+        return -span_db, 0.0
+    low, high, top = (float(q) for q in np.percentile(finite, (25.0, 75.0, 99.9)))
+    if high - low < _CLUTTER_SPREAD_DB:
+        top = min(top, high + _ABOVE_CLUTTER_DB)
     return top - span_db, top
 
 
 def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int]:
     """(width, height) in screen pixels, equal metres in both directions.
 
-    A range pixel gets a whole number of screen pixels where there is room, so that no pixel looks larger than
-    its neighbours; nothing is ever drawn smaller than one pixel by more than rounding.
+    The finer of the two pixel spacings gets a whole number of screen pixels, so that no pixel looks larger than
+    its neighbours. Small and narrow pictures are magnified as far as ``largest`` allows.
     """
     rows, columns = display.values_db.shape
     width = display.extent[1] - display.extent[0]
     height = display.extent[3] - display.extent[2]
-    step = min(width / columns, height / rows)  # m, the finer pixel spacing gets whole screen pixels
-    longest = max(width, height) / step
-    factor = max(1, min(math.ceil(smallest / longest), int(largest // longest) or 1))
+    step = min(width / columns, height / rows)
+    longest, shortest = max(width, height) / step, min(width, height) / step
+    wanted = max(math.ceil(smallest / longest), math.ceil(0.4 * smallest / shortest))
+    factor = max(1, min(wanted, int(largest // longest)))
     return max(1, round(width / step * factor)), max(1, round(height / step * factor))
 
 

@@ -19,6 +19,7 @@ _DPI = 100.0
 _LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
 _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
 _LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 62  # screen pixels around a picture: labels, colour bar, title
+_NARROWEST = 300  # the title needs that much
 
 
 def quicklook(
@@ -37,7 +38,7 @@ def quicklook(
     channel : polarisation; the first when None
     quantity : ``sigma0`` (clutter) or ``rcs`` (targets), both in dB
     title : first line above the picture; the scene's name when None
-    span_db : from black to white; white is the 99.9th percentile
+    span_db : from black to white; see :func:`sarmitsuba.view.display.limits_db`
 
     Returns
     -------
@@ -47,11 +48,12 @@ def quicklook(
     name = channel or image.channels[0]
     display = prepare(image, power_of(image, name, quantity), quantity, _LARGEST)
     width, height = screen_size(display, _LARGEST, _SMALLEST)
-    figure = _figure(width + _LEFT + _RIGHT, height + _BOTTOM + _TOP)
-    axes = _axes(figure, _LEFT, _BOTTOM, width, height)
+    left = _LEFT + max(0, (_NARROWEST - width) // 2)
+    figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
+    axes = _axes(figure, left, _BOTTOM, width, height)
     picture = _draw(axes, display, image, limits_db(display.values_db, span_db))
     _arrows(figure, str(image.metadata.get("look_side", "")))
-    _colour_bar(figure, picture, _LEFT + width + 18, _BOTTOM, height, display.label)
+    _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     axes.set_title("\n".join(line for line in (first, _subtitle(image, name, display)) if line), fontsize=9)
     return figure
@@ -138,7 +140,8 @@ def _draw(axes: Any, display: Display, image: SarImage, limits: tuple[float, flo
     axes.set_ylabel("azimuth (m)", fontsize=9)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=8)
-    axes.locator_params(nbins=7)
+    for axis, span, room in (("x", axes.bbox.width, 110), ("y", axes.bbox.height, 60)):
+        axes.locator_params(axis=axis, nbins=int(np.clip(span / room, 1, 8)))
     return picture
 
 

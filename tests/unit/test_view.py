@@ -68,6 +68,18 @@ def test_limits_ignore_a_few_bright_points_and_empty_pixels() -> None:
     assert limits_db(np.full(4, -np.inf)) == (-50.0, 0.0)
 
 
+def test_clutter_stays_visible_beside_a_city_of_corners() -> None:
+    rng = np.random.default_rng(4)
+    clutter = 10 * np.log10(rng.exponential(size=100_000))
+    clutter[:2000] += 50.0  # two per cent of the pixels: above the 99.9th percentile's reach
+    low, high = limits_db(clutter)
+    quartile = 10 * np.log10(np.log(4.0))  # of an exponential distribution
+    assert high == pytest.approx(quartile + 25.0, abs=0.2)  # tol: sampling, and the shift by the two per cent
+    assert high - low == 50.0
+    lobes = np.linspace(-80.0, 0.0, 10_000)  # a target alone: no clutter, the percentile holds
+    assert limits_db(lobes)[1] == pytest.approx(-0.08, abs=0.01)  # tol: one sample
+
+
 def test_picture_has_range_right_and_azimuth_up(tmp_path: Path) -> None:
     image = make_image(100, 100, (1.0, 1.0))
     image.data[:] *= 1e-3
