@@ -11,6 +11,7 @@ from solids import blocks, box, check_closed, crown, merged, prism, revolve, tur
 Parts = dict[str, trimesh.Trimesh]
 HALF = 85.0  # m, half the side of the ground
 FOOT = -0.5
+HEADING = 8.0  # degrees, of the radar's flight in urban_block.xml
 
 
 def urban_block() -> Parts:
@@ -49,9 +50,9 @@ def _buildings() -> dict[str, trimesh.Trimesh]:
         # a parapet round the roof
         ("-", (-39.6, -28.4), (-47.6, -4.4), (18.6, 19.2)),
         ("-", (-28.4, -2.4), (-15.6, -4.4), (18.6, 19.2)),
-        *windows("-x", -40, [y for i, y in enumerate(bays) if i % 4 != 1], floors, (1.4, 1.6), 0.35),
-        *windows("+x", -28, bays[:11], floors, (1.4, 1.6), 0.35),
-        *windows("-y", -16, -26.5 + 2.75 * np.arange(9), floors, (1.4, 1.6), 0.35),
+        *windows("-x", -40, [y for i, y in enumerate(bays) if i % 4 != 1], floors, (1.4, 1.6), 0.55),
+        *windows("+x", -28, bays[:11], floors, (1.4, 1.6), 0.55),
+        *windows("-y", -16, -26.5 + 2.75 * np.arange(9), floors, (1.4, 1.6), 0.55),
         # stair houses and chimneys on the roof
         *[("+", (-36, -32), (y, y + 4.5), (18.6, 21.4)) for y in (-42, -28, -13)],
         ("+", (-14, -9), (-12, -8), (18.6, 21.4)),
@@ -117,6 +118,8 @@ def _brick_buildings() -> dict[str, trimesh.Trimesh]:
         x = 58.4 - 5.6 * k
         teeth += [(x, 9.4), (x - 5.6, 6.2)]
     solids["factory"] = prism(teeth, (-48, -8))
+    # square to the radar, the rest of the block is not: only these show lines of full strength
+    solids = {name: turned(solid, -HEADING, (36, -28)) for name, solid in solids.items()}
     solids["stack"] = revolve([(0, FOOT), (1.1, FOOT), (0.8, 24), (0, 24)], (61, -28), 16)
     return solids
 
@@ -126,8 +129,9 @@ def _street_furniture() -> list[trimesh.Trimesh]:
     car = blocks(("+", (0, 4.4), (0, 1.8), (0.3, 0.9)), ("+", (1.0, 3.5), (0.15, 1.65), (0.9, 1.5)))
     along_x = [(x, 1.0) for x in (-24.5, -18.7, -13.0, -1.5, 15.0, 20.6, 33.0, 44.0)]
     along_y = [(-48.0, y) for y in (-42.5, -36.4, -24.0, -18.2, 12.0, 17.9, 31.0)]
-    cars = [car.copy().apply_translation((x, y, 0)) for x, y in along_x]
-    cars += [turned(car, 90.0, (0, 0)).apply_translation((x, y, 0)) for x, y in along_y]
+    rng = np.random.default_rng(3)  # nobody parks exactly straight
+    cars = [turned(car, rng.normal(0, 2.5), (0, 0)).apply_translation((x, y, 0)) for x, y in along_x]
+    cars += [turned(car, rng.normal(90, 2.5), (0, 0)).apply_translation((x, y, 0)) for x, y in along_y]
     lamps = []
     for x in (-14.0, -4.0, 6.0, 16.0):
         for y, arm in ((12.0, 1.0), (47.0, -1.0)):

@@ -28,7 +28,8 @@ Boxes of {low:g} m to {high:g} m on {extent:g} m x {extent:g} m of soil, from sa
         </film>
     </sensor>
     <bsdf type="radar_material" id="soil">
-        <string name="material" value="medium_dry_ground"/>
+        <float name="permittivity_real" value="12"/>
+        <float name="permittivity_imag" value="2.6"/>
         <float name="rms_height" value="0.01"/>
         <string name="diffuse_law" value="constant_gamma"/>
         <float name="diffuse_level_db" value="-14"/>

@@ -13,6 +13,7 @@ import trimesh
 from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.city import city_mesh, make_city
 from sarmitsuba.scene.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
+from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.meshes import clean_mesh, write_ply
 from sarmitsuba.scene.tessellate import sphere
 
@@ -59,6 +60,27 @@ def test_files_are_well_formed_and_their_meshes_and_materials_there(entry):
     defaults = {d.get("name") for d in root.findall("default")}
     refs = {v[1:] for n in root.iter() for v in n.attrib.values() if v.startswith("$")}
     assert refs == defaults
+
+
+@pytest.mark.parametrize("entry", list_scenes(), ids=lambda e: e.name)
+def test_shipped_scenes_load_without_a_warning(entry):
+    scene = load_scene(entry.name)
+    assert scene.notes == ()
+    assert scene.geometry.n_faces + len(scene.points) > 0
+    assert scene.radar.track.n_pulses * scene.radar.window.n_samples < 4e6  # renders in seconds
+
+
+@pytest.mark.parametrize("entry", list_radars(), ids=lambda e: e.name)
+def test_shipped_radars_see_a_city_without_a_warning(entry, tmp_path):
+    scene = load_scene(make_city(9, tmp_path), radar=entry.name)
+    assert scene.notes == ()
+    assert scene.radar.track.n_pulses > 256
+
+
+def test_make_city_loads(tmp_path):
+    scene = load_scene(make_city(4, tmp_path, extent=100.0))
+    assert scene.notes == ()
+    assert scene.geometry.n_faces == 2 + 48
 
 
 def test_resolve_takes_names_paths_and_suffixes(tmp_path, monkeypatch):
