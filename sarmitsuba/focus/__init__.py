@@ -59,7 +59,10 @@ def focus(
     """
     if method not in METHODS:
         raise DataError(f"focusing method {method!r}: unknown; choose one of {', '.join(METHODS)}")
-    windows = {"range_window": str(parse_window(range_window)), "azimuth_window": str(parse_window(azimuth_window))}
+    windows = {
+        "range_window": str(parse_window(range_window)),
+        "azimuth_window": str(parse_window(azimuth_window)),
+    }
     raw = range_compress(raw, method=compression)
     if grid is None:
         grid = default_grid(raw, request)
@@ -81,7 +84,9 @@ def focus(
     middle = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * parse_window(range_window).broadening
-    azimuth_cell, polynomial = _azimuth_cell(raw.radar, grid, middle, incidence, weights, range_window, range_cell)
+    azimuth_cell, polynomial = _azimuth_cell(
+        raw.radar, grid, middle, incidence, weights, range_window, range_cell
+    )
     facts |= {
         "azimuth_cell_polynomial": polynomial,
         "center_position": [float(v) for v in raw.radar.track.center_position],

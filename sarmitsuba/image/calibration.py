@@ -47,7 +47,9 @@ def calibrate(image: SarImage, measured_rcs: float, known_rcs: float) -> SarImag
     Images focused here need none of it; those made from foreign raw data, whose gains are unknown, do.
     """
     if not (measured_rcs > 0.0 and known_rcs > 0.0):
-        raise DataError(f"calibration: measured_rcs = {measured_rcs:g} and known_rcs = {known_rcs:g} m^2 must be above 0")
+        raise DataError(
+            f"calibration: measured_rcs = {measured_rcs:g} and known_rcs = {known_rcs:g} m^2 must be above 0"
+        )
     factor = np.sqrt(known_rcs / measured_rcs)
     facts: dict[str, Any] = dict(image.metadata)
     facts["calibration_factor"] = float(factor) * float(facts.get("calibration_factor", 1.0))

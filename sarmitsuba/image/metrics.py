@@ -72,25 +72,24 @@ class Chip:
 
     Notes
     -----
-    The gap in the spectrum is found along each axis (circular centroid of the spectrum's energy) so that a carrier, as
-    every range-focused image has, does not matter. The chip is taken as periodic: keep the target far from its edges.
+    The spectrum is centred first (circular centroid of its energy along each axis), so that a carrier, as every
+    focused image has, does not matter. The chip is taken as periodic: keep the target far from its edges.
     """
 
     def __init__(self, data: NDArray[Any], row: int = 0, column: int = 0) -> None:
         self.data = np.asarray(data, dtype=np.complex128)
         self.row, self.column = row, column
-        self.spectrum = np.fft.fft2(self.data) / self.data.size
-        self.frequencies = [self._frequencies(axis) for axis in (0, 1)]
+        centers = (self._centroid(self.data), self._centroid(self.data.T))
+        turns = [
+            np.exp(-2j * np.pi * f * np.arange(n)) for f, n in zip(centers, self.data.shape, strict=True)
+        ]
+        self.spectrum = np.fft.fft2(self.data * np.outer(*turns)) / self.data.size
+        self.frequencies = [np.fft.fftfreq(n) + f for f, n in zip(centers, self.data.shape, strict=True)]
 
-    def _frequencies(self, axis: int) -> F64:
-        """Signed cycles per pixel of every bin of an axis, placed about the spectrum's centre of energy."""
-        n = self.data.shape[axis]
-        moved = np.roll(self.data, -1, axis=axis)
-        keep: list[slice] = [slice(None), slice(None)]
-        keep[axis] = slice(0, n - 1)
-        centroid = np.angle(np.sum(moved[tuple(keep)] * self.data[tuple(keep)].conj())) / (2.0 * np.pi)
-        f = np.fft.fftfreq(n)
-        return np.asarray(f + np.round(centroid - f))
+    @staticmethod
+    def _centroid(data: C128) -> float:
+        """Centre of energy of the spectrum along the first axis, cycles per pixel."""
+        return float(np.angle(np.vdot(data[:-1], data[1:])) / (2.0 * np.pi))
 
     def at(self, rows: ArrayLike, columns: ArrayLike) -> C128:
         """Value at points given in image pixels (same shapes, 1-D)."""
@@ -141,7 +140,7 @@ def point_target(
     azimuth_spacing, range_spacing : pixel spacings, m
     near : (row, column) near the target; default: the brightest pixel. With ``near``, the brightest within 4 pixels
     chip : edge of the analysed square, pixels
-    azimuth_direction, range_direction : unit vectors (azimuth, range) in metres along the sidelobes; turned when squinted
+    azimuth_direction, range_direction : (azimuth, range) in metres along the sidelobes; turned when squinted
 
     Returns
     -------
@@ -160,7 +159,9 @@ def point_target(
         low_r, low_c = max(r - 4, 0), max(c - 4, 0)
         part = np.abs(data[low_r : r + 5, low_c : c + 5])
         if part.size == 0:
-            raise DataError(f"point target: ({near[0]:g}, {near[1]:g}) lies outside the image of {data.shape} pixels")
+            raise DataError(
+                f"point target: ({near[0]:g}, {near[1]:g}) lies outside the image of {data.shape} pixels"
+            )
         i, j = np.unravel_index(int(part.argmax()), part.shape)
         i, j = i + low_r, j + low_c
     row, column = _start(int(i), data.shape[0], chip), _start(int(j), data.shape[1], chip)
@@ -213,7 +214,7 @@ def point_target_in(
         image.total(channel),
         spacing[0],
         spacing[1],
-        near=pixel,  # type: ignore[arg-type]
+        near=pixel,
         chip=chip,
         azimuth_direction=(cos, -sin),
         range_direction=(sin, cos),
@@ -243,9 +244,9 @@ def _cut(piece: Chip, peak: tuple[float, float], direction: F64, spacing: F64) -
         extent = float(np.min(np.where(np.abs(rate) > 1e-12, room / np.abs(rate), np.inf)))
     step = 1.0 / (_FINE * float(np.abs(rate).max()))
     n = int(extent / step)
-    x = step * np.arange(-n, n + 1)
+    x = np.asarray(step * np.arange(-n, n + 1), dtype=np.float64)
     power = np.abs(piece.at(peak[0] + rate[0] * x, peak[1] + rate[1] * x)) ** 2
-    return cut_metrics(x, power)
+    return cut_metrics(x, power.astype(np.float64))
 
 
 def cut_metrics(x: F64, power: F64) -> CutMetrics:
