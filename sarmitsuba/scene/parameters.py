@@ -96,13 +96,13 @@ class Param:
             raise self._wrong_type(value, where, error)
         if self.choices and value not in self.choices:
             raise error(
-                f'{where}: {self.name} = "{value}" is not one of {", ".join(self.choices)}'
+                f'{where}: {self.name} = "{one_line(value)}" is not one of {", ".join(self.choices)}'
                 f"{did_you_mean(value, self.choices)}"
             )
         return value
 
     def _wrong_type(self, value: Any, where: str, error: type[SarmitsubaError]) -> SarmitsubaError:
-        shown = f'"{value}"' if isinstance(value, str) else one_line(value)
+        shown = f'"{one_line(value)}"' if isinstance(value, str) else one_line(value)
         return error(f"{where}: {self.name} = {shown} is not of type {self.kind}; {self._remedy()}")
 
     def _remedy(self) -> str:
@@ -203,9 +203,9 @@ class ParamTable:
         if name in self.names:
             return
         if name in self.hints:
-            raise self.error(f'{where}: unknown parameter "{name}"; {self.hints[name]}')
+            raise self.error(f'{where}: unknown parameter "{one_line(name)}"; {self.hints[name]}')
         guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {', '.join(self.names)}"
-        raise self.error(f'{where}: unknown parameter "{name}"{guess}')
+        raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
 
     def markdown(self) -> str:
         """Return the table of parameters in Markdown."""
@@ -218,7 +218,8 @@ class ParamTable:
                 default = _compact(p.default)
             if p.auto:
                 default += " (automatic)"
-            rows.append(f"| `{p.name}` | {p.kind} | {p.unit} | {default} | {p.bounds_text()} | {p.doc} |")
+            bounds = p.bounds_text().removeprefix("a number ").removeprefix("an integer ")
+            rows.append(f"| `{p.name}` | {p.kind} | {p.unit} | {default} | {bounds} | {p.doc} |")
         return "\n".join(rows)
 
 

@@ -16,6 +16,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.image_request import build_image_request, image_box
+from sarmitsuba.scene.parameters import one_line
 from sarmitsuba.scene.sight import ambiguities, check_sight
 from sarmitsuba.scene.spec import ImageRequest
 from sarmitsuba.scene.swath import (
@@ -154,9 +155,9 @@ def build_radar(
         noise_temperature=s["noise_temperature"],
         losses=float(power_from_db(s["losses_db"])),
     )
-    check_sight(radar, scene, box, given.where, given.film_where)
+    seen = check_sight(radar, scene, box, given.where, given.film_where)
     derived = not s["prf"] and not s["track_file"]
-    for text in ambiguities(radar, box, given.where, derived=derived):
+    for text in ambiguities(radar, seen, given.where, derived=derived):
         _warn(text)
     return radar, image, notes
 
@@ -167,7 +168,7 @@ def read_channels(text: str, where: str) -> tuple[str, ...]:
     bad = [name for name in names if name not in CHANNELS]
     if bad or not names or len(set(names)) < len(names):
         raise RadarError(
-            f'{where}: polarisation = "{text}" is no list of channels out of {", ".join(CHANNELS)}; '
+            f'{where}: polarisation = "{one_line(text)}" is no list of channels out of {", ".join(CHANNELS)}; '
             'give for example "HH,HV"'
         )
     return names

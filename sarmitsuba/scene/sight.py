@@ -10,7 +10,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 
 
-def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> None:
+def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
     """Raise a RadarError when image and geometry, or beam and geometry, have nothing in common.
 
     Parameters
@@ -18,6 +18,10 @@ def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str)
     radar : with track, antenna and pointing
     scene, box : bounds of the geometry and of the image, in the same axes
     where, film_where : start of an error about the sensor, about the film
+
+    Returns
+    -------
+    the part of the scene that the image holds
     """
     drop = float(radar.track.center_position[2] - box.origin[2])
     reach = max(float(-scene.local(radar.track.center_position[None])[0, 1]), 1e-9)
@@ -29,9 +33,9 @@ def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str)
             f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: nothing to see; "
             "move the aim point or image_center_x, image_center_y"
         )
-    if radar.antenna.pattern == "isotropic":
-        return
     seen = replace(box, low=shared[0], high=shared[1])
+    if radar.antenna.pattern == "isotropic":
+        return seen
     points = seen.samples() @ seen.axes + seen.origin
     pick = np.unique(np.linspace(0, radar.track.n_pulses - 1, 65).astype(int))
     line = points[None] - radar.track.position[pick][:, None]
@@ -54,6 +58,7 @@ def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str)
             f"{np.degrees(radar.antenna.azimuth_beamwidth):.3g} deg and "
             f"{np.degrees(radar.antenna.elevation_beamwidth):.3g} deg); aim at it or widen the beam"
         )
+    return seen
 
 
 def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[str, ...]:
@@ -62,7 +67,7 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     Parameters
     ----------
     radar : complete
-    box : of the image
+    box : the part of the scene that the image holds
     where : start of every line
     derived : the prf follows from the number of pulses and the resolution
     """

@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from sarmitsuba.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
+from sarmitsuba.errors import SceneError
+from sarmitsuba.scene.materials import (
+    ITU_BANDS,
+    ORDINARY_BSDFS,
+    itu_permittivity,
+    ordinary_material,
+    radar_material,
+    sionna_itu_name,
+    sionna_material,
+)
+from sarmitsuba.scene.tables import RADAR_MATERIAL, RADIO_MATERIAL
+
+X_BAND = 9.6e9
+WHERE = 'scene.xml: bsdf "m"'
+
+
+def build(frequency: float = X_BAND, **given: object):
+    values = RADAR_MATERIAL.read(given, WHERE)
+    return radar_material("m", values, frozenset(given), frequency, WHERE)[0]
+
+
+def test_concrete_at_10_ghz() -> None:
+    # ITU-R P.2040-3: eps' = 5.24, sigma = 0.0462 * 10^0.7822 = 0.27980 S/m
+    eps, note = itu_permittivity("concrete", 10e9)
+    sigma = 0.0462 * 10**0.7822
+    assert eps.real == 5.24
+    assert eps.imag == pytest.approx(
+        -sigma / (2 * np.pi * 10e9 * VACUUM_PERMITTIVITY), rel=1e-12
+    )  # tol: rounding
+    assert eps.imag == pytest.approx(-0.503, abs=5e-4)  # tol: three printed digits
+    assert note == ""
+
+
+def test_medium_dry_ground_has_a_falling_permittivity() -> None:
+    eps, _ = itu_permittivity("medium_dry_ground", 5e9)
+    assert eps.real == pytest.approx(15 * 5**-0.1, rel=1e-12)  # tol: rounding
+
+
+def test_outside_its_bands_the_nearest_is_used_and_said() -> None:
+    eps, note = itu_permittivity("brick", 94e9)
+    assert "brick" in note and "94 GHz" in note
+    assert eps.real == 4.15  # the band from 110 GHz is nearer than the one to 40 GHz
+
+
+@pytest.mark.parametrize("name", ITU_BANDS)
+def test_every_material_is_passive(name: str) -> None:
+    for frequency in (1e9, 10e9, 94e9, 300e9):
+        eps, _ = itu_permittivity(name, frequency)
+        assert eps.real >= 1.0 and eps.imag <= 0.0
+
+
+def test_permittivity_one_is_invisible_and_vacuum_too() -> None:
+    assert build(permittivity_real=1.0).invisible
+    assert build(material="vacuum").invisible
+    assert not build(permittivity_real=1.0, diffuse_law="constant").invisible
+    assert not build(material="pec").invisible
+
+
+def test_conductivity_and_loss_are_the_same_thing() -> None:
+    sigma = 0.5
+    loss = sigma / (2 * np.pi * X_BAND * VACUUM_PERMITTIVITY)
+    a, b = (
+        build(permittivity_real=4.0, conductivity=sigma),
+        build(permittivity_real=4.0, permittivity_imag=loss),
+    )
+    assert a.permittivity == pytest.approx(b.permittivity, rel=1e-14)  # tol: rounding
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({}, "neither material nor permittivity_real"),
+        ({"material": "pec", "permittivity_real": 3.0}, "exclude each other"),
+        ({"permittivity_real": 3.0, "permittivity_imag": 1.0, "conductivity": 1.0}, "exclude each other"),
+        (
+            {"material": "pec", "diffuse_law": "iem", "rms_height": 0.01},
+            "needs rms_height and correlation_length",
+        ),
+        ({"material": "pec", "diffuse_level_db": -3.0}, "has no effect with diffuse_law = none"),
+    ],
+)
+def test_contradictions_are_refused(given: dict, text: str) -> None:
+    with pytest.raises(SceneError, match=text):
+        build(**given)
+
+
+def test_sionna_scattering_shares_the_power() -> None:
+    values = RADIO_MATERIAL.read({"relative_permittivity": 4.0, "scattering_coefficient": 0.6}, WHERE)
+    material, _ = sionna_material("m", "radio-material", values, X_BAND)
+    k = 2 * np.pi * X_BAND / SPEED_OF_LIGHT
+    coherent = np.exp(-2 * (k * material.rms_height) ** 2) ** 2
+    assert coherent == pytest.approx(1 - 0.36, rel=1e-12)  # tol: rounding
+    # Lambert's law: sigma0 at normal incidence is 4 albedo; |R(0)|^2 = (1/3)^2 for eps = 4
+    assert 10 ** (material.diffuse_level_db / 10) == pytest.approx(4 * 0.36 / 9, rel=1e-12)  # tol: rounding
+
+
+def test_sionna_names_in_ids() -> None:
+    assert sionna_itu_name("mat-itu_concrete") == "concrete"
+    assert sionna_itu_name("itu-wet_ground") == "wet_ground"
+    assert sionna_itu_name("itu_cheese") == ""
+    assert sionna_itu_name("concrete") == ""
+
+
+@pytest.mark.parametrize("plugin", ORDINARY_BSDFS)
+def test_every_ordinary_bsdf_has_a_meaning_and_a_warning(plugin: str) -> None:
+    material, note = ordinary_material("m", plugin, {}, X_BAND)
+    assert f'"{plugin}"' in note and "\n" not in note
+    assert material.pec == (plugin in ("conductor", "roughconductor"))
+    assert material.invisible == (ORDINARY_BSDFS[plugin][2] == "invisible")
+
+
+def test_principled_metal_is_a_conductor() -> None:
+    assert ordinary_material("m", "principled", {"metallic": 1.0}, X_BAND)[0].pec
+    assert ordinary_material("m", "principled", {}, X_BAND)[0].permittivity.real == 5.24

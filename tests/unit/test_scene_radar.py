@@ -1,0 +1,239 @@
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.scene.radar_builder import RadarInput, build_radar
+from sarmitsuba.scene.tables import FILM, SENSOR
+
+SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
+
+
+def described(film: dict | None = None, folder: Path = Path(), **sensor: object) -> RadarInput:
+    film = film or {}
+    return RadarInput(
+        SENSOR.read(sensor, "s"),
+        FILM.read(film, "f"),
+        frozenset(sensor),
+        frozenset(film),
+        'scene.xml: sensor "radar"',
+        "scene.xml: film range_film",
+        folder,
+    )
+
+
+def build(bounds: np.ndarray = SMALL, film: dict | None = None, **sensor: object):
+    return build_radar(described(film, **sensor), bounds)
+
+
+def test_broadside_geometry() -> None:
+    radar, _, _ = build(slant_range=10e3, look_angle_deg=30.0, heading_deg=90.0, look_side="left")
+    # flying east, looking left (north): the antenna stands south of the aim point
+    np.testing.assert_allclose(
+        radar.track.center_position, [0.0, -5000.0, 10e3 * np.cos(np.pi / 6)], atol=1e-9
+    )  # tol: rounding
+    np.testing.assert_allclose(radar.track.along, [1, 0, 0], atol=1e-12)  # tol: rounding
+    np.testing.assert_allclose(radar.across, [0, 1, 0], atol=1e-12)  # tol: rounding
+    assert radar.look_side == "left"
+
+
+def test_squint_and_look_angle_are_what_they_say() -> None:
+    radar, _, _ = build(squint_angle_deg=15.0, look_angle_deg=40.0, heading_deg=33.0)
+    sight = -radar.track.center_position / 10e3
+    along = np.array([np.sin(np.radians(33)), np.cos(np.radians(33)), 0])
+    assert np.linalg.norm(radar.track.center_position) == pytest.approx(10e3, rel=1e-12)  # tol: rounding
+    assert np.degrees(np.arcsin(sight @ along)) == pytest.approx(15.0, rel=1e-10)  # tol: rounding
+    assert np.degrees(np.arccos(-sight[2])) == pytest.approx(40.0, rel=1e-10)  # tol: rounding
+    assert sight @ np.array([along[1], -along[0], 0]) > 0  # to the right
+
+
+def test_squint_beyond_the_look_angle_is_refused() -> None:
+    with pytest.raises(
+        RadarError, match="squint_angle_deg = 45 deg is not smaller than look_angle_deg = 30 deg"
+    ):
+        build(squint_angle_deg=45.0, look_angle_deg=30.0)
+
+
+def test_aperture_gives_the_resolution_asked_for() -> None:
+    radar, _, _ = build(azimuth_resolution=0.25)
+    prf = 1.0 / np.diff(radar.track.time)[0]
+    length = radar.track.n_pulses * 100.0 / prf
+    cell = radar.waveform.wavelength * 10e3 / (2 * length)
+    assert cell == pytest.approx(0.25, rel=1.0 / radar.track.n_pulses)  # tol: whole number of pulses
+
+
+def test_automatic_prf_covers_the_doppler_bandwidth() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for sensor in ({}, {"n_pulses": 300}, {"mode": "spotlight"}, {"squint_angle_deg": 20.0}):
+            build(np.array([[-100.0, -50, 0], [100, 50, 20]]), **sensor)
+
+
+def test_prf_follows_from_pulses_and_resolution() -> None:
+    radar, _, _ = build(n_pulses=1000, azimuth_resolution=0.5)
+    length = radar.waveform.wavelength * 10e3 / (2 * 0.5)
+    assert 1.0 / np.diff(radar.track.time)[0] == pytest.approx(
+        1000 * 100.0 / length, rel=1e-9
+    )  # tol: rounding
+
+
+def test_an_aperture_described_twice_is_refused() -> None:
+    with pytest.raises(RadarError, match="describe the aperture twice"):
+        build(n_pulses=100, prf=500.0, azimuth_resolution=0.5)
+
+
+def test_a_low_prf_is_said() -> None:
+    with pytest.warns(
+        SarmitsubaWarning,
+        match='^scene.xml: sensor "radar": prf = 20 Hz is below the Doppler bandwidth .* Hz; raise prf or narrow the',
+    ):
+        build(prf=20.0)
+
+
+def test_a_narrow_beam_needs_less_prf() -> None:
+    wide = np.array([[-900.0, -50, 0], [900, 50, 20]])
+    film = {"image_extent_azimuth": 1800.0, "image_extent_range": 200.0}
+    beam = {"pattern": "gaussian", "azimuth_beamwidth_deg": 1.0, "elevation_beamwidth_deg": 5.0}
+    isotropic, _, _ = build(wide, film)
+    narrow, _, _ = build(wide, film, **beam)
+    assert np.diff(narrow.track.time)[0] > 2 * np.diff(isotropic.track.time)[0]
+
+
+def test_range_ambiguity_is_said() -> None:
+    with pytest.warns(SarmitsubaWarning, match="longer than the unambiguous range"):
+        build(slant_range=5e5, prf=1e5, n_pulses=10, pulse_width=2e-5)
+
+
+def test_window_holds_the_scene_and_its_multiple_bounces() -> None:
+    box = np.array([[-50.0, -50, 0], [50, 50, 30]])
+    radar, image, _ = build(box)
+    corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
+    ranges = np.linalg.norm(corners[None] - radar.track.position[::50, None], axis=2)
+    start = radar.window.start_range[::50]
+    assert (ranges.min(axis=1) - start > 30.0).all()
+    assert (start + radar.window.extent - ranges.max(axis=1) > 30.0).all()
+    assert radar.window.sample_spacing == pytest.approx(SPEED_OF_LIGHT / (2 * 1.2 * 300e6))  # tol: rounding
+    assert np.ptp(radar.window.start_range) == 0.0
+    assert image.extent_azimuth > 100.0
+
+
+def test_window_follows_a_squinted_aim_point_in_whole_samples() -> None:
+    radar, _, _ = build(squint_angle_deg=20.0)
+    to_aim = np.linalg.norm(radar.track.position, axis=1)
+    assert np.ptp(to_aim) > 50.0
+    inside = to_aim - radar.window.start_range
+    assert inside.min() > 0 and inside.max() < radar.window.extent
+    steps = np.diff(radar.window.start_range) / radar.window.sample_spacing
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)  # tol: rounding of 1e4 m over 0.4 m
+
+
+def test_a_hundred_thousand_pulses_are_no_loop() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        radar, _, _ = build(n_pulses=100_000, prf=1000.0, slant_range=1e6)
+    assert radar.window.start_range.shape == (100_000,)
+    assert radar.pointing.boresight.shape == (100_000, 3)
+
+
+@pytest.mark.parametrize("mode", ["stripmap", "spotlight"])
+def test_pointing_is_an_orthonormal_triad(mode: str) -> None:
+    radar, _, _ = build(mode=mode, squint_angle_deg=10.0, n_pulses=64, prf=200.0)
+    p = radar.pointing
+    triad = np.stack([p.boresight, p.azimuth_axis, p.elevation_axis], axis=1)
+    product = np.einsum("nij,nkj->nik", triad, triad)
+    np.testing.assert_allclose(
+        product, np.broadcast_to(np.eye(3), product.shape), atol=1e-12
+    )  # tol: rounding
+    assert (p.azimuth_axis @ radar.track.along > 0).all() and (p.elevation_axis[:, 2] > 0).all()
+    to_aim = -radar.track.position / np.linalg.norm(radar.track.position, axis=1, keepdims=True)
+    off = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", p.boresight, to_aim), -1, 1)))
+    if mode == "spotlight":
+        assert off.max() < 1e-5
+    else:
+        np.testing.assert_allclose(p.boresight, p.boresight[:1].repeat(64, 0), atol=1e-12)  # tol: rounding
+        assert off.max() > 0.05
+
+
+def test_beamwidth_from_the_aperture_size() -> None:
+    radar, _, _ = build(pattern="rectangular", antenna_length=2.0, antenna_height=0.5)
+    # half power of sinc^2 at sin(angle) = 0.4429 lambda / L
+    assert np.sin(radar.antenna.azimuth_beamwidth / 2) == pytest.approx(
+        0.4429465 * radar.waveform.wavelength / 2.0, rel=1e-6
+    )  # tol: printed digits
+
+
+def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
+    t = np.arange(40) * 0.01
+    rows = np.stack([t, 1e6 - 3000 + 0 * t, 2e6 + 100 * (t - 0.2), 4000 + 0 * t], axis=1)
+    np.savetxt(tmp_path / "track.csv", rows, delimiter=",", header="time_s, x_m, y_m, z_m", fmt="%.17g")
+    offset = np.array([1e6, 2e6, 0.0])
+    given = described(folder=tmp_path, track_file="track.csv", aim_x=1e6, aim_y=2e6)
+    radar, image, _ = build_radar(given, SMALL, offset)
+    np.testing.assert_allclose(radar.track.position[:, 0], -3000.0, atol=1e-9)  # tol: float64 at 1e6
+    assert radar.look_side == "right"
+    assert (image.center_x, image.center_y) == (0.0, 0.0)
+    with pytest.raises(RadarError, match="prf has no effect beside track_file"):
+        build_radar(described(folder=tmp_path, track_file="track.csv", prf=5.0), SMALL, offset)
+    with pytest.raises(RadarError, match="look_side = left, but the aim point"):
+        build_radar(
+            described(folder=tmp_path, track_file="track.csv", aim_x=1e6, aim_y=2e6, look_side="left"),
+            SMALL,
+            offset,
+        )
+
+
+@pytest.mark.parametrize(
+    ("bounds", "film", "sensor", "text"),
+    [
+        (
+            SMALL,
+            {"near_range": 9000.0, "far_range": 9100.0},
+            {},
+            "does not hold the scene, whose slant ranges",
+        ),
+        (SMALL, {"near_range": 200.0, "far_range": 100.0}, {}, "near_range = 200 m is not below far_range"),
+        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "nothing to see; move the aim point"),
+        (SMALL, {"image_center_x": 3000.0}, {}, "nothing to see"),
+        (SMALL, {"image_height": 8000.0}, {}, "image_height = 8000 m is not below the antenna at 7071"),
+        (SMALL, {"image_center_x": -8000.0}, {}, "far side of the ground track"),
+        (SMALL, {"image_extent_range": 2e4}, {}, "reaches across the ground track"),
+        (SMALL, {"sampling_rate": 1e8}, {}, "below the bandwidth"),
+        (SMALL, {}, {"polarisation": "HH,HH"}, "is no list of channels"),
+        (SMALL, {}, {"polarisation": ""}, "is no list of channels"),
+        (SMALL, {}, {"azimuth_beamwidth_deg": 2.0}, "no effect with pattern = isotropic"),
+        (
+            SMALL,
+            {},
+            {"pattern": "gaussian", "azimuth_beamwidth_deg": 2.0},
+            "needs one of elevation_beamwidth_deg",
+        ),
+        (SMALL, {}, {"azimuth_resolution": 1e-4}, "more than four slant ranges"),
+        (np.add(SMALL, [0, 0, 8000.0]), {"image_center_x": 0.0}, {}, "below the whole scene"),
+        (SMALL, {}, {"bandwidth": 1e11}, "must be below twice"),
+    ],
+)
+def test_radars_that_cannot_see_are_refused(bounds, film, sensor, text) -> None:
+    with pytest.raises(RadarError, match=text) as caught:
+        build(bounds, film, **sensor)
+    assert "\n" not in str(caught.value)
+
+
+def test_scene_outside_the_beam_is_refused() -> None:
+    beam = {"pattern": "gaussian", "azimuth_beamwidth_deg": 0.2, "elevation_beamwidth_deg": 1.0}
+    film = {"image_extent_azimuth": 2000.0, "image_extent_range": 2000.0}
+    with pytest.raises(RadarError, match=r"outside the beam, .* deg off in azimuth"):
+        build(np.array([[300.0, 300, 0], [310, 310, 5]]), film, **beam)
+
+
+def test_a_window_that_cuts_the_image_is_said() -> None:
+    with pytest.warns(SarmitsubaWarning, match="cuts the image"):
+        build(film={"near_range": 10e3})
+
+
+def test_huge_geometry_gets_a_bounded_image() -> None:
+    _, image, notes = build(np.array([[-5000.0, -5000, 0], [5000, 5000, 10]]), azimuth_resolution=0.5)
+    assert image.extent_azimuth == pytest.approx(1024.0)  # tol: rounding
+    assert any("image_extent_azimuth limited" in note for note in notes)
