@@ -90,7 +90,7 @@ class GridAdder:
         self.padded = 1 << (n_channels - 1).bit_length()
         self.max_order = max_order
         self.wavelength = wavelength
-        self.memory = dr.zeros(mi.Float, 2 * self.padded * n_slots * n_rows * n_columns)
+        self.memory = dr.zeros(mi.Float, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
         on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.mode = dr.ReduceMode.Expand if on_cpu else dr.ReduceMode.Auto
         self.packet = (mi.Vector2f, mi.Vector4f, mi.ArrayXf)[min(self.padded.bit_length() - 1, 2)]
@@ -133,8 +133,15 @@ class GridAdder:
     def grid(self) -> NDArray[np.complex64]:
         """(n_slots * n_channels, n_rows, n_columns) complex64 after the launch, channels fastest in the first axis."""
         s, m, n = self.shape
-        cells = self.memory.numpy().view(np.complex64).reshape(s, m, n, self.padded)[..., : self.n_channels]
+        used = self.memory.numpy()[: 2 * self.padded * s * m * n]
+        cells = used.view(np.complex64).reshape(s, m, n, self.padded)[..., : self.n_channels]
         return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n))
+
+
+def _rounded(n: int) -> int:
+    """At most an eighth more: the size is compiled into an expanding scatter-add, and few sizes mean few kernels."""
+    step = 1 << max(n.bit_length() - 4, 0)
+    return -(-n // step) * step
 
 
 class BlockAdder(GridAdder):
@@ -171,10 +178,12 @@ class BlockAdder(GridAdder):
         inside = active & inside_x & inside_y
         phasor = carrier(range0, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
-        base = (self.slot(order) * plan.n_range + ix) * plan.n_rate + iy
+        # opaque sizes: the next block's grid then needs no new kernel
+        n_range, n_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_rate)
+        base = (self.slot(order) * n_range + ix) * n_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
-                self.scatter(base + (i * plan.n_rate + j), values, wi * wj, inside)
+                self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
         return (dr.select(active & ~inside, state[0] + 1, state[0]),)
 
 
@@ -210,7 +219,8 @@ class DirectAdder(GridAdder):
         inside &= active
         phasor = carrier(half_length, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
-        base = (self.slot(order) * plan.n_pulses + pulse) * plan.n_range + ix
+        n_pulses, n_range = dr.opaque(mi.UInt32, plan.n_pulses), dr.opaque(mi.UInt32, plan.n_range)
+        base = (self.slot(order) * n_pulses + pulse) * n_range + ix
         for i, wi in enumerate(wx):
             self.scatter(base + i, values, wi, inside)
         return (dr.select(active & ~inside, state[0] + 1, state[0]),)
@@ -221,7 +231,7 @@ def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[An
     shifted = x + kernel.shift
     base = dr.floor(shifted)
     first = mi.Int32(base) - kernel.lead
-    inside = (x >= kernel.margin) & (x <= n - 1 - kernel.margin)
+    inside = (x >= kernel.margin) & (x <= dr.opaque(mi.Float64, n - 1 - kernel.margin))
     return mi.UInt32(first), kernel.taps(mi.Float(shifted - base)), inside
 
 
