@@ -1,0 +1,153 @@
+"""The documented commands on shipped scenes and on broken ones, from the file to the picture."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sarmitsuba import cli
+from sarmitsuba.io import read_image, read_raw
+
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json"}
+
+
+def render(scene: str, out: Path, *options: str) -> Path:
+    assert cli.main(["render", scene, "-o", str(out), "--quiet", *options]) == 0
+    return out
+
+
+def difference_db(a: Any, b: Any) -> float:
+    return float(20 * np.log10(np.linalg.norm(a - b) / np.linalg.norm(b) + 1e-30))
+
+
+@pytest.fixture(scope="module")
+def point(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return render("point", tmp_path_factory.mktemp("point") / "out", "--seed", "5")
+
+
+def test_point_target_ends_up_where_it_is_with_its_rcs(point: Path) -> None:
+    assert {p.name for p in point.iterdir()} == RESULTS
+    image = read_image(point / "image.h5")
+    power = image.rcs()
+    row, column = np.unravel_index(power.argmax(), power.shape)
+    assert abs(image.grid.azimuth[row]) <= 0.5 * image.grid.azimuth_spacing
+    assert abs(image.grid.range[column] - 10_000.0) <= 0.5 * image.grid.range_spacing
+    # tol: 0.05 dB, spreading kernels and interpolation
+    assert 10 * np.log10(power.max()) == pytest.approx(0.0, abs=0.05)
+    facts = json.loads((point / "parameters.json").read_text())
+    assert facts["seed"] == 5
+    assert facts["seconds"]["total"] > 0
+
+
+def test_raw_data_alone_focus_to_the_same_image(point: Path, tmp_path: Path) -> None:
+    assert cli.main(["focus", str(point / "raw.h5"), "-o", str(tmp_path), "--quiet"]) == 0
+    again, image = read_image(tmp_path / "image.h5"), read_image(point / "image.h5")
+    assert again.grid.shape == image.grid.shape
+    assert difference_db(again.data, image.data) < -120.0  # tol: the order of float32 sums
+
+
+def test_chirped_echoes_compress_to_the_same_image(point: Path, tmp_path: Path) -> None:
+    chirped = render("point", tmp_path / "chirped", "--seed", "5", "--raw", "chirped")
+    raw = read_raw(chirped / "raw.h5")
+    assert raw.domain == "chirped"
+    assert raw.data.shape[2] > read_raw(point / "raw.h5").data.shape[2]
+    image = read_image(chirped / "image.h5")
+    # tol: the receive window cuts the profile's sinc tails and the pulse smears the cut over its length
+    assert difference_db(image.data, read_image(point / "image.h5").data) < -40.0
+
+
+def test_omega_k_from_the_command_line(point: Path, tmp_path: Path) -> None:
+    arguments = ["focus", str(point / "raw.h5"), "-o", str(tmp_path), "--focuser", "omega_k", "--quiet"]
+    assert cli.main(arguments) == 0
+    # tol: 0.1 dB, Stolt interpolation
+    assert 10 * np.log10(read_image(tmp_path / "image.h5").rcs().max()) == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_same_seed_gives_the_same_result(tmp_path: Path) -> None:
+    first = read_raw(render("dihedral", tmp_path / "a", "--seed", "1", "--no-focus") / "raw.h5")
+    second = read_raw(render("dihedral", tmp_path / "b", "--seed", "1", "--no-focus") / "raw.h5")
+    other = read_raw(render("dihedral", tmp_path / "c", "--seed", "2", "--no-focus") / "raw.h5")
+    # tol: threads add contributions in any order, float32 rounding
+    assert difference_db(second.data, first.data) < -100.0
+    assert difference_db(other.data, first.data) > -100.0
+
+
+def test_every_channel_has_a_picture(tmp_path: Path) -> None:
+    out = render("dihedral", tmp_path / "out", "-D", "polarisation=HH,VV")
+    assert {p.name for p in out.iterdir()} == RESULTS | {"quicklook_VV.png"}
+
+
+SCENE = """<scene version="3.0.0">
+  <integrator type="sar_path"/>
+  <sensor type="sar_antenna">
+    <float name="slant_range" value="10000"/> <float name="look_angle_deg" value="45"/>
+    <float name="center_frequency" value="9.65e9"/> <float name="bandwidth" value="300e6"/>
+    <float name="azimuth_resolution" value="5"/> {sensor}
+    <film type="range_film">{film}</film>
+  </sensor>
+  {shape}
+</scene>
+"""
+AWAY = """<float name="image_center_x" value="900"/> <float name="image_extent_range" value="20"/>
+    <float name="image_extent_azimuth" value="20"/>"""
+BOX = '<shape type="cube"><bsdf type="radar_material"><string name="material" value="pec"/></bsdf></shape>'
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<scene", "scene.xml"),
+        (SCENE.format(sensor='<float name="bandwith" value="1"/>', film="", shape=BOX), "bandwith"),
+        (SCENE.format(sensor='<float name="speed" value="fast"/>', film="", shape=BOX), "fast"),
+        (SCENE.format(sensor='<float name="losses_db" value="-3"/>', film="", shape=BOX), "losses_db"),
+        (
+            SCENE.format(
+                sensor="", film="", shape='<shape type="ply"><string name="filename" value="no.ply"/></shape>'
+            ),
+            "no.ply",
+        ),
+        (SCENE.format(sensor="", film="", shape=""), "scene.xml"),
+        (SCENE.format(sensor="", film=AWAY, shape=BOX), "image"),
+    ],
+    ids=[
+        "malformed",
+        "unknown parameter",
+        "not a number",
+        "out of bounds",
+        "missing mesh",
+        "empty",
+        "nothing in the image",
+    ],
+)
+def test_bad_scenes_get_one_line(tmp_path: Path, text: str, expected: str) -> None:
+    (tmp_path / "scene.xml").write_text(text)
+    paths = [str(tmp_path / "scene.xml"), "-o", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "sarmitsuba", "render", *paths, "--quiet"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 2, run.stderr
+    assert run.stdout == ""
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("error: ") and expected in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_names_suggest_the_right_one(tmp_path: Path, capsys: Any) -> None:
+    assert cli.main(["render", "dihedrall", "-o", str(tmp_path / "o")]) == 2
+    assert "dihedral" in capsys.readouterr().err
+    assert cli.main(["render", "dihedral", "-o", str(tmp_path / "o"), "--radar", "airborne"]) == 2
+    assert "airborne_x" in capsys.readouterr().err
+    assert cli.main(["render", "dihedral", "-o", str(tmp_path / "o"), "-D", "heigth=3"]) == 2
+    assert "heigth" in capsys.readouterr().err
+
+
+def test_radar_is_put_over_another_scene(tmp_path: Path) -> None:
+    text = f'<scene version="3.0.0">{BOX}</scene>'
+    (tmp_path / "mine.xml").write_text(text)
+    options = ("--radar", "airborne_x", "--no-focus")
+    out = render(str(tmp_path / "mine.xml"), tmp_path / "out", *options)
+    facts = json.loads((out / "parameters.json").read_text())
+    assert facts["radar"]["center_frequency_hz"] > 8e9
