@@ -40,7 +40,7 @@ class _Verb(ModuleType):
 
 
 class _Package(ModuleType):
-    """This package: makes the verbs' modules callable when the import system binds them."""
+    """The package itself: makes the verbs' modules callable when the import system binds them."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Bind a name."""
