@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.trace.backend import Backend, ensure_backend, find_llvm, gpu_description
+from sarmitsuba.trace.backend import Backend, ensure_backend, gpu_description
 
 _PINNED = {"mitsuba": "3.9.1", "drjit": "1.5.0"}
 _NEEDED = ("numpy", "scipy", "trimesh", "OpenEXR", "matplotlib", "h5py", "tqdm")
@@ -133,11 +133,8 @@ def _packages() -> list[Check]:
 def _backend(backend: Backend) -> list[Check]:
     checks = [Check("back end", backend.variant, essential=True), Check("threads", str(backend.threads))]
     if backend.llvm_version:
-        choice = find_llvm()
         where = backend.llvm_path or "found by Dr.Jit"
         checks.append(Check("LLVM", f"{backend.llvm_version} ({where})"))
-        if choice is None:
-            checks.append(Check("LLVM source", "the system's loader", ok=True))
     gpu = gpu_description()
     remedy = "" if gpu else "not needed; a CUDA GPU wants the NVIDIA driver with OptiX (libnvoptix.so.1)"
     checks.append(Check("GPU", gpu or "none usable", True, False, remedy))

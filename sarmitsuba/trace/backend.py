@@ -221,26 +221,30 @@ def _preload_libcxx(llvm: Path) -> None:
                     return  # Dr.Jit's own attempt then fails and is reported
 
 
-def _system_llvm() -> LlvmChoice | None:
+def _system_llvm(root: Path = Path("/")) -> LlvmChoice | None:
     """Newest LLVM library of the system that Dr.Jit can work with on this processor."""
     oldest = _OLDEST_LLVM_AVX512 if has_avx512() else _OLDEST_LLVM
-    root = Path("/")
     best: tuple[int, Path] | None = None
     for pattern in _SYSTEM_FOLDERS:
-        for path in root.glob(f"{pattern[1:]}/libLLVM*"):
-            match = _LLVM_NAME.fullmatch(path.name) or _LLVM_NAME.fullmatch(path.resolve().name)
-            if match is None:
+        for path in sorted(root.glob(f"{pattern[1:]}/libLLVM*")):
+            version = _library_version(path)
+            if version is None or version < oldest or not path.exists():
                 continue
-            digits = match["a"] or match["b"] or _folder_version(path)
-            if digits is None:
-                resolved = _LLVM_NAME.fullmatch(path.resolve().name)
-                digits = (resolved["a"] or resolved["b"]) if resolved else None
-            if digits is None or not path.exists():
-                continue
-            version = int(digits)
-            if version >= oldest and (best is None or version > best[0]):
+            if best is None or version > best[0]:
                 best = (version, path)
     return None if best is None else LlvmChoice(best[1], "system", str(best[0]))
+
+
+def _library_version(path: Path) -> int | None:
+    """Major version of a libLLVM from its name, the file it links to, or its folder; None if none tells."""
+    if _LLVM_NAME.fullmatch(path.name) is None:
+        return None
+    for name in (path.name, path.resolve().name):
+        match = _LLVM_NAME.fullmatch(name)
+        if match is not None and (match["a"] or match["b"]):
+            return int(match["a"] or match["b"])
+    folder = _folder_version(path)
+    return int(folder) if folder else None
 
 
 def _folder_version(path: Path) -> str | None:

@@ -1,0 +1,109 @@
+"""The back end is found, kept and, where there is none, explained."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sarmitsuba.trace import backend
+from sarmitsuba.trace.backend import LlvmChoice, find_llvm
+
+
+def folder_with(root: Path, *names: str) -> None:
+    for name in names:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+
+def test_the_users_own_variable_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/opt/mine.so")
+    assert find_llvm() == LlvmChoice(Path("/opt/mine.so"), "environment", None)
+
+
+def test_then_the_package_then_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    package = LlvmChoice(Path("/p.so"), "package", "23")
+    system = LlvmChoice(Path("/s.so"), "system", "19")
+    monkeypatch.setattr(backend, "_packaged_llvm", lambda: package)
+    monkeypatch.setattr(backend, "_system_llvm", lambda: system)
+    assert find_llvm() == package
+    monkeypatch.setattr(backend, "_packaged_llvm", lambda: None)
+    assert find_llvm() == system
+
+
+@pytest.mark.parametrize(
+    ("avx512", "names", "expected"),
+    [
+        (False, ["usr/lib/x86_64-linux-gnu/libLLVM-14.so.1"], None),
+        (False, ["usr/lib/x86_64-linux-gnu/libLLVM-15.so.1"], "15"),
+        (True, ["usr/lib/x86_64-linux-gnu/libLLVM-15.so.1"], None),
+        (True, ["usr/lib/llvm-16/lib/libLLVM.so", "usr/lib/llvm-19/lib/libLLVM.so.19.1"], "19"),
+        (True, ["usr/lib64/libLLVM.so.18.1", "usr/lib64/libLLVM-9.so"], "18"),
+        (False, ["opt/homebrew/opt/llvm@17/lib/libLLVM.dylib"], "17"),
+        (False, ["usr/lib64/libLLVM.so"], None),
+        (False, ["usr/lib64/libLLVMCore.so.19"], None),
+    ],
+)
+def test_newest_working_system_library_is_taken(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, avx512: bool, names: list[str], expected: str | None
+) -> None:
+    monkeypatch.setattr(backend, "has_avx512", lambda: avx512)
+    folder_with(tmp_path, *names)
+    choice = backend._system_llvm(tmp_path)
+    assert (choice.version if choice else None) == expected
+
+
+def test_version_is_read_through_links(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(backend, "has_avx512", lambda: True)
+    folder_with(tmp_path, "usr/lib64/libLLVM.so.20.1")
+    (tmp_path / "usr/lib64/libLLVM.so").symlink_to("libLLVM.so.20.1")
+    (tmp_path / "usr/lib/libLLVM.so").parent.mkdir(exist_ok=True)
+    (tmp_path / "usr/lib/libLLVM.so").symlink_to("gone.so.21.1")
+    choice = backend._system_llvm(tmp_path)
+    assert choice is not None and choice.version == "20" and choice.path.exists()
+
+
+def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    clean = {k: v for k, v in os.environ.items() if k not in ("DRJIT_LIBLLVM_PATH", "SARMITSUBA_VARIANT")}
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**clean, **environment}, timeout=60
+    )
+
+
+SHOW = "from sarmitsuba.trace.backend import ensure_backend as e; b = e(); assert b == e(); print(b.variant)"
+
+
+def test_a_fresh_process_gets_a_variant_that_computes() -> None:
+    code = SHOW + "; import drjit as dr, mitsuba as mi; print(dr.sum(dr.arange(mi.Float, 5))[0])"
+    result = run(code, SARMITSUBA_VARIANT="llvm_ad_rgb")
+    assert result.stdout.split() == ["llvm_ad_rgb", "10.0"], result.stderr
+
+
+def test_a_variant_that_can_trace_is_kept() -> None:
+    before = "from sarmitsuba.trace.backend import prepare_llvm; prepare_llvm(); import mitsuba as mi; "
+    result = run(before + "mi.set_variant('llvm_ad_spectral'); " + SHOW)
+    assert result.stdout.strip() == "llvm_ad_spectral", result.stderr
+    result = run(before + "mi.set_variant('scalar_rgb'); " + SHOW, SARMITSUBA_VARIANT="llvm_ad_rgb")
+    assert result.stdout.strip() == "llvm_ad_rgb", result.stderr
+
+
+@pytest.mark.parametrize(
+    ("environment", "text"),
+    [
+        (
+            {"SARMITSUBA_VARIANT": "scalar_rgb"},
+            "variant 'scalar_rgb' cannot trace radar paths; use one of llvm_ad_rgb",
+        ),
+        (
+            {"DRJIT_LIBLLVM_PATH": "/none.so", "SARMITSUBA_VARIANT": "llvm_ad_rgb"},
+            "/none.so: Dr.Jit cannot use this",
+        ),
+    ],
+)
+def test_what_does_not_work_is_one_line_with_a_remedy(environment: dict[str, str], text: str) -> None:
+    result = run(SHOW, **environment)
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith("sarmitsuba.errors.BackendError: ") and text in last
