@@ -84,7 +84,7 @@ def focus(
     middle = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * parse_window(range_window).broadening
-    azimuth_cell, polynomial = _azimuth_cell(
+    cell, polynomial = azimuth_cell(
         raw.radar, grid, middle, incidence, weights, range_window, range_cell
     )
     facts |= {
@@ -97,14 +97,14 @@ def focus(
         layers=raw.layers,
         grid=grid,
         wavelength=raw.radar.waveform.wavelength,
-        azimuth_resolution_cell=azimuth_cell,
+        azimuth_resolution_cell=cell,
         range_resolution_cell=range_cell,
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},
     )
 
 
-def _azimuth_cell(
+def azimuth_cell(
     radar: Radar,
     grid: ImageGrid,
     line: NDArray[np.float64],
@@ -130,6 +130,7 @@ def _azimuth_cell(
 
 __all__ = [
     "METHODS",
+    "azimuth_cell",
     "backproject",
     "backproject_numpy",
     "default_grid",

@@ -64,7 +64,7 @@ def add_points(
                     np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
                 ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
             if trace_scene is not None:
-                amplitude = amplitude * _visible(trace_scene, point.position, leg, distance)
+                amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
             added += int(np.count_nonzero(amplitude))
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
@@ -74,13 +74,13 @@ def add_points(
     return added
 
 
-def _visible(
+def visible(
     trace_scene: TraceScene,
     position: NDArray[np.float64],
     leg: NDArray[np.float64],
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """1 where the straight way from the point to the antenna is free, else 0; (n_pulses,) float64."""
+    """1 where the straight way from points (3,) or (n, 3) to the antenna is free, else 0; (n,) float64."""
     _, mi = modules()
 
     d = (-leg / distance[:, None]).astype(np.float32)
@@ -90,4 +90,4 @@ def _visible(
     return 1.0 - np.asarray(trace_scene.mi_scene.ray_test(ray), dtype=np.float64)
 
 
-__all__ = ["add_points"]
+__all__ = ["add_points", "visible"]
