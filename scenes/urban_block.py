@@ -86,18 +86,11 @@ def _buildings() -> dict[str, trimesh.Trimesh]:
         "apartments": blocks(*apartments),
         "tower": blocks(*tower),
         "office": turned(blocks(*office), 18.0, (-24.0, 51.0)),
-        "rotunda": revolve(
-            [(0, FOOT), (9, FOOT), (9, 8), (9.5, 8), (9.5, 8.6), (8, 8.6)]
-            + [(8 * np.cos(t), 8.6 + 5.5 * np.sin(t)) for t in np.deg2rad([15, 30, 45, 60, 75])]
-            + [(0, 14.2)],
-            (-29, 28),
-            40,
-        ),
     }
 
 
 def _brick_buildings() -> dict[str, trimesh.Trimesh]:
-    """Town houses with gabled roofs and a factory with a saw-tooth roof."""
+    """Town houses with gabled roofs, a factory with a saw-tooth roof and a stack, a domed rotunda."""
     solids = {}
     eaves, ridges = (6.4, 7.2, 5.8, 7.6, 6.6), (10.4, 11.0, 9.6, 12.0, 10.2)
     for i, (eave, ridge) in enumerate(zip(eaves, ridges, strict=True)):
@@ -120,6 +113,13 @@ def _brick_buildings() -> dict[str, trimesh.Trimesh]:
     solids["factory"] = prism(teeth, (-48, -8))
     # square to the radar, the rest of the block is not: only these show lines of full strength
     solids = {name: turned(solid, -HEADING, (36, -28)) for name, solid in solids.items()}
+    solids["rotunda"] = revolve(
+        [(0, FOOT), (9, FOOT), (9, 8), (9.5, 8), (9.5, 8.6), (8, 8.6)]
+        + [(8 * np.cos(t), 8.6 + 5.5 * np.sin(t)) for t in np.deg2rad([15, 30, 45, 60, 75])]
+        + [(0, 14.2)],
+        (-29, 28),
+        64,
+    )
     solids["stack"] = revolve([(0, FOOT), (1.1, FOOT), (0.8, 24), (0, 24)], (61, -28), 16)
     return solids
 
@@ -130,8 +130,8 @@ def _street_furniture() -> list[trimesh.Trimesh]:
     along_x = [(x, 1.0) for x in (-24.5, -18.7, -13.0, -1.5, 15.0, 20.6, 33.0, 44.0)]
     along_y = [(-48.0, y) for y in (-42.5, -36.4, -24.0, -18.2, 12.0, 17.9, 31.0)]
     rng = np.random.default_rng(3)  # nobody parks exactly straight
-    cars = [turned(car, rng.normal(0, 2.5), (0, 0)).apply_translation((x, y, 0)) for x, y in along_x]
-    cars += [turned(car, rng.normal(90, 2.5), (0, 0)).apply_translation((x, y, 0)) for x, y in along_y]
+    cars = [turned(car, rng.uniform(-3, 3), (0, 0)).apply_translation((x, y, 0)) for x, y in along_x]
+    cars += [turned(car, 90 + rng.uniform(-3, 3), (0, 0)).apply_translation((x, y, 0)) for x, y in along_y]
     lamps = []
     for x in (-14.0, -4.0, 6.0, 16.0):
         for y, arm in ((12.0, 1.0), (47.0, -1.0)):
