@@ -21,6 +21,7 @@ C64 = NDArray[np.complex64]
 _ROLL = (0.256, 0.32)  # cycles a cell: flat to just past the band's edge at 1/4, then down, so that the inner
 # response stays within 40 cells
 _GUARD = 48
+_GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,6 +316,10 @@ def synthesise(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, rad
     -------
     (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
     """
+    group = max(1, _GROUP // (plan.n_inner * max(plan.n_rate, plan.n_pulses)))
+    if len(grid) > group:
+        parts = [synthesise(grid[i : i + group], plan, radar) for i in range(0, len(grid), group)]
+        return np.concatenate(parts)
     spectrum = _pulses_from_rates(grid, plan, radar)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
