@@ -53,6 +53,8 @@ class SumAdder:
         reference = dr.gather(mi.Float64, self.reference, pulse, active)
         phasor = carrier(half_length - reference, self.wavelength, mi, dr)
         out = list(state)
+        if self.max_order:
+            order = dr.minimum(order, self.max_order)
         for o in range(max(1, self.max_order)):
             mine = active if self.max_order == 0 else active & (order == o + 1)
             for i, a in enumerate(amplitudes):

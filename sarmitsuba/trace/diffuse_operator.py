@@ -6,23 +6,29 @@ import numpy as np
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.trace import field, scatterers
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
+from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, TraceScene
 
 
 class DiffuseOperator:
     """Symmetric scattering tensor of one cell between an incoming and an outgoing direction.
 
-    Symmetric, so that exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at
-    a pair of angles is the geometric mean of the law at each.
+    Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
+    exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at a pair of angles is
+    the geometric mean of the law at each or, for laws of tilted facets, the law at the angle of the half vector.
+
+    Parameters
+    ----------
+    info : uint32, material in the low 31 bits, bit 31 set for laws of tilted facets
+    cross_ratio : cross- over co-polar power
+    n, d, s : normal facing the ray, incoming and outgoing unit directions
+    key : hash of the cell
     """
 
     def __init__(
         self,
         scene: TraceScene,
-        material: Any,
+        info: Any,
         cross_ratio: Any,
-        cos_i: Any,
-        cos_s: Any,
         n: Any,
         d: Any,
         s: Any,
@@ -32,43 +38,45 @@ class DiffuseOperator:
         dr: Any,
     ) -> None:
         self.flags, self.mi, self.dr = flags, mi, dr
-        self.n = n
         co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
+        material = info & 0x7FFFFFFF
+        cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
+        if flags.multi_bounce:
+            half = dr.dot(dr.normalize(s - d), n)
+            facets = (info >> HALF_VECTOR_BIT) == 1
+            cos_i, cos_s = dr.select(facets, half, cos_i), dr.select(facets, half, cos_s)
         table_i = _diffuse_lookup(scene, material, cos_i, mi, dr)
-        table_s = _diffuse_lookup(scene, material, cos_s, mi, dr)
+        # without mirrors every diffuse return is backscatter: both directions have the same angle
+        table_s = _diffuse_lookup(scene, material, cos_s, mi, dr) if flags.multi_bounce else table_i
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
-        if flags.polarised_diffuse:
-            self.h_i = field.incidence_basis(d, n, dr, mi)
-            self.h_s = field.incidence_basis(-s, n, dr, mi)
+        self.in_planes = flags.polarised_diffuse or flags.multi_bounce or flags.depolarisation
+        if self.in_planes:
+            self.h_i, self.h_s = field.incidence_basis_pair(d, s, n, dr, mi)
             self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
+        self.co = co
         if flags.depolarisation:
-            # azimuthal symmetry: <|S_hv|^2> = <|S_hh - S_vv|^2> / 4 = ratio of the total co-polar power
+            # azimuthal symmetry: <|S_hv|^2> = <|S_hh - S_vv|^2> / 4; S_hh and S_vv keep the law's power
             root = dr.sqrt(cross_ratio)
             self.co = co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0))
             self.difference = scatterers.gaussian(key, 1, dr, mi) * root
             self.cross = scatterers.gaussian(key, 2, dr, mi) * root
-            self.t1, self.t2 = mi.coordinate_system(n)
-        else:
-            self.co = co
 
     def _bilinear(self, q: Any, x: Any) -> Any:
         """``q . D x`` for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
         dr = self.dr
-        if self.flags.polarised_diffuse:
-            value = self.co * (
-                self.amp_h * dr.dot(q, self.h_s) * dr.dot(self.h_i, x)
-                + self.amp_v * dr.dot(q, self.v_s) * dr.dot(self.v_i, x)
-            )
-        else:
-            value = self.co * (self.amp_h * dr.dot(q, x))
+        if not self.in_planes:
+            return self.co * (self.amp_h * dr.dot(q, x))
+        qh, qv, xh, xv = (
+            dr.dot(a, b) for a, b in ((q, self.h_s), (q, self.v_s), (x, self.h_i), (x, self.v_i))
+        )
+        value = self.co * (self.amp_h * qh * xh + self.amp_v * qv * xv)
         if self.flags.depolarisation:
-            q1, q2, x1, x2 = dr.dot(q, self.t1), dr.dot(q, self.t2), dr.dot(x, self.t1), dr.dot(x, self.t2)
             amp = dr.sqrt(self.amp_h * self.amp_v)
             value = (
                 value
-                + self.difference * (amp * (q1 * x1 - q2 * x2))
-                + self.cross * (amp * (q1 * x2 + q2 * x1))
+                + self.difference * (amp * (qh * xh - qv * xv))
+                + self.cross * (amp * (qh * xv + qv * xh))
             )
         return value
 

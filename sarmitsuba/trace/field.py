@@ -46,10 +46,23 @@ def incidence_basis(d: Vector, n: Vector, dr: Any, mi: Any) -> Vector:
     At normal incidence there is no such plane; any direction across ``d`` serves, because there
     ``r_te = -r_tm`` and the reflected field does not depend on it.
     """
-    c = dr.cross(d, n)
+    return _unit_or(dr.cross(d, n), mi.coordinate_system(d)[0], dr)
+
+
+def incidence_basis_pair(d: Vector, s: Vector, n: Vector, dr: Any, mi: Any) -> tuple[Vector, Vector]:
+    """Perpendiculars ``h_i``, ``h_s`` of an incoming ray ``d`` and an outgoing one ``s``.
+
+    ``h_s`` belongs to the ray ``-s`` so that both coincide in backscatter. Where only one of the rays is along the
+    normal it takes the other's plane, so that no arbitrary turn enters between them.
+    """
+    c_i, c_s = dr.cross(d, n), dr.cross(n, s)
+    spare = mi.coordinate_system(n)[0]
+    return _unit_or(c_i, _unit_or(c_s, spare, dr), dr), _unit_or(c_s, _unit_or(c_i, spare, dr), dr)
+
+
+def _unit_or(c: Vector, spare: Vector, dr: Any) -> Vector:
     length2 = dr.squared_norm(c)
-    fallback = mi.coordinate_system(d)[0]
-    return dr.select(length2 > 1e-12, c * dr.rsqrt(dr.maximum(length2, 1e-12)), fallback)
+    return dr.select(length2 > 1e-12, c * dr.rsqrt(dr.maximum(length2, 1e-12)), spare)
 
 
 def fresnel(cos_theta: Any, chi: Complex, dr: Any) -> tuple[Complex, Complex]:

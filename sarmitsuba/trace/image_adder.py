@@ -78,7 +78,9 @@ class LookGrid:
 class ImageAdder(GridAdder):
     """Adds each path once to the grid of a look."""
 
-    def __init__(self, grid: LookGrid, n_slots: int, n_channels: int, max_order: int, wavelength: float) -> None:
+    def __init__(
+        self, grid: LookGrid, n_slots: int, n_channels: int, max_order: int, wavelength: float
+    ) -> None:
         super().__init__(n_slots, grid.n_range, grid.n_rate, n_channels, max_order, wavelength)
         self.look = grid
 

@@ -43,7 +43,8 @@ class Adder(Protocol):
     ) -> tuple[Any, ...]:
         """Add one complex float32 amplitude per channel at a path's half length (float64 m, absolute).
 
-        ``rate`` is the derivative of the half length (float64 m/s); ``order`` the number of bounces (uint32, from 1).
+        ``rate`` is the derivative of the half length (float64 m/s); ``order`` the number of bounces (uint32, from 1;
+        the adder puts what is above its highest order into that one).
         """
 
 
@@ -238,7 +239,8 @@ def trace(
         rate = 0.5 * (rate_out + rate_back)
 
         # ---- material and reflection
-        mat = dr.gather(mi.Vector4f, scene.material_table, info.x, active)
+        material = info.x & 0x7FFFFFFF
+        mat = dr.gather(mi.Vector4f, scene.material_table, material, active)
         d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
         if flags.fresnel:
             h = field.incidence_basis(d, n, dr, mi)
@@ -278,7 +280,7 @@ def trace(
             length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)
             half_d = 0.5 * (length_d + length_back_d)
             rate_d = 0.5 * (dr.dot(back_d / length_back_d, antenna_v) - dr.dot(leg_d / length_d, image_v))
-            operator = DiffuseOperator(scene, info.x, mat.w, cos_i, cos_s, n, d, s, key, flags, mi, dr)
+            operator = DiffuseOperator(scene, info.x, mat.w, n, d, s, key, flags, mi, dr)
             weight_d = gain * area * dr.rsqrt(cell_area * scatterers.count_bias(cell_area / area, dr))
             factor = weight_d * loss * home
             straight = []
@@ -295,7 +297,7 @@ def trace(
             added = adder.add(added, hits, pulse, half_d, rate_d, straight, sees)
             if flags.diffuse_double and flags.multi_bounce:
                 chain = active & ~first
-                operator = DiffuseOperator(scene, info.x, mat.w, cos_i, cos_i, n, d, -d, key, flags, mi, dr)
+                operator = DiffuseOperator(scene, info.x, mat.w, n, d, -d, key, flags, mi, dr)
                 factor = weight_d * loss_retro
                 retro = []
                 for channel in flags.channels:
@@ -303,7 +305,8 @@ def trace(
                     retro.append(operator.between_fields(e[j], e[i]) * factor)
                 n_added = dr.select(chain, n_added + 1, n_added)
                 rate_retro = -dr.dot(leg_d / length_d, image_v)
-                added = adder.add(added, hits, pulse, length_d, rate_retro, retro, chain)
+                # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
+                added = adder.add(added, 2 * hits - 1, pulse, length_d, rate_retro, retro, chain)
 
         # ---- reflect
         if not flags.multi_bounce:
