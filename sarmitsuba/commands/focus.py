@@ -84,21 +84,8 @@ def focus_into(
             azimuth_window=args.window,
             progress=console.progress,
         )
-    with watch.stage("write image"):
-        results.save_image(folder, image)
-    with watch.stage("picture"):
-        picture = results.save_pictures(folder, image)
-    facts["focus"] = {
-        "method": args.focuser,
-        "window": args.window,
-        "grid": image.grid.kind,
-        "shape": image.grid.shape,
-        "azimuth_spacing_m": image.grid.azimuth_spacing,
-        "range_spacing_m": image.grid.range_spacing,
-        "azimuth_resolution_cell_m": image.azimuth_resolution_cell,
-        "range_resolution_cell_m": image.range_resolution_cell,
-    }
-    return picture
+    facts["focus"] = {"method": args.focuser, "window": args.window}
+    return results.store_image(folder, image, watch, facts)
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "add_focus_arguments", "focus_into", "run"]

@@ -3,15 +3,21 @@
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, focus_into
+from sarmitsuba.errors import DataError
+
+if TYPE_CHECKING:
+    from sarmitsuba.commands.results import Stopwatch
+    from sarmitsuba.scene.spec import Scene
 
 NAME = "render"
 HELP = "simulate a scene and focus it"
 
 _METHODS = ("raw", "hybrid", "image", "raster")
+_WITHOUT_RAW = ("image", "raster")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="value of a $NAME in the scene file; may be repeated",
     )
-    parser.add_argument("--method", choices=_METHODS, help="how to simulate (the scene's, usually hybrid)")
+    parser.add_argument(
+        "--method",
+        choices=_METHODS,
+        help="how to simulate: raw and hybrid make raw data, image and raster only an image (the scene's)",
+    )
     parser.add_argument(
         "--seed", type=int, help="of all random numbers (the scene's); same seed, same result"
     )
@@ -52,60 +62,107 @@ def run(args: argparse.Namespace, console: Console) -> int:
     watch = results.Stopwatch()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.scene.loader import load_scene
-        from sarmitsuba.simulate import simulate
         from sarmitsuba.trace.backend import ensure_backend
 
         with watch.stage("start"):
             backend = ensure_backend()
         with watch.stage("load"):
             scene = load_scene(args.scene, radar=_radar(args.radar), parameters=dict(args.define))
-        if args.method:
-            scene = dataclasses.replace(
-                scene, settings=dataclasses.replace(scene.settings, method=args.method)
-            )
+        changes = {"method": args.method, "seed": args.seed}
+        settings = dataclasses.replace(
+            scene.settings, **{key: value for key, value in changes.items() if value is not None}
+        )
+        scene = dataclasses.replace(scene, settings=settings)
         for note in scene.notes:
             console.warn(note)
-        with watch.stage("simulate"):
-            raw = simulate(scene, seed=args.seed, progress=console.progress)
-        known = {
-            "scene": scene.name,
-            "look_side": raw.radar.look_side,
-            "image_request": dataclasses.asdict(
-                scene.image
-            ),  # so that raw.h5 alone focuses to the same image
-        }
-        raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
-        for note in raw.metadata.get("notes", ()):
-            console.warn(str(note))
-        if args.raw == "chirped":
-            from sarmitsuba.echo.chirp import to_chirped
-
-            with watch.stage("chirp"):
-                raw = to_chirped(raw)
-        results.clear_results(folder)
-        with watch.stage("write raw"):
-            results.save_raw(folder, raw)
         facts: dict[str, Any] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
             "radar_file": args.radar,
             "definitions": dict(args.define),
-            "seed": scene.settings.seed if args.seed is None else args.seed,
+            "seed": settings.seed,
             "versions": results.versions(),
             "backend": backend,
-            "settings": scene.settings,
+            "settings": settings,
             "image_request": scene.image,
-            "radar": results.radar_facts(raw.radar),
-            "raw_domain": raw.domain,
-            "simulation": raw.metadata,
-            "plan": raw.metadata.get("plan"),
+            "radar": results.radar_facts(scene.radar),
         }
-        picture = None if args.no_focus else focus_into(folder, raw, args, console, watch, facts)
+        if settings.method in _WITHOUT_RAW:
+            done = _image_only(folder, scene, args, console, watch, facts)
+        else:
+            done = _raw_and_image(folder, scene, args, console, watch, facts)
         facts["warnings"] = console.warnings
         facts["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_facts(folder, facts)
-        console.say(f"{picture or folder / results.RAW} ({watch.total:.1f} s)")
+        console.say(f"{done} ({watch.total:.1f} s)")
     return 0
+
+
+def _raw_and_image(
+    folder: Path,
+    scene: "Scene",
+    args: argparse.Namespace,
+    console: Console,
+    watch: "Stopwatch",
+    facts: dict[str, Any],
+) -> Path:
+    """Simulate raw data, write them, focus them; return the file to look at."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.simulate import simulate
+
+    with watch.stage("simulate"):
+        raw = simulate(scene, progress=console.progress)
+    known = {
+        "scene": scene.name,
+        "look_side": raw.radar.look_side,
+        "image_request": dataclasses.asdict(scene.image),  # so that raw.h5 alone focuses to the same image
+    }
+    raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
+    for note in raw.metadata.get("notes", ()):
+        console.warn(str(note))
+    if args.raw == "chirped":
+        from sarmitsuba.echo.chirp import to_chirped
+
+        with watch.stage("chirp"):
+            raw = to_chirped(raw)
+    results.clear_results(folder)
+    with watch.stage("write raw"):
+        results.save_raw(folder, raw)
+    facts |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
+    if args.no_focus:
+        return folder / results.RAW
+    return focus_into(folder, raw, args, console, watch, facts)
+
+
+def _image_only(
+    folder: Path,
+    scene: "Scene",
+    args: argparse.Namespace,
+    console: Console,
+    watch: "Stopwatch",
+    facts: dict[str, Any],
+) -> Path:
+    """Simulate the image without raw data and write it; return the picture's path."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.methods import simulate_image
+
+    method = scene.settings.method
+    if args.no_focus or args.raw != "compressed":
+        raise DataError(
+            f"method {method} makes an image without raw data; leave out --no-focus and --raw, "
+            "or take --method hybrid"
+        )
+    with watch.stage("simulate"):
+        image = simulate_image(
+            scene, range_window=args.window, azimuth_window=args.window, progress=console.progress
+        )
+    known = {"scene": scene.name, "look_side": scene.radar.look_side}
+    image = dataclasses.replace(image, metadata={**known, **image.metadata})
+    for note in image.metadata.get("notes", ()):
+        console.warn(str(note))
+    results.clear_results(folder)
+    facts |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
+    return results.store_image(folder, image, watch, facts)
 
 
 def _definition(text: str) -> tuple[str, str]:

@@ -88,10 +88,23 @@ def save_raw(folder: Path, raw: RawData) -> None:
     write_raw(raw, folder / RAW)
 
 
-def save_image(folder: Path, image: SarImage) -> None:
-    """Write the image as HDF5 and OpenEXR."""
-    write_image(image, folder / IMAGE)
-    write_image(image, folder / EXR)
+def store_image(folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any]) -> Path:
+    """Write the image as HDF5, OpenEXR and pictures, add to the facts; return the first picture's path."""
+    with watch.stage("write image"):
+        write_image(image, folder / IMAGE)
+        write_image(image, folder / EXR)
+    with watch.stage("picture"):
+        picture = save_pictures(folder, image)
+    facts["image"] = {
+        "grid": image.grid.kind,
+        "channels": image.channels,
+        "shape": image.grid.shape,
+        "azimuth_spacing_m": image.grid.azimuth_spacing,
+        "range_spacing_m": image.grid.range_spacing,
+        "azimuth_resolution_cell_m": image.azimuth_resolution_cell,
+        "range_resolution_cell_m": image.range_resolution_cell,
+    }
+    return picture
 
 
 def save_pictures(folder: Path, image: SarImage) -> Path:
@@ -162,8 +175,8 @@ __all__ = [
     "output_folder",
     "radar_facts",
     "save_facts",
-    "save_image",
     "save_pictures",
     "save_raw",
+    "store_image",
     "versions",
 ]

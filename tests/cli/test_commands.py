@@ -45,11 +45,11 @@ def make_scene() -> Scene:
     return Scene("fake", None, Geometry.empty(), (), (), radar, settings, ImageRequest(), notes=("a note",))
 
 
-def fake_simulate(scene: Scene, *, seed: int | None = None, progress: Any = None) -> RawData:
+def fake_simulate(scene: Scene, *, progress: Any) -> RawData:
     progress("trace", 1, 2, {"rays/s": 1e6})
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
-    rng = np.random.default_rng(scene.settings.seed if seed is None else seed)
+    rng = np.random.default_rng(scene.settings.seed)
     layers = (Layer("VV", 1), Layer("VV", 2))
     data = rng.normal(size=(2, 4, 16)).astype(np.complex64)
     metadata = {"scene": scene.name, "plan": "max_depth 2", "method": scene.settings.method}

@@ -81,6 +81,15 @@ def test_every_channel_has_a_picture(tmp_path: Path) -> None:
     assert {p.name for p in out.iterdir()} == RESULTS | {"quicklook_VV.png"}
 
 
+@pytest.mark.parametrize("method", ["image", "raster"])
+def test_methods_without_raw_data(tmp_path: Path, capsys: Any, method: str) -> None:
+    out = render("dihedral", tmp_path / "out", "--method", method, "-D", "polarisation=VV")
+    assert {p.name for p in out.iterdir()} == RESULTS - {"raw.h5"}
+    assert json.loads((out / "parameters.json").read_text())["settings"]["method"] == method
+    assert cli.main(["render", "dihedral", "-o", str(tmp_path / "o"), "--method", method, "--no-focus"]) == 2
+    assert "makes an image without raw data" in capsys.readouterr().err
+
+
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>
   <sensor type="sar_antenna">
