@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.block import BlockPlan, choose_block_length, plan_block, synthesise
 from sarmitsuba.echo.direct import box_distance, finish, plan_direct
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
@@ -23,6 +23,7 @@ from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, lattice
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import (
     RAYS_PER_CELL,
@@ -122,7 +123,12 @@ def simulate(
     timer = Timer()
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    plan = plan or plan_effects(scene)
+    trace_scene = None
+    if scene.geometry.n_faces:
+        trace_scene = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
+        timer.lap("build")
+    plan = plan or plan_scene(scene, trace_scene)
+    scene = plan.apply(scene)
     radar = scene.radar
     settings = scene.settings
     orders = tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,)
@@ -134,10 +140,7 @@ def simulate(
 
     stats = TraceStatistics()
     facts: dict[str, Any] = {}
-    trace_scene = None
-    if scene.geometry.n_faces:
-        trace_scene = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
-        timer.lap("build")
+    if trace_scene is not None:
         window = launch_window(scene)
         spacing = ray_spacing(scene, window, plan.flags.diffuse, plan.flags.coherent)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
@@ -163,19 +166,23 @@ def simulate(
                 stats = stats.plus(batch)
                 rate = stats.rays / max(timer.seconds.get("trace", 0.0), 1e-9)
                 report("trace", i + done, len(grids), {"rays/s": rate})
+        facts["grid_bytes"] = job.largest_grid
         if len(halves) == 2:
             data *= 0.5  # each half is a whole image of its own; their mean is the estimate
     if scene.points:
         n = add_points(scene, plan.flags, trace_scene, data, layers)
         stats = stats.plus(TraceStatistics(contributions=n, path_pulses=n))
         timer.lap("points")
-    notes = list(scene.notes)
+    notes = [*scene.notes, *plan.notes]
     _check_energy(scene, stats, data, notes)
     if scene.geometry.n_faces:
         _check_sampling(scene, window, spacing, plan, notes)
+    if "key_pulse_interval" in facts:
+        interval = int(facts["key_pulse_interval"])
+        plan = plan.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
     metadata = _metadata(scene, plan, stats, timer, facts, notes)
     raw = RawData(data, layers, "compressed", radar, metadata)
-    if any(d.name == "noise" and d.on for d in plan.decisions):
+    if plan.on("noise"):
         from sarmitsuba.echo.noise import add_noise
 
         raw = add_noise(raw, seed=settings.seed)
@@ -197,6 +204,7 @@ class TraceJob:
             timer,
         )
         self.cell = scatterer_cell(scene, window.incidence)
+        self.largest_grid = 0
         radar = scene.radar
         reference = float(np.linalg.norm(window.center - radar.track.center_position))
         self.kernel = KernelSettings(
@@ -272,6 +280,7 @@ class TraceJob:
             max_order,
             radar.waveform.wavelength,
         )
+        self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
         position, velocity = plan.position[None], plan.velocity[None]
         stats = self.launch(grid, position, velocity, slice(plan.key, plan.key + 1), adder, plan.n_pulses)
         data[:, plan.start : plan.stop] = synthesise(adder.grid(), plan, radar)
@@ -293,6 +302,7 @@ class TraceJob:
             max_order,
             radar.waveform.wavelength,
         )
+        self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
         pick = slice(start, stop)
         stats = self.launch(grid, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
         data[:, pick] = finish(adder.grid(), plan, radar)

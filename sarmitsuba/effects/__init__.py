@@ -1,1 +1,1 @@
-"""Which physical effects a scene needs."""
+"""Which effects a scene calls for, why, and what leaving one out would cost."""

@@ -1,33 +1,18 @@
-"""The effects plan: what the kernel will simulate for this scene, and why."""
+"""The effects plan: what is simulated for this scene, and why. Every later stage obeys it."""
 
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
+from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.registry import Decision, Verdict, effects
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.spec import Scene
-
-# bounces that are traced when nothing speaks for fewer: wall-ground-wall is the last one that maps above
-# the clutter in built-up scenes
-DEFAULT_DEPTH = 3
-
-
-@dataclass(frozen=True)
-class Decision:
-    """One effect: on or off, and why.
-
-    Parameters
-    ----------
-    name : of the effect
-    on : whether it is simulated
-    why : the fact in the scene or radar, or the explicit setting, that decided
-    value : for effects that are a number (bounce depth), else None
-    """
-
-    name: str
-    on: bool
-    why: str
-    value: int | None = None
 
 
 @dataclass(frozen=True)
@@ -39,113 +24,183 @@ class EffectsPlan:
     flags : what is compiled into the kernel
     max_depth : most bounces
     decisions : one an effect
+    notes : one line each: explicit choices that cost accuracy, and what the pilot could not see
+    pilot : what the pilot trace did, as plain figures; empty without one
     """
 
     flags: KernelFlags
     max_depth: int
     decisions: tuple[Decision, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
+    pilot: Mapping[str, Any] = field(default_factory=dict)
+
+    def decision(self, name: str) -> Decision | None:
+        """The line of an effect, None when there is none."""
+        return next((d for d in self.decisions if d.name == name), None)
+
+    def on(self, name: str) -> bool:
+        """True when the effect is simulated."""
+        decision = self.decision(name)
+        return decision is not None and decision.on
+
+    def with_decision(self, decision: Decision) -> "EffectsPlan":
+        """The plan with one line added, or replaced where the name is there."""
+        kept = tuple(d for d in self.decisions if d.name != decision.name)
+        return replace(self, decisions=(*kept, decision))
+
+    def with_key_pulses(self, interval: int, error_db: float, asked: bool) -> "EffectsPlan":
+        """The plan with the number of pulses that share one tracing, known once the run is laid out.
+
+        Parameters
+        ----------
+        interval : pulses a key pulse stands for; 1 traces every pulse
+        error_db : that the block of pulses may have against tracing every one, dB
+        asked : set by the user
+        """
+        if asked:
+            why, source = "set by the user", "user"
+        elif interval > 1:
+            why, source = f"error of a block against every pulse below {error_db:.0f} dB", "fact"
+        else:
+            why, source = "every pulse is traced: so asked, or no block of pulses keeps the error", "fact"
+        return self.with_decision(
+            Decision(
+                "key_pulse_interval",
+                interval > 1,
+                why,
+                interval,
+                error_db if interval > 1 else -np.inf,
+                0.0,
+                source,
+            )
+        )
+
+    def apply(self, scene: Scene) -> Scene:
+        """The scene as tracing and focusing must see it: without what is off (beam, cross channels, noise ...)."""
+        for effect in effects():
+            decision = self.decision(effect.name)
+            if decision is not None and not decision.on:
+                scene = effect.without(scene)
+        return scene
 
     def summary(self) -> str:
         """One line: bounces and the effects that are on and off."""
         on = [d.name for d in self.decisions if d.on and d.value is None]
-        off = [d.name for d in self.decisions if not d.on]
-        return f"max_depth {self.max_depth}; on: {', '.join(on) or 'none'}; off: {', '.join(off) or 'none'}"
+        off = [d.name for d in self.decisions if not d.on and d.value is None]
+        values = [f"{d.name} {d.value}" for d in self.decisions if d.value is not None]
+        head = ", ".join(values) or f"max_depth {self.max_depth}"
+        return f"{head}; on: {', '.join(on) or 'none'}; off: {', '.join(off) or 'none'}"
 
     def as_dict(self) -> Mapping[str, Any]:
-        """JSON-able form."""
+        """JSON-able form; an error of -inf dB (no difference) is None."""
         return {
             "max_depth": self.max_depth,
-            "effects": {d.name: {"on": d.on, "why": d.why} for d in self.decisions},
+            "channels": list(self.flags.channels),
+            "effects": {
+                d.name: {
+                    "on": d.on,
+                    "why": d.why,
+                    "value": d.value,
+                    "error_db": round(d.error_db, 1) if np.isfinite(d.error_db) else None,
+                    "cost": d.cost,
+                    "source": d.source,
+                }
+                for d in self.decisions
+            },
+            "notes": list(self.notes),
+            "pilot": dict(self.pilot),
         }
 
 
-def plan_effects(scene: Scene) -> EffectsPlan:
-    """Decide every effect from static facts of the scene and the radar; explicit settings win."""
-    used = sorted(set(scene.geometry.face_material.tolist()))
-    materials = [scene.materials[i] for i in used if not scene.materials[i].invisible]
+def plan_effects(
+    scene: Scene, sampling: Sampling | None = None, pilot: PilotResult | None = None, *, warn: bool = True
+) -> EffectsPlan:
+    """Decide every effect; explicit settings win, and say so where they cost accuracy.
+
+    Parameters
+    ----------
+    scene : as loaded
+    sampling : how the run will sample the scene; without it, what depends on it stays on
+    pilot : what a pilot trace measured; without it, static facts and safe defaults decide
+    warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
+    """
+    facts = Facts(scene, sampling, pilot)
     wanted = scene.settings.effects
-    decisions: list[Decision] = []
+    decided: dict[str, Decision] = {}
+    fields: dict[str, Any] = {
+        "channels": scene.radar.channels,
+        "double_phase": scene.settings.phase_precision == "double",
+    }
+    notes: list[str] = []
+    for effect in effects():
+        verdict = effect.judge(facts, decided)
+        decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), verdict)
+        decided[effect.name] = decision
+        fields.update(effect.flags(decision.on, facts, decided))
+        loses = decision.source == "user" and decision.on != verdict.on and not decision.on
+        if loses and verdict.error_db > facts.tolerance_db:
+            notes.append(
+                f"{scene.name}: {effect.name} is off as asked; predicted error {verdict.error_db:.0f} dB "
+                f"({verdict.why})"
+            )
+    depth = decided["max_depth"].value or DEFAULT_DEPTH
+    note = _depth_note(facts, depth)
+    if note:
+        notes.append(note)
+    if warn:
+        for note in notes:
+            warnings.warn(note, SarmitsubaWarning, stacklevel=2)
+    return EffectsPlan(
+        KernelFlags(**fields),
+        depth,
+        tuple(decided.values()),
+        tuple(notes),
+        {} if pilot is None else _figures(facts, pilot),
+    )
 
-    def decide(name: str, needed: bool, yes: str, no: str) -> bool:
-        switch = wanted.get(name, "auto")
-        if switch != "auto":
-            on = switch == "on"
-            decisions.append(Decision(name, on, f"set {switch} by the user"))
-            return on
-        decisions.append(Decision(name, needed, yes if needed else no))
-        return needed
 
-    dielectric = [m.name for m in materials if not m.pec]
-    rough = [m.name for m in materials if m.rms_height > 0]
-    diffuse = [m.name for m in materials if m.diffuse_law != "none"]
-    cross = [m.name for m in materials if m.diffuse_law != "none" and m.cross_polar_ratio_db > -60.0]
-    polarised = [
-        m.name for m in materials if m.diffuse_law in ("small_perturbation", "iem", "roughness") and not m.pec
-    ]
-    channels = scene.radar.channels
-    depth = scene.settings.max_depth or DEFAULT_DEPTH
-    single_facet_group = len(set(scene.geometry.face_group.tolist())) == 1 and _flat(scene)
-    if scene.settings.max_depth == 0 and single_facet_group:
-        depth = 1
-    decisions.append(
-        Decision(
-            "max_depth",
-            depth > 1,
-            "set by the user" if scene.settings.max_depth else
-            ("one flat surface cannot reflect onto itself" if depth == 1 else "default for several surfaces"),
-            depth,
+def _decide(name: str, cost: float, switch: str, verdict: Verdict) -> Decision:
+    if switch == "auto":
+        source = "pilot" if verdict.measured else "fact"
+        return Decision(name, verdict.on, verdict.why, verdict.value, verdict.error_db, cost, source)
+    on = switch == "on"
+    # asked for what the facts say too: the error of the other way stays; asked against them: nothing is known better
+    return Decision(
+        name, on, f"set {switch} by the user; {verdict.why}", verdict.value, verdict.error_db, cost, "user"
+    )
+
+
+def _depth_note(facts: Facts, depth: int) -> str:
+    asked, pilot = facts.scene.settings.max_depth, facts.pilot
+    if pilot is None or depth >= pilot.n_orders:
+        return ""
+    lost = pilot.energy_db(3, depth + 1)
+    if asked and lost > facts.tolerance_db:
+        return (
+            f"{facts.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
+            f"energy; raise max_depth or set it to auto"
         )
-    )
-    many = depth > 1
-    diffuse_on = decide("diffuse", bool(diffuse), f"diffuse law on {_names(diffuse)}", "no material scatters diffusely")
-    flags = KernelFlags(
-        channels=channels,
-        fresnel=decide("fresnel", bool(dielectric), f"dielectric {_names(dielectric)}", "all conductors are perfect"),
-        roughness=decide("roughness", bool(rough), f"rms height on {_names(rough)}", "every surface is smooth"),
-        coherent=True,
-        diffuse=diffuse_on,
-        diffuse_double=decide(
-            "diffuse_double", diffuse_on and many, "diffuse hits behind mirrors", "no diffuse hit behind a mirror"
-        ),
-        speckle=decide("speckle", diffuse_on, "diffuse cells carry speckle", "nothing diffuse"),
-        depolarisation=decide(
-            "depolarisation",
-            diffuse_on and bool(cross),
-            f"cross-polar ratio on {_names(cross)}",
-            "no diffuse cross-polar return",
-        ),
-        polarised_diffuse=diffuse_on and bool(polarised),
-        antenna_pattern=decide(
-            "antenna_pattern",
-            scene.radar.antenna.pattern != "isotropic",
-            f"{scene.radar.antenna.pattern} beam",
-            "isotropic beam",
-        ),
-        spreading=decide("spreading", True, "ranges differ within the scene", ""),
-        visibility=decide("visibility", many, "later hits can be hidden from the antenna", "one bounce sees home"),
-        tube_phase=decide("tube_phase", True, "tubes are wider than a wavelength", ""),
-        double_phase=scene.settings.phase_precision == "double",
-        taper=True,
-        multi_bounce=many,
-    )
-    decide("noise", scene.radar.noise_temperature > 0, "noise temperature given", "no noise temperature given")
-    return EffectsPlan(flags, depth, tuple(decisions))
+    return ""
 
 
-def _names(names: list[str], most: int = 3) -> str:
-    head = ", ".join(names[:most])
-    return head + (f" and {len(names) - most} more" if len(names) > most else "")
+def _figures(facts: Facts, pilot: PilotResult) -> dict[str, Any]:
+    def clean(value: float) -> float | None:
+        return round(float(value), 1) if np.isfinite(value) else None
 
-
-def _flat(scene: Scene) -> bool:
-    """All vertices in one plane, to a nanometre of the extent."""
-    import numpy as np
-
-    v = scene.geometry.vertices
-    if v.shape[0] < 3:
-        return False
-    centred = v - v.mean(axis=0)
-    return bool(np.linalg.svd(centred.T @ centred, compute_uv=False)[-1] <= 1e-18 * max(1.0, np.square(v).sum()))
+    orders = range(1, pilot.n_orders + 1)
+    return {
+        "pulses": list(pilot.pulses),
+        "rays": pilot.rays,
+        "patches": pilot.n_patches,
+        "features": pilot.n_features,
+        "features_left_out": pilot.n_skipped,
+        "seconds": round(pilot.seconds, 4),
+        "energy_from_order_db": [clean(pilot.energy_db(3, n)) for n in orders],
+        "energy_from_order_upper_db": [clean(pilot.energy_db(3, n, upper=True)) for n in orders],
+        "strongest_cell_from_order_db": [clean(pilot.cell_db(3, n)) for n in orders],
+        "strongest_cell_over": "clutter" if pilot.clutter > 0 else "peak",
+        "tolerance_db": facts.tolerance_db,
+    }
 
 
 __all__ = ["DEFAULT_DEPTH", "Decision", "EffectsPlan", "plan_effects"]

@@ -1,0 +1,1 @@
+"""One effect a module; each defines ``EFFECT``. They are found by name, nothing lists them."""

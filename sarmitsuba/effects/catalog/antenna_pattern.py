@@ -1,0 +1,54 @@
+"""The beam: gain over direction."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.scene.spec import Scene
+
+
+class AntennaPattern(Effect):
+    """Off for an isotropic beam, or where the gain varies too little over the scene and the aperture.
+
+    Off makes the beam isotropic for focusing as well, which would otherwise correct for what is not there.
+    """
+
+    name = "antenna_pattern"
+    title = "beam over the scene"
+    rank = 90
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        radar = facts.scene.radar
+        kind = radar.antenna.pattern
+        if kind == "isotropic":
+            return Verdict(False, "isotropic beam", -np.inf)
+        n = radar.track.n_pulses
+        pick = np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int))
+        leg = facts.corners[:, None] - radar.track.position[pick]
+        u = leg / np.linalg.norm(leg, axis=-1, keepdims=True)
+        axes = (radar.pointing.azimuth_axis[pick], radar.pointing.elevation_axis[pick])
+        gain = radar.antenna.two_way_amplitude(*(np.sum(u * a, axis=-1) for a in axes))
+        change = float(np.abs(gain - 1.0).max())
+        error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
+        if change <= facts.tolerance:
+            return Verdict(False, f"{kind} beam, flat over the scene to {error:.0f} dB", error)
+        return Verdict(
+            True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
+        )
+
+    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        """Gain at launch and at every closing."""
+        return {"antenna_pattern": on}
+
+    def without(self, scene: Scene) -> Scene:
+        """An isotropic beam of the same peak gain."""
+        antenna = replace(scene.radar.antenna, pattern="isotropic")
+        return replace(scene, radar=replace(scene.radar, antenna=antenna))
+
+
+EFFECT = AntennaPattern()

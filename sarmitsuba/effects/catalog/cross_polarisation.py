@@ -1,0 +1,49 @@
+"""Cross-polar channels."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.errors import RadarError
+from sarmitsuba.scene.spec import Scene
+
+
+class CrossPolarisation(Effect):
+    """On where the radar records a cross-polar channel; off drops those channels from the data."""
+
+    name = "cross_polarisation"
+    title = "cross-polar channels"
+    rank = 70
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        channels = facts.scene.radar.channels
+        cross = [c for c in channels if c[0] != c[1]]
+        if cross:
+            return Verdict(True, f"the radar records {', '.join(channels)}", 0.0)
+        return Verdict(False, f"only {', '.join(channels)} asked for", -np.inf)
+
+    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        """Channels to record."""
+        return {"channels": facts.scene.radar.channels if on else _co_polar(facts.scene)}
+
+    def without(self, scene: Scene) -> Scene:
+        """Drop the channels from the radar, so that no later stage looks for them."""
+        return replace(scene, radar=replace(scene.radar, channels=_co_polar(scene)))
+
+
+def _co_polar(scene: Scene) -> tuple[str, ...]:
+    kept = tuple(c for c in scene.radar.channels if c[0] == c[1])
+    if not kept:
+        raise RadarError(
+            f"{scene.name}: cross_polarisation = off leaves none of the channels {', '.join(scene.radar.channels)}; "
+            f"add HH or VV to polarisation, or set cross_polarisation to auto"
+        )
+    return kept
+
+
+EFFECT = CrossPolarisation()

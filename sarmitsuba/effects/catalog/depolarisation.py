@@ -1,0 +1,43 @@
+"""Cross-polar diffuse return."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.text import names
+
+
+class Depolarisation(Effect):
+    """On where a diffuse material has a cross-polar ratio that the channels asked for can show.
+
+    A ratio r changes the co-polar amplitude by about ``sqrt(r)``; in a cross-polar channel it is the clutter itself.
+    """
+
+    name = "depolarisation"
+    title = "cross-polar diffuse return"
+    rank = 80
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        ratios = {m.name: m.cross_polar_ratio_db for m in facts.materials if m.diffuse_law != "none"}
+        strongest = max(ratios.values(), default=-np.inf)
+        if not decided["diffuse"].on or not np.isfinite(strongest):
+            return Verdict(False, "no diffuse cross-polar return", -np.inf)
+        given = names([n for n, r in ratios.items() if np.isfinite(r)])
+        if decided["cross_polarisation"].on:
+            return Verdict(True, f"cross-polar ratio on {given}", 0.0)
+        if strongest <= facts.tolerance_db:
+            return Verdict(
+                False, f"cross-polar ratio at most {strongest:.0f} dB, no cross channel", strongest
+            )
+        return Verdict(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
+
+    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        """Two more Gaussians a cell and a full scattering tensor."""
+        return {"depolarisation": on}
+
+
+EFFECT = Depolarisation()

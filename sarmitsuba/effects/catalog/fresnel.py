@@ -1,0 +1,49 @@
+"""Fresnel coefficients of dielectrics and metals; without them every surface is a perfect conductor."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.text import names
+from sarmitsuba.scene.fresnel import fresnel
+from sarmitsuba.scene.spec import Material
+
+
+class Fresnel(Effect):
+    """Off where all conductors are as good as perfect, or nothing reflects or returns coherently."""
+
+    name = "fresnel"
+    title = "Fresnel coefficients"
+    rank = 30
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        lossy = [m for m in facts.materials if not m.pec]
+        if not lossy:
+            return Verdict(False, "all conductors are perfect", -np.inf)
+        if not decided["max_depth"].on and not decided["coherent"].on:
+            return Verdict(False, "nothing reflects and nothing returns coherently", -np.inf)
+        error = max(_error_db(m) for m in lossy)
+        if error <= facts.tolerance_db:
+            return Verdict(
+                False, f"{names([m.name for m in lossy])} within {error:.0f} dB of a perfect conductor", error
+            )
+        return Verdict(True, f"dielectric {names([m.name for m in lossy])}", error)
+
+    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        """Complex reflection coefficients in the kernel."""
+        return {"fresnel": on}
+
+
+def _error_db(m: Material) -> float:
+    """Largest change of the reflected field by calling the material a perfect conductor, over 0 to 85 degrees, dB."""
+    te, tm = fresnel(np.cos(np.radians(np.linspace(0.0, 85.0, 18))), m.permittivity)
+    # perfect conductor: R_TE = -1, R_TM = 1
+    error = max(float(np.abs(te + 1.0).max()), float(np.abs(tm - 1.0).max()))
+    return 20.0 * float(np.log10(error)) if error > 0 else -np.inf
+
+
+EFFECT = Fresnel()

@@ -1,0 +1,80 @@
+"""How many bounces are followed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.facts import Facts, PilotResult
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+
+# bounces followed when neither a proof nor a pilot says how many matter. Rays that leave the scene cost nothing
+# more, so a small run loses little by it
+DEFAULT_DEPTH = 8
+
+
+class MaxDepth(Effect):
+    """Bounce depth: as asked, one by proof, or as many as the pilot finds above the tolerance."""
+
+    name = "max_depth"
+    title = "bounces beyond the first"
+    rank = 0
+    cost = 0.0
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        settings = facts.scene.settings
+        if settings.method == "raster":
+            return Verdict(False, "the raster method has one bounce", float("nan"), 1)
+        asked = settings.max_depth
+        proof = facts.shape.single_bounce
+        if asked:
+            if proof and asked > 1:
+                return Verdict(False, f"asked for {asked}, but {proof}", -np.inf, 1)
+            error = facts.pilot.energy_db(3, asked + 1) if facts.pilot else float("nan")
+            return Verdict(asked > 1, "set by the user", error, asked)
+        if proof:
+            return Verdict(False, proof, -np.inf, 1)
+        if facts.pilot is None:
+            why = f"no proof of fewer and no pilot for so small a run: {DEFAULT_DEPTH} are followed"
+            return Verdict(True, why, float("nan"), DEFAULT_DEPTH)
+        return _measured(facts.pilot, facts.tolerance_db)
+
+    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+        """Without it the loop and the reflection are left out."""
+        depth = decided[self.name].value or DEFAULT_DEPTH
+        return {"multi_bounce": depth > 1}
+
+
+def _measured(pilot: PilotResult, tolerance_db: float) -> Verdict:
+    """Fewest bounces after which what is left stays below the tolerance, two standard errors included."""
+    limit = pilot.cell_limit_db(tolerance_db)
+    depth = pilot.n_orders
+    for n in range(1, pilot.n_orders):
+        if pilot.energy_db(3, n + 1, upper=True) <= tolerance_db and pilot.cell_db(3, n + 1) <= limit:
+            depth = n
+            break
+    error = max(pilot.energy_db(3, depth), pilot.cell_db(3, depth) + tolerance_db - limit)
+    over = "clutter" if pilot.clutter > 0 else "peak"
+    if depth == pilot.n_orders:
+        why = f"bounce {depth}, the last that the pilot follows, still returns {pilot.energy_db(3, depth):.0f} dB"
+    elif depth == 1:
+        seen = pilot.n_patches + pilot.n_features
+        why = (
+            f"{seen} pilot patches: further bounces return {_text(pilot.energy_db(3, 2, upper=True))} of the energy "
+            f"at most"
+        )
+    else:
+        why = (
+            f"pilot: from bounce {depth} on {_text(pilot.energy_db(3, depth))} of the energy, strongest cell "
+            f"{_text(pilot.cell_db(3, depth))} over the {over}; beyond it "
+            f"{_text(pilot.energy_db(3, depth + 1, upper=True))} at most and {_text(pilot.cell_db(3, depth + 1))}"
+        )
+    return Verdict(depth > 1, why, error, depth, measured=True)
+
+
+def _text(value_db: float) -> str:
+    return f"{value_db:.0f} dB" if np.isfinite(value_db) else "nothing"
+
+
+EFFECT = MaxDepth()

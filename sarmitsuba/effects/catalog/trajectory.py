@@ -1,0 +1,53 @@
+"""Departures of the track from a straight uniform line."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.text import length
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.spec import Scene
+
+
+class Trajectory(Effect):
+    """On where the track is not straight; off flies the best straight uniform line instead."""
+
+    name = "trajectory"
+    title = "trajectory errors"
+    rank = 130
+
+    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+        """See the class."""
+        track = facts.scene.radar.track
+        if track.is_straight:
+            return Verdict(False, "straight uniform track", -np.inf)
+        departure = float(np.sqrt(np.mean(np.sum((track.position - _fit(track)) ** 2, axis=1))))
+        phase = 2.0 * facts.wavenumber * departure
+        return Verdict(
+            True, f"{length(departure)} rms off a straight line", 20.0 * float(np.log10(min(phase, 2.0)))
+        )
+
+    def without(self, scene: Scene) -> Scene:
+        """The straight line through the track by least squares, uniform in time."""
+        track = scene.radar.track
+        if track.is_straight:
+            return scene
+        position = _fit(track)
+        time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
+        velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)
+        straight = Track(time, position, np.broadcast_to(velocity, position.shape).copy())
+        return replace(scene, radar=replace(scene.radar, track=straight))
+
+
+def _fit(track: Track) -> NDArray[np.float64]:
+    line = np.linspace(-1.0, 1.0, track.n_pulses)[:, None]
+    mean = track.position.mean(axis=0)
+    slope = (line * (track.position - mean)).sum(axis=0) / max(float(np.square(line).sum()), 1e-12)
+    return np.asarray(mean + line * slope)
+
+
+EFFECT = Trajectory()

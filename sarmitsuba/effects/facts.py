@@ -1,0 +1,190 @@
+"""What effects are decided from: facts of the scene and the radar, and what a pilot trace measured."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.scene.spec import Material, Scene
+
+F64 = NDArray[np.float64]
+
+# an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
+TOLERANCE_DB = -40.0
+# a single resolution cell that is left out must stay this far below the clutter, dB: a hundredth of the power of
+# one look of speckle. Without clutter the tolerance applies, below the peak
+CELL_BELOW_CLUTTER_DB = -20.0
+
+KINDS = ("coherent", "diffuse", "retro")
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """How the full run will sample the scene, as far as it is known before the plan.
+
+    Parameters
+    ----------
+    ray_spacing : m
+    n_rays : of one key pulse
+    cell : m, edge of the diffuse scatterers' cells
+    box : (2, 3) float64, m, scene frame; the lit part of the scene
+    key_pulses : pulses to trace, about
+    """
+
+    ray_spacing: float
+    n_rays: int
+    cell: float
+    box: F64
+    key_pulses: int
+
+
+@dataclass(frozen=True, eq=False)
+class PilotResult:
+    """Power by kind of return and bounce order, from patches about as large as a resolution cell.
+
+    Parameters
+    ----------
+    pulses : traced pulse numbers
+    rays : traced in all
+    n_patches, n_features : patches placed at random, and on small features (all pulses together)
+    n_skipped : small features that the budget left out, the weakest
+    mean, deviation : (4, n_orders) float64, m^2; mean power of a random patch and that mean's standard error; rows
+        are ``KINDS`` and their coherent sum
+    share : (n_orders,) share of the random patches with any return of the order
+    peak : (4, n_orders) float64, m^2, the strongest patch, random or on a feature
+    hits : (n_orders,) hits by order
+    rays_per_second : pilot kernel alone, 0 when unknown
+    seconds : whole pilot
+    """
+
+    pulses: tuple[int, ...]
+    rays: int
+    n_patches: int
+    n_features: int
+    n_skipped: int
+    mean: F64
+    deviation: F64
+    share: F64
+    peak: F64
+    rays_per_second: float
+    seconds: float
+
+    @property
+    def n_orders(self) -> int:
+        """Bounces that were followed."""
+        return int(self.mean.shape[1])
+
+    @property
+    def clutter(self) -> float:
+        """Mean diffuse power of a patch, m^2; 0 where nothing is rough."""
+        return float(self.mean[1:3].sum())
+
+    @property
+    def total(self) -> float:
+        """Mean power of a patch, m^2."""
+        return float(self.mean[3].sum())
+
+    def energy_db(self, rows: slice | int, first_order: int, *, upper: bool = False) -> float:
+        """Share of the image's energy in some kinds from an order on, dB; with ``upper``, plus two standard errors."""
+        mean = np.atleast_2d(self.mean[rows])[:, first_order - 1 :].sum()
+        if upper:
+            mean = mean + 2.0 * np.sqrt(
+                np.square(np.atleast_2d(self.deviation[rows])[:, first_order - 1 :]).sum()
+            )
+        return _ratio_db(float(mean), self.total)
+
+    def cell_db(self, rows: slice | int, first_order: int) -> float:
+        """Strongest patch in some kinds from an order on: dB above the clutter, or above the peak without any."""
+        peak = np.atleast_2d(self.peak[rows])[:, first_order - 1 :]
+        strongest = float(peak.max()) if peak.size else 0.0
+        return _ratio_db(strongest, self.clutter if self.clutter > 0 else float(self.peak[3].max()))
+
+    def cell_limit_db(self, tolerance_db: float) -> float:
+        """What ``cell_db`` may be of a return that is left out."""
+        return CELL_BELOW_CLUTTER_DB if self.clutter > 0 else tolerance_db
+
+
+def _ratio_db(power: float, reference: float) -> float:
+    return float(10.0 * np.log10(power / reference)) if power > 0 and reference > 0 else -np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """All that an effect may look at.
+
+    Parameters
+    ----------
+    scene : as loaded
+    sampling : of the full run, None before it is known
+    pilot : what a pilot trace measured, None when there was none
+    """
+
+    scene: Scene
+    sampling: Sampling | None = None
+    pilot: PilotResult | None = None
+
+    @property
+    def tolerance_db(self) -> float:
+        """Accepted error, dB of the image's clutter or peak."""
+        return float(getattr(self.scene.settings, "tolerance_db", 0.0) or TOLERANCE_DB)
+
+    @property
+    def tolerance(self) -> float:
+        """Accepted error as an amplitude ratio."""
+        return float(10.0 ** (self.tolerance_db / 20.0))
+
+    @cached_property
+    def materials(self) -> tuple[Material, ...]:
+        """Materials that rays can hit."""
+        used = np.unique(self.scene.geometry.face_material)
+        return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
+
+    @cached_property
+    def shape(self) -> ShapeFacts:
+        """What the visible geometry proves."""
+        visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
+        return ShapeFacts(self.scene.geometry, visible, self.antenna)
+
+    @cached_property
+    def antenna(self) -> F64:
+        """(n, 3) antenna positions that bound the aperture: at most 65 pulses spread over it, m."""
+        position = self.scene.radar.track.position
+        pick = np.unique(np.linspace(0, len(position) - 1, min(len(position), 65)).round().astype(int))
+        return np.asarray(position[pick])
+
+    @cached_property
+    def box(self) -> F64:
+        """(2, 3) bounds of what is lit, m, scene frame: the sampled box, else all geometry and points."""
+        parts = []
+        if self.sampling is not None:
+            parts.append(self.sampling.box)
+        elif self.scene.geometry.n_faces:
+            parts.append(self.scene.geometry.bounds)
+        parts += [np.tile(p.position, (2, 1)) for p in self.scene.points]
+        if not parts:
+            return np.zeros((2, 3))
+        return np.stack([np.min([p[0] for p in parts], axis=0), np.max([p[1] for p in parts], axis=0)])
+
+    @cached_property
+    def corners(self) -> F64:
+        """(9, 3) corners of ``box`` and its middle, m."""
+        low, high = self.box
+        grid = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
+        return np.concatenate([grid, [0.5 * (low + high)]])
+
+    @cached_property
+    def incidence_cosine(self) -> tuple[float, float]:
+        """Least and greatest cosine of the incidence angle on any visible face over the aperture."""
+        return self.shape.cosines
+
+    @property
+    def wavenumber(self) -> float:
+        """Wave number at the carrier, rad/m."""
+        return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
+
+
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "TOLERANCE_DB", "Facts", "PilotResult", "Sampling"]

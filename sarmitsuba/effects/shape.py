@@ -1,0 +1,273 @@
+"""What the geometry alone proves: at most one bounce, nothing hides, small features that rays may miss."""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from sarmitsuba.scene.spec import Geometry
+
+F64 = NDArray[np.float64]
+
+# products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
+_MAX_PRODUCTS = 50_000_000
+# faces up to which edges are searched for
+_MAX_FACES = 200_000
+
+
+class ShapeFacts:
+    """Geometric facts, each worked out when it is asked for.
+
+    Parameters
+    ----------
+    geometry : of the scene
+    visible : (n_materials,) bool, materials that rays see
+    antenna : (n, 3) float64, m, positions along the aperture
+
+    Notes
+    -----
+    A face counts with both sides: the kernel turns normals towards the ray.
+    """
+
+    def __init__(self, geometry: Geometry, visible: NDArray[np.bool_], antenna: F64) -> None:
+        keep = visible[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
+        self.faces = geometry.faces[keep]
+        self.vertices = geometry.vertices
+        self.antenna = antenna
+        used = self.vertices[np.unique(self.faces)] if self.faces.size else np.zeros((0, 3))
+        self.points = used
+        self.size = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
+        # vertices this far from a plane lie in it: float64 rounding of a transformed mesh, and float32 of a file
+        self.slack = 1e-6 * self.size
+
+    @property
+    def n_faces(self) -> int:
+        """Visible faces."""
+        return int(self.faces.shape[0])
+
+    @cached_property
+    def normals(self) -> F64:
+        """(n_faces, 3) unit normals; zero for degenerate faces."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        n = np.cross(b - a, c - a)
+        length = np.linalg.norm(n, axis=1, keepdims=True)
+        return np.asarray(n / np.where(length > 0, length, 1.0))
+
+    @cached_property
+    def areas(self) -> F64:
+        """(n_faces,) m^2."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+    @cached_property
+    def planes(self) -> tuple[F64, F64]:
+        """Distinct planes of the faces: normals (n, 3) and offsets (n,) with ``normal . x = offset``."""
+        offset = np.einsum("ij,ij->i", self.normals, self.vertices[self.faces[:, 0]])
+        sign = np.where(_first_nonzero(self.normals) < 0, -1.0, 1.0)
+        rows = np.column_stack([self.normals * sign[:, None], offset * sign])
+        step = np.array([1e-7, 1e-7, 1e-7, max(self.slack, 1e-9)])
+        _, pick = np.unique(np.round(rows / step), axis=0, return_index=True)
+        return rows[pick, :3], rows[pick, 3]
+
+    @cached_property
+    def _sides(self) -> tuple[F64, F64, F64, F64] | None:
+        """Least and greatest height over every plane of the vertices and of the antenna; None when too dear."""
+        if self.n_faces == 0:
+            return None
+        points = self.points
+        if len(points) > 500:
+            try:
+                points = points[ConvexHull(points).vertices]
+            except QhullError:  # flat or thin: all of them, then
+                pass
+        normal, offset = self.planes
+        if len(offset) * len(points) > _MAX_PRODUCTS:
+            return None
+        low, high = np.empty(len(offset)), np.empty(len(offset))
+        step = max(1, 4_000_000 // len(points))
+        for i in range(0, len(offset), step):
+            height = normal[i : i + step] @ points.T - offset[i : i + step, None]
+            low[i : i + step], high[i : i + step] = height.min(axis=1), height.max(axis=1)
+        antenna = normal @ self.antenna.T - offset[:, None]
+        return low, high, antenna.min(axis=1), antenna.max(axis=1)
+
+    @cached_property
+    def flat(self) -> bool:
+        """All of it lies in one plane."""
+        sides = self._sides
+        return sides is not None and bool((sides[0] >= -self.slack).all() and (sides[1] <= self.slack).all())
+
+    @cached_property
+    def single_bounce(self) -> str:
+        """Proof that no ray from the antenna can hit twice, as one phrase; empty when there is none.
+
+        A ray leaves a face into the half space it came from. When nothing lies in that half space, for any
+        face that can be hit, no ray hits again.
+        """
+        if self.n_faces == 0:
+            return "no mesh to bounce off"
+        if self.convex_body:
+            return "one closed convex body"
+        sides = self._sides
+        if sides is None:
+            return ""
+        if self.flat:
+            return "one flat surface cannot reflect onto itself"
+        low, high, a_low, a_high = sides
+        empty_above, empty_below = high <= self.slack, low >= -self.slack
+        if not (empty_above | empty_below).all():
+            return ""
+        # hit from the empty side only: the antenna stays there, or the body is closed and the antenna outside
+        outside = np.where(empty_above, a_low > -self.slack, True) & np.where(
+            empty_below, a_high < self.slack, True
+        )
+        return "every face bulges towards the antenna" if outside.all() else ""
+
+    @cached_property
+    def convex_body(self) -> bool:
+        """One closed piece that is its own convex hull, with the antenna outside.
+
+        A closed surface within a hull that has the hull's volume and area is the hull; so no pair of faces needs
+        to be looked at.
+        """
+        if not self.closed or self.n_components != 1:
+            return False
+        try:
+            hull = ConvexHull(self.points)
+        except QhullError:
+            return False
+        a, b, c = (self.vertices[self.faces[:, i]] - self.points[0] for i in range(3))
+        volume = abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())) / 6.0
+        same = (
+            abs(volume / hull.volume - 1.0) < 1e-9 and abs(float(self.areas.sum()) / hull.area - 1.0) < 1e-9
+        )
+        height = self.antenna @ hull.equations[:, :3].T + hull.equations[:, 3]
+        return bool(same and (height.max(axis=1) > self.slack).all())
+
+    @cached_property
+    def open_sight(self) -> bool:
+        """Proof that no face can come between any point of the scene and the antenna.
+
+        For every face, scene and antenna lie on one and the same side of its plane, so no straight line between
+        the two crosses it.
+        """
+        sides = self._sides
+        if sides is None:
+            return self.n_faces == 0
+        low, high, a_low, a_high = sides
+        above = (low >= -self.slack) & (a_low >= 0.0)
+        below = (high <= self.slack) & (a_high <= 0.0)
+        return bool((above | below).all())
+
+    @cached_property
+    def cosines(self) -> tuple[float, float]:
+        """Least and greatest cosine of the incidence angle on any face, mid-aperture and both ends."""
+        if self.n_faces == 0:
+            return 0.0, 1.0
+        ends = self.antenna[[0, len(self.antenna) // 2, -1]]
+        middle = self.vertices[self.faces].mean(axis=1)
+        values = []
+        for a in ends:
+            ray = a - middle
+            values.append(np.abs(np.einsum("ij,ij->i", ray, self.normals)) / np.linalg.norm(ray, axis=1))
+        return float(np.min(values)), float(np.max(values))
+
+    # ---- connectivity
+
+    @cached_property
+    def _welded(self) -> NDArray[np.int64]:
+        """(n_faces, 3) vertex numbers after merging vertices at the same place."""
+        rounded = np.round(self.vertices / max(self.slack, 1e-12)).astype(np.int64)
+        _, number = np.unique(rounded, axis=0, return_inverse=True)
+        return np.asarray(number.reshape(-1)[self.faces])
+
+    @cached_property
+    def _edges(self) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
+        """Pairs of faces that share an edge (n, 2), those edges' middles (n, 3), how often every edge occurs."""
+        f = self._welded
+        ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+        face = np.tile(np.arange(len(f)), 3)
+        key = ends[:, 0] * (int(f.max()) + 1 if f.size else 1) + ends[:, 1]
+        order = np.argsort(key, kind="stable")
+        key, face = key[order], face[order]
+        same = key[1:] == key[:-1]
+        _, counts = np.unique(key, return_counts=True)
+        own = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        middle = self.vertices[own[order[:-1][same]]].mean(axis=1)
+        return np.stack([face[:-1][same], face[1:][same]], axis=1), middle, counts
+
+    @cached_property
+    def closed(self) -> bool:
+        """Every edge belongs to exactly two faces."""
+        return 0 < self.n_faces <= _MAX_FACES and bool((self._edges[2] == 2).all())
+
+    @cached_property
+    def component(self) -> NDArray[np.int32]:
+        """(n_faces,) number of the connected piece each face belongs to (faces that share a vertex connect)."""
+        if self.n_faces == 0 or self.n_faces > _MAX_FACES:
+            return np.zeros(self.n_faces, dtype=np.int32)
+        f = self._welded
+        n = int(f.max()) + 1
+        rows = np.concatenate([f[:, 0], f[:, 1]])
+        columns = np.concatenate([f[:, 1], f[:, 2]])
+        _, label = connected_components(
+            coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n)), directed=False
+        )
+        _, number = np.unique(label[f[:, 0]], return_inverse=True)
+        return np.asarray(number.reshape(-1), dtype=np.int32)
+
+    @property
+    def n_components(self) -> int:
+        """Connected pieces."""
+        return int(self.component.max()) + 1 if self.n_faces else 0
+
+    @cached_property
+    def features(self) -> tuple[F64, F64]:
+        """Places where small returns of more than one bounce may hide: points (n, 3) and sizes (n,), m.
+
+        The size is what bounds such a return: its flat-plate RCS is 4 pi size^4 / lambda^2. Every connected piece,
+        and every concave edge (with the smaller of its two faces' heights over the edge), largest first.
+        """
+        if self.n_faces < 2 or self.n_faces > _MAX_FACES:
+            return np.zeros((0, 3)), np.zeros(0)
+        middle = self.vertices[self.faces].mean(axis=1)
+        points, sizes = [], []
+        if self.n_components > 1:
+            total = np.bincount(self.component, self.areas)
+            centre = np.stack(
+                [np.bincount(self.component, self.areas * middle[:, i]) for i in range(3)], axis=1
+            )
+            with np.errstate(invalid="ignore", divide="ignore"):
+                centre = np.where(total[:, None] > 0, centre / total[:, None], 0.0)
+            points.append(centre)
+            sizes.append(np.sqrt(0.5 * total))  # about half of a closed body is seen
+        first, second = self._edges[0].T
+        if len(first):
+            n1, n2 = self.normals[first], self.normals[second]
+            # faces whose planes meet at less than 20 degrees return nothing that the eye of a radar would call double
+            bend = np.linalg.norm(np.cross(n1, n2), axis=1) > 0.34
+            across = middle[second] - middle[first]
+            towards = self.antenna[len(self.antenna) // 2] - middle[first]
+            facing = np.sign(np.einsum("ij,ij->i", n1, towards))
+            concave = bend & (np.einsum("ij,ij->i", n1, across) * facing > self.slack)
+            i, j = first[concave], second[concave]
+            height = np.minimum(np.sqrt(self.areas[i]), np.sqrt(self.areas[j]))
+            points.append(self._edges[1][concave])
+            sizes.append(height)
+        if not points:
+            return np.zeros((0, 3)), np.zeros(0)
+        p, s = np.concatenate(points), np.concatenate(sizes)
+        order = np.argsort(-s, kind="stable")
+        return np.asarray(p[order]), np.asarray(s[order])
+
+
+def _first_nonzero(rows: F64) -> F64:
+    """First component of each row that is not nearly zero."""
+    big = np.abs(rows) > 1e-6
+    return np.asarray(rows[np.arange(len(rows)), np.argmax(big, axis=1)])
+
+
+__all__ = ["ShapeFacts"]

@@ -1,0 +1,19 @@
+"""Short phrases for the plan's reasons."""
+
+from collections.abc import Sequence
+
+
+def names(items: Sequence[str], most: int = 3) -> str:
+    """``a, b, c and 2 more``."""
+    head = ", ".join(items[:most])
+    return head + (f" and {len(items) - most} more" if len(items) > most else "")
+
+
+def length(metres: float) -> str:
+    """A length with a unit that suits it."""
+    if metres < 1e-3:
+        return f"{1e6 * metres:.0f} um"
+    return f"{1e3 * metres:.3g} mm" if metres < 1.0 else f"{metres:.3g} m"
+
+
+__all__ = ["length", "names"]

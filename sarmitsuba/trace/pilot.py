@@ -1,0 +1,363 @@
+"""Pilot trace: how much returns at which bounce, from a few per cent of the rays at a few pulses of the aperture.
+
+Rays go out in square patches about as large as a resolution cell and as dense as in the full run, so that every
+patch sums coherently what one pixel would. Most patches lie at random; the others lie on small features of the
+geometry (separate pieces, concave edges) that random ones would miss. Patches fade out towards their rim, else
+the rim of a patch on a smooth plain would return what the plain does not.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.facts import KINDS, Facts, PilotResult, Sampling
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.trace.adders import carrier
+from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch
+from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.window import LaunchWindow, launch_window, ray_spacing, scatterer_cell
+
+F64 = NDArray[np.float64]
+
+ORDERS = 8
+CHANNELS = ("HH", "VV")
+# rays on a side of a patch: enough for the fade-out to suppress the rim by 30 dB
+SIDE = 8
+# share of the full run's rays, and most rays whatever the run
+RAY_SHARE = 0.02
+MAX_RAYS = 300_000
+# a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s; seconds
+# predicted with the rates below, which are those of two cores
+SHORTEST_RUN = 2.0
+RAYS_PER_SECOND = 5e6
+SAMPLES_PER_SECOND = 2e6  # range-compressed samples synthesised
+PIXEL_PULSES_PER_SECOND = 4e8
+# key pulses share about this many pulses when nothing else is known
+USUAL_INTERVAL = 100
+# a feature that so many random patches meet needs none of its own
+ENOUGH_PATCHES = 8.0
+
+
+def plan_scene(
+    scene: Scene, trace_scene: TraceScene | None = None, *, pilot: bool | None = None
+) -> EffectsPlan:
+    """Decide the effects of a scene: by static facts, and by a pilot trace where they are not enough.
+
+    Parameters
+    ----------
+    scene : as loaded
+    trace_scene : built already, or None to build it when a pilot needs it
+    pilot : force or forbid the pilot; None lets the size of the run decide
+    """
+    draft = plan_effects(scene, warn=False)
+    if scene.geometry.n_faces == 0:
+        return plan_effects(scene)
+    window = launch_window(scene)
+    sampling = sampling_of(scene, draft, window)
+    decided = not draft.flags.multi_bounce
+    wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
+    if decided or not wanted:
+        return plan_effects(scene, sampling)
+    result = run_pilot(scene, draft, sampling, window, trace_scene)
+    return plan_effects(scene, sampling, result)
+
+
+def sampling_of(scene: Scene, draft: EffectsPlan, window: LaunchWindow) -> Sampling:
+    """How the full run will sample the scene if the draft stands."""
+    settings = scene.settings
+    spacing = ray_spacing(scene, window, draft.flags.diffuse, draft.flags.coherent)
+    n = scene.radar.track.n_pulses
+    interval = {"raw": 1, "image": n, "raster": n}.get(
+        settings.method, settings.key_pulse_interval or USUAL_INTERVAL
+    )
+    return Sampling(
+        ray_spacing=spacing,
+        n_rays=int(window.area / spacing**2),
+        cell=float(scatterer_cell(scene, window.incidence)),
+        box=window.box,
+        key_pulses=-(-n // interval),
+    )
+
+
+def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:
+    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
+    radar, image = scene.radar, scene.image
+    cell = radar.waveform.range_cell
+    pixels = image.extent_azimuth * image.extent_range / max(sampling.cell * cell, 1e-9) * 2.0
+    seconds = (
+        sampling.n_rays * sampling.key_pulses / RAYS_PER_SECOND
+        + radar.track.n_pulses * radar.window.n_samples * len(radar.channels) / SAMPLES_PER_SECOND
+        + pixels * radar.track.n_pulses * len(radar.channels) / PIXEL_PULSES_PER_SECOND
+    )
+    return seconds >= SHORTEST_RUN or scene.settings.keep_orders
+
+
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """Patches of one pulse: ``grid`` holds SIDE^2 rays of each in turn; the first ``n_random`` lie at random."""
+
+    grid: LaunchGrid
+    n_random: int
+    n_features: int
+
+
+def run_pilot(
+    scene: Scene,
+    draft: EffectsPlan,
+    sampling: Sampling,
+    window: LaunchWindow,
+    trace_scene: TraceScene | None = None,
+    *,
+    pulses: Sequence[int] | None = None,
+) -> PilotResult:
+    """Trace the pilot.
+
+    Parameters
+    ----------
+    scene : as loaded
+    draft : plan from static facts; effects that the user switched off stay off
+    sampling, window : of the full run
+    trace_scene : built already, or None
+    pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
+
+    Notes
+    -----
+    Ignores mechanisms that only pulses between those chosen see, unless a patch is so small that its own lobe
+    spans the gap, as it is for returns of single resolution cells.
+    """
+    ensure_backend()
+    start = time.perf_counter()
+    n = scene.radar.track.n_pulses
+    chosen = (
+        tuple(pulses)
+        if pulses is not None
+        else tuple(np.unique(np.linspace(0, n - 1, 5).round().astype(int)))
+    )
+    trace_scene = trace_scene or build_trace_scene(
+        scene.geometry, scene.materials, scene.radar.waveform.wavelength
+    )
+    budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
+    per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), 24, 4096))
+    rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
+    points, sizes = _features(scene, sampling, window, per_pulse * len(chosen))
+    powers, randoms, seconds = [], [], 0.0
+    features = 0
+    flags = _flags(scene, draft)
+    for pulse in chosen:
+        patches = _place(scene, sampling, window, pulse, per_pulse, points, sizes, rng)
+        before = time.perf_counter()
+        powers.append(_trace(scene, trace_scene, window, sampling, flags, pulse, patches))
+        seconds += time.perf_counter() - before
+        randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
+        features += patches.n_features
+    power = np.concatenate(powers, axis=1)  # (4, patches, orders)
+    random = np.concatenate(randoms)
+    count = int(random.sum())
+    rays = power.shape[1] * SIDE**2
+    return PilotResult(
+        pulses=tuple(int(p) for p in chosen),
+        rays=rays,
+        n_patches=count,
+        n_features=features,
+        n_skipped=max(0, len(points) - features // len(chosen)),
+        mean=power[:, random].mean(axis=1),
+        deviation=power[:, random].std(axis=1) / np.sqrt(count),
+        share=(power[3, random] > 0).mean(axis=0),
+        peak=power.max(axis=1),
+        rays_per_second=rays / seconds if seconds > 0 else 0.0,
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
+    """All on but what the user switched off: one kernel for nearly all scenes, compiled once a machine."""
+    off = {name for name, switch in scene.settings.effects.items() if switch == "off"}
+    return KernelFlags(
+        channels=CHANNELS,
+        fresnel="fresnel" not in off,
+        roughness="roughness" not in off,
+        diffuse="diffuse" not in off,
+        diffuse_double="diffuse_double" not in off,
+        speckle=True,
+        depolarisation=False,
+        polarised_diffuse=draft.flags.polarised_diffuse,
+        antenna_pattern=draft.flags.antenna_pattern,
+        visibility="visibility" not in off,
+        tube_phase="tube_phase" not in off,
+        taper=False,
+    )
+
+
+def _features(scene: Scene, sampling: Sampling, window: LaunchWindow, n_patches: int) -> tuple[F64, F64]:
+    """Small features that random patches would not meet often enough, strongest first: points, sizes."""
+    points, sizes = Facts(scene).shape.features
+    if not len(points):
+        return points, sizes
+    middle = scene.radar.track.center_position
+    met = n_patches * sizes**2 / (4.0 * window.half_x * window.half_y)
+    xy = _project(points, middle, window)
+    inside = (np.abs(xy) <= [window.half_x, window.half_y]).all(axis=1)
+    keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * sampling.ray_spacing)
+    points, sizes = points[keep], sizes[keep]
+    # features larger than a patch get several
+    repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * sampling.ray_spacing)), 1, 4).astype(int)
+    return np.repeat(points, repeat, axis=0), np.repeat(sizes, repeat)
+
+
+def _project(points: F64, antenna: F64, window: LaunchWindow) -> F64:
+    """(n, 2) coordinates in the launch plane of points seen from the antenna."""
+    c, ux, uy = window.center, window.frame.axis_x[0], window.frame.axis_y[0]
+    w = np.cross(ux, uy)
+    ray = points - antenna
+    hit = antenna + ray * (((c - antenna) @ w) / (ray @ w))[:, None] - c
+    return np.stack([hit @ ux, hit @ uy], axis=1)
+
+
+def _place(
+    scene: Scene,
+    sampling: Sampling,
+    window: LaunchWindow,
+    pulse: int,
+    per_pulse: int,
+    points: F64,
+    sizes: F64,
+    rng: np.random.Generator,
+) -> _Patches:
+    n_features = min(len(points), per_pulse // 2)
+    n_random = per_pulse - n_features
+    half = np.array([window.half_x, window.half_y])
+    centre = rng.uniform(-half, half, (n_random, 2))
+    if n_features:
+        aim = _project(points[:n_features], scene.radar.track.position[pulse], window)
+        # the first patch of a feature sits on it; what covers the rest of a larger one is spread over it
+        first = np.ones(n_features, dtype=bool)
+        first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)
+        spread = np.where(first, 0.0, 0.5 * sizes[:n_features])[:, None]
+        aim = np.clip(aim + rng.uniform(-1.0, 1.0, aim.shape) * spread, -half, half)
+        centre = np.concatenate([centre, aim])
+    turn = 0.15 + (LATTICE_TURN % (0.25 * np.pi - 0.3))
+    step = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * sampling.ray_spacing
+    i, j = (a.ravel() for a in np.meshgrid(step, step, indexing="ij"))
+    x = centre[:, :1] + (i * np.cos(turn) - j * np.sin(turn))
+    y = centre[:, 1:] + (i * np.sin(turn) + j * np.cos(turn))
+    grid = LaunchGrid(
+        x.astype(np.float32).ravel(),
+        y.astype(np.float32).ravel(),
+        sampling.ray_spacing,
+        turn,
+        window.half_x,
+        window.half_y,
+        window.taper,
+    )
+    return _Patches(grid, n_random, n_features)
+
+
+class _PatchAdder:
+    """Coherent sums by patch, kind of return and bounce order; two channels."""
+
+    def __init__(self, n_patches: int, n_kinds: int, wavelength: float, reference_range: float) -> None:
+        dr, mi = modules()
+
+        self.n_lanes, self.n_kinds = n_patches * SIDE**2, n_kinds
+        self.wavelength, self.reference_range = wavelength, reference_range
+        self.memory = dr.zeros(mi.Float, 4 * n_patches * n_kinds * ORDERS)
+        fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
+        self.fade = mi.Float(np.outer(fade, fade).astype(np.float32).ravel())
+        self.calls = 0
+
+    def begin(self) -> tuple[Any, ...]:
+        """The lane's number."""
+        dr, mi = modules()
+        return (dr.arange(mi.UInt32, self.n_lanes),)
+
+    def add(
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        dr, mi = modules()
+
+        kind = self.calls % self.n_kinds  # the kernel adds its kinds in turn, each once a bounce
+        self.calls += 1
+        lane = state[0]
+        patch = lane // SIDE**2
+        weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
+        phasor = carrier(half_length - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr)
+        values = [a * phasor * weight for a in amplitudes]
+        cell = (patch * self.n_kinds + kind) * ORDERS + dr.minimum(order, ORDERS) - 1
+        packet = mi.Vector4f(values[0].real, values[0].imag, values[1].real, values[1].imag)
+        dr.scatter_add(self.memory, packet, cell, active)
+        return state
+
+
+def _trace(
+    scene: Scene,
+    trace_scene: TraceScene,
+    window: LaunchWindow,
+    sampling: Sampling,
+    flags: KernelFlags,
+    pulse: int,
+    patches: _Patches,
+) -> F64:
+    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
+    dr, mi = modules()
+    radar = scene.radar
+    pick = slice(pulse, pulse + 1)
+    patterned = flags.antenna_pattern
+    batch = PulseBatch(
+        position=radar.track.position[pick],
+        velocity=radar.track.velocity[pick],
+        frame=window.frame,
+        boresight=radar.pointing.boresight[pick] if patterned else None,
+        azimuth_axis=radar.pointing.azimuth_axis[pick] if patterned else None,
+        elevation_axis=radar.pointing.elevation_axis[pick] if patterned else None,
+    )
+    reference = float(np.linalg.norm(window.center - radar.track.position[pulse]))
+    look = (window.center - radar.track.position[pulse]) / reference
+    up = radar.across if abs(look[2]) > 0.9998 else np.array([0.0, 0.0, 1.0])
+    settings = KernelSettings(
+        wavelength=radar.waveform.wavelength,
+        max_depth=ORDERS,
+        cell=sampling.cell,
+        seed=scene.settings.seed,
+        amplitude=reference**2,
+        reference_range=reference,
+        up=(float(up[0]), float(up[1]), float(up[2])),
+    )
+    names = ["coherent", *(["diffuse"] if flags.diffuse else [])]
+    names += ["retro"] if flags.diffuse and flags.diffuse_double else []
+    n = patches.n_random + patches.n_features
+    adder = _PatchAdder(n, len(names), radar.waveform.wavelength, reference)
+    # an opaque spacing: the next scene's pilot is the same kernel
+    grid = replace(patches.grid, spacing=dr.opaque(mi.Float64, patches.grid.spacing))
+    _, state = trace(trace_scene, grid, batch, flags, settings, radar.antenna, adder)
+    dr.eval(state, adder.memory)
+    sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
+    field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
+    letters = {letter for c in radar.channels for letter in c}
+    used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
+    field = field[..., used]
+    power = np.zeros((4, n, ORDERS))
+    for k, name in enumerate(KINDS):
+        if name in names:
+            power[k] = np.square(np.abs(field[:, names.index(name)])).mean(axis=-1)
+    power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
+    return power
+
+
+__all__ = ["ORDERS", "plan_scene", "run_pilot", "sampling_of", "worth_a_pilot"]
