@@ -1,0 +1,266 @@
+"""Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
+
+import dataclasses
+import hashlib
+import json
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focus import default_grid, focus
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.encoding import to_json
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulate import simulate
+from sarmitsuba.study.error_bars import estimate_error, with_error_bars
+
+STATE_FILE = "passes.npz"
+
+
+@dataclass
+class Passes:
+    """Running means of the passes so far.
+
+    Parameters
+    ----------
+    fingerprint : of the scene and settings that the passes belong to
+    count : passes done
+    seconds : spent on them, over all runs
+    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes, halves apart
+    layers : labels
+    history : after every pass: seconds so far, error (dB)
+    metadata : of the last pass's raw data
+    """
+
+    fingerprint: str
+    count: int = 0
+    seconds: float = 0.0
+    data: NDArray[np.complex64] | None = None
+    layers: tuple[Layer, ...] = ()
+    history: list[tuple[float, float]] = field(default_factory=list)
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, raw: RawData) -> None:
+        """Take in one more pass."""
+        self.count += 1
+        self.layers, self.metadata = raw.layers, dict(raw.metadata)
+        if self.data is None:
+            self.data = raw.data.copy()
+        else:
+            self.data += (raw.data - self.data) / np.float32(self.count)
+
+    def save(self, path: Path) -> None:
+        """Write all of it; the file appears whole or not at all."""
+        facts = {
+            "fingerprint": self.fingerprint,
+            "count": self.count,
+            "seconds": self.seconds,
+            "history": self.history,
+            "layers": [dataclasses.astuple(layer) for layer in self.layers],
+            "metadata": to_json(self.metadata),
+        }
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(file, data=self.data, facts=np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8))
+
+    @staticmethod
+    def load(path: Path, fingerprint: str) -> "Passes":
+        """Read what an earlier run left; start afresh where there is none.
+
+        Raises
+        ------
+        DataError
+            The file belongs to another scene or other settings, or cannot be read.
+        """
+        if not path.exists():
+            return Passes(fingerprint)
+        try:
+            with np.load(path) as file:
+                facts = json.loads(file["facts"].tobytes().decode())
+                data = file["data"]
+            passes = Passes(
+                fingerprint=str(facts["fingerprint"]),
+                count=int(facts["count"]),
+                seconds=float(facts["seconds"]),
+                data=data,
+                layers=tuple(Layer(*row) for row in facts["layers"]),
+                history=[(float(a), float(b)) for a, b in facts["history"]],
+                metadata=facts["metadata"],
+            )
+        except (OSError, KeyError, ValueError, EOFError) as error:
+            raise DataError(f"{path}: cannot read the passes of an earlier run: {error}; remove the file") from error
+        if passes.fingerprint != fingerprint:
+            raise DataError(
+                f"{path}: holds passes of another scene or of other settings; remove it or choose another output"
+            )
+        return passes
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What :func:`refine` came to.
+
+    Parameters
+    ----------
+    raw : mean over all passes, halves apart
+    image : focused from it, with ``sampling_error`` in its metadata
+    passes : done, over all runs
+    error_db : estimated sampling error of the image (worst channel), dB
+    met : whether the target was reached
+    history : after every pass: seconds so far, error (dB)
+    """
+
+    raw: RawData
+    image: SarImage
+    passes: int
+    error_db: float
+    met: bool
+    history: tuple[tuple[float, float], ...]
+
+
+def refine(
+    scene: Scene,
+    *,
+    target_error_db: float | None = None,
+    time_limit: float | None = None,
+    state: Path | str | None = None,
+    grid: ImageGrid | None = None,
+    range_window: str = "rectangular",
+    azimuth_window: str = "rectangular",
+    max_passes: int = 1000,
+    progress: Progress | None = None,
+) -> Refinement:
+    """Add passes of rays until the estimated sampling error meets the target or the time is up.
+
+    Every pass traces the scene anew with lattices of its own, shifted and turned at random; the result is the mean of
+    all passes. The error of the image is estimated from the two halves of the rays.
+
+    Parameters
+    ----------
+    scene : method ``hybrid`` or ``raw``
+    target_error_db : energy of the error over that of the image; default the scene's; 0 = no target
+    time_limit : s, of this run; default the scene's; 0 = no limit. At least one pass is made
+    state : file that holds the passes between runs; None keeps nothing
+    grid : of the image; default what the scene asks for
+    range_window, azimuth_window : of the image
+    max_passes : bound on all passes
+    progress : called after every pass with the error and, where there is one, the limit
+
+    Returns
+    -------
+    Refinement
+
+    Raises
+    ------
+    DataError
+        Neither a target nor a limit is given, or the state file belongs to another scene.
+
+    Notes
+    -----
+    The passes reduce the error of ray sampling and no other; see :func:`sarmitsuba.study.error_bars.estimate_error`.
+    """
+    target = scene.settings.target_error_db if target_error_db is None else target_error_db
+    limit = scene.settings.time_limit if time_limit is None else time_limit
+    if target >= 0.0 and limit <= 0.0:
+        raise DataError(f"{scene.name}: refining needs target_error_db below 0 dB or a time_limit above 0 s")
+    report = progress or silent
+    noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
+    quiet = {**scene.settings.effects, "noise": "off"}
+    scene = replace(scene, settings=replace(scene.settings, keep_halves=True, effects=quiet))
+    grid = grid or default_grid(scene.radar, scene.image)
+    file = Path(state) if state is not None else None
+    mark = fingerprint(scene)
+    passes = Passes.load(file, mark) if file else Passes(mark)
+    windows = {"range_window": range_window, "azimuth_window": azimuth_window}
+
+    begin = last = time.perf_counter()
+    ratio_db: float | None = None  # image error less raw error; the image is focused only when it matters
+    image: SarImage | None = None
+    error = np.inf
+    while True:
+        fresh = passes.count == 0 or passes.data is None
+        if not fresh:
+            assert passes.data is not None
+            raw = RawData(passes.data, passes.layers, "compressed", scene.radar, passes.metadata)
+            raw_error = max(estimate_error(raw.data, raw.layers, pixels=False).error_db)
+            error = raw_error + (ratio_db or 0.0)
+            if ratio_db is None or (target < 0.0 and error <= target + 0.3):
+                image = focus(raw, grid, **windows)
+                error = max(estimate_error(image.data, image.layers, pixels=False).error_db)
+                ratio_db = error - raw_error
+            else:
+                image = None
+            now = time.perf_counter()
+            info = {"dB error": error} | ({"dB wanted": target} if target < 0.0 else {})
+            report("refine", *_share(error, target, now - begin, limit), info)
+            if passes.history and len(passes.history) == passes.count:
+                passes.history[-1] = (passes.seconds, float(error))
+            if (target < 0.0 and error <= target) or passes.count >= max_passes:
+                break
+            if limit > 0.0 and now - begin + 0.5 * (now - last) > limit:
+                break
+            last = now
+        passes.add(simulate(scene, pass_index=passes.count))
+        passes.seconds += time.perf_counter() - last
+        passes.history.append((passes.seconds, float("nan")))
+        if file:
+            passes.save(file)
+
+    if noisy:
+        raw, image = add_noise(raw, seed=scene.settings.seed), None
+    image = image or focus(raw, grid, **windows)
+    met = target < 0.0 and error <= target
+    facts = {
+        "passes": passes.count,
+        "seconds": passes.seconds,
+        "target_error_db": target,
+        "time_limit_s": limit,
+        "met": met,
+        "history": [[round(s, 3), round(e, 3)] for s, e in passes.history],
+    }
+    raw = replace(raw, metadata={**raw.metadata, "refinement": facts})
+    image = with_error_bars(replace(image, metadata={**image.metadata, "refinement": facts}))
+    return Refinement(raw, image, passes.count, float(error), met, tuple(passes.history))
+
+
+def _share(error: float, target: float, elapsed: float, limit: float) -> tuple[float, float]:
+    """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
+    by_error = 10.0 ** ((target - error) / 10.0) if target < 0.0 else 0.0  # error energy falls as 1 / passes
+    by_time = elapsed / limit if limit > 0.0 else 0.0
+    return 100.0 * min(1.0, max(by_error, by_time)), 100.0
+
+
+def fingerprint(scene: Scene) -> str:
+    """Hash of everything that the passes of a scene depend on."""
+    digest = hashlib.sha256()
+
+    def feed(value: Any) -> None:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for item in dataclasses.fields(value):
+                digest.update(item.name.encode())
+                feed(getattr(value, item.name))
+        elif isinstance(value, np.ndarray):
+            digest.update(str(value.dtype).encode() + str(value.shape).encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, (tuple, list)):
+            for item in value:
+                feed(item)
+        elif isinstance(value, dict):
+            feed(sorted(value.items()))
+        else:
+            digest.update(repr(value).encode())
+
+    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
+    feed((scene.geometry, scene.materials, scene.points, scene.radar, settings, scene.image))
+    return digest.hexdigest()
+
+
+__all__ = ["STATE_FILE", "Passes", "Refinement", "fingerprint", "refine"]
