@@ -19,6 +19,8 @@ I32 = NDArray[np.int32]
 
 # Farther from the file's origin than this the scene gets its own: float32 positions stay exact to 1 mm
 RECENTRE_DISTANCE = 5e3
+# Coordinates beyond this are a mistake of units
+MAX_COORDINATE = 1e9
 _MAX_MESH_NOTES = 12
 
 
@@ -32,12 +34,14 @@ class Surface:
     vertices : (n_v, 3) float64, m, file frame
     faces : (n_f, 3) int32
     material : index into the scene's materials
+    smooth : all faces belong to one smooth surface, however much they bend
     """
 
     name: str
     vertices: F64
     faces: I32
     material: int
+    smooth: bool = False
 
 
 def assemble(
@@ -74,6 +78,8 @@ def assemble(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
         )
     geometry, repairs = _geometry(label, surfaces)
+    for point in points:
+        _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     offset = _offset(geometry, points)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
@@ -112,11 +118,12 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
     vertices, faces, material, group, counts, notes = [], [], [], [], [], []
     n_vertices = n_groups = 0
     for surface in surfaces:
+        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices)
         try:
             v, f, repaired = clean_mesh(surface.name, surface.vertices, surface.faces)
         except SceneError as error:
             raise SceneError(f"{label}: {error}") from error
-        g = smooth_groups(v, f)
+        g = np.zeros(f.shape[0], dtype=np.int32) if surface.smooth else smooth_groups(v, f)
         vertices.append(v)
         faces.append(f + n_vertices)
         group.append(g + n_groups)
@@ -139,6 +146,15 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
     )
     return geometry, [f"{label}: {note}" for note in notes]
+
+
+def _check_size(what: str, coordinates: F64) -> None:
+    # comparisons with NaN are false: those are left to the mesh check
+    if (np.abs(coordinates) > MAX_COORDINATE).any():
+        largest = float(np.nanmax(np.abs(coordinates)))
+        raise SceneError(
+            f"{what}: coordinate {largest:g} m lies beyond {MAX_COORDINATE:g} m; check units and to_world"
+        )
 
 
 def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:

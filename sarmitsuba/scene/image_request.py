@@ -12,6 +12,7 @@ from sarmitsuba.scene.swath import Box
 
 F64 = NDArray[np.float64]
 
+MAX_PIXELS = 2**30  # of one image plane: 8 GiB
 MAX_CELLS = 2048  # automatic extents stop here: an image of 4096 x 4096 pixels at half a cell
 _MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
 
@@ -101,7 +102,18 @@ def build_image_request(
         spacing_azimuth=film["pixel_spacing_azimuth"],
         spacing_range=film["pixel_spacing_range"],
     )
+    _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
     return request, tuple(notes)
+
+
+def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -> None:
+    azimuth = image.extent_azimuth / (image.spacing_azimuth or 0.5 * cells[0])
+    across = image.extent_range / (image.spacing_range or 0.5 * cells[1])
+    if max(azimuth, across, azimuth * across) > MAX_PIXELS:
+        raise RadarError(
+            f"{where}: an image of {azimuth:.4g} x {across:.4g} pixels is larger than {MAX_PIXELS} pixels; "
+            "shrink its extents or widen its pixel spacings"
+        )
 
 
 def image_box(image: ImageRequest, scene: Box) -> Box:

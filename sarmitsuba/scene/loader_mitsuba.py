@@ -78,8 +78,10 @@ def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -
             placed = _placed(shape, name)
             points.append(point_target(placed.element, name, placed.to_world, element, none))
             continue
-        vertices, faces = _mesh(shape) if shape.is_mesh() else reader.triangles(_placed(shape, name))
-        surfaces.append(Surface(name, vertices, faces, book.index(element, f'{_NAME}: shape "{name}"')))
+        curved = not shape.is_mesh()
+        vertices, faces = reader.triangles(_placed(shape, name)) if curved else _mesh(shape)
+        material = book.index(element, f'{_NAME}: shape "{name}"')
+        surfaces.append(Surface(name, vertices, faces, material, curved))
     return assemble(_NAME, None, surfaces, book.materials, points, radar, settings, notes)
 
 

@@ -1,7 +1,7 @@
 """From the parameters of sensor and film to a radar that sees the scene."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ CHANNELS = ("HH", "HV", "VH", "VV")
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_PULSES = 10_000_000
+MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 _REPLACED_BY_TRACK = (
     "slant_range",
@@ -278,6 +279,12 @@ def _straight_track(given: RadarInput, view: _View, box: Box, waveform: Waveform
         )
     cell = s["azimuth_resolution"] or waveform.range_cell
     length = waveform.wavelength * view.slant_range / (2.0 * cell * view.cos_squint)
+    longest = MAX_APERTURE * view.slant_range
+    if length > longest and not (n and s["azimuth_resolution"] == 0.0):
+        raise RadarError(
+            f"{given.where}: azimuth_resolution = {cell:g} m needs an aperture of {length:g} m, more than four "
+            f"slant ranges; give at least {waveform.wavelength / (2.0 * MAX_APERTURE * view.cos_squint):g} m"
+        )
 
     def needed(aperture: float) -> float:
         ends = view.center + np.array([-0.5, 0.0, 0.5])[:, None] * aperture * view.along
@@ -292,27 +299,27 @@ def _straight_track(given: RadarInput, view: _View, box: Box, waveform: Waveform
     if n and s["azimuth_resolution"] > 0.0:
         prf = n * speed / length
     elif n and not prf:
-        prf = _prf_for_pulses(needed, n, speed)
+        prf = _prf_for_pulses(needed, n, speed, n * speed / longest)
     elif not prf:
         prf = max(needed(length), speed / length)
     if not n:
-        if length > 4.0 * view.slant_range:
-            raise RadarError(
-                f"{given.where}: azimuth_resolution = {cell:g} m needs an aperture of {length:g} m, more "
-                f"than four slant ranges; give at least {waveform.wavelength / (8.0 * view.cos_squint):g} m"
-            )
         n = max(1, round(length * prf / speed))
     if n > MAX_PULSES:
         raise RadarError(
             f"{given.where}: an aperture of {length:g} m at prf = {prf:g} Hz needs {n} pulses, more than "
             f"{MAX_PULSES}; coarsen azimuth_resolution, shrink the image or narrow the beam"
         )
+    if n > 1 and n * speed / prf > longest * (1.0 + 1e-9):
+        raise RadarError(
+            f"{given.where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
+            f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
+        )
     return Track.straight(view.center, speed * view.along, prf, n)
 
 
-def _prf_for_pulses(needed: Any, n: int, speed: float) -> float:
+def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:
     """Lowest prf that samples the Doppler bandwidth of its own aperture n speed / prf (bisection), Hz."""
-    low, high = 1e-6, 1e9
+    low, high = lowest, 1e6 * lowest + 1e9
     for _ in range(100):
         prf = float(np.sqrt(low * high))
         if needed(n * speed / prf) > prf:

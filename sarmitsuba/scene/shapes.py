@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 MAX_FACES = 400_000  # of one tessellated shape
-SPHERE_MIN_SAGITTA = 1.3e-5  # of the radius; gives MAX_FACES
+SPHERE_MIN_SAGITTA = 1.4e-5  # of the radius; gives MAX_FACES
 _MESH_FILES = ("ply", "obj", "stl")
 _COMMON = ("to_world", "flip_normals")
 _MESH = (*_COMMON, "filename", "face_normals", "flip_tex_coords")
@@ -70,6 +70,11 @@ class Placed:
     name: str
     to_world: F64
 
+    @property
+    def is_curved(self) -> bool:
+        """True for shapes whose facets stand for one smooth surface."""
+        return self.element.plugin in ("sphere", "disk", "cylinder")
+
 
 @dataclass
 class MeshReader:
@@ -94,7 +99,8 @@ class MeshReader:
         """
         vertices, faces = self._local(placed)
         matrix = placed.to_world
-        return vertices @ matrix[:3, :3].T + matrix[:3, 3], faces
+        with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
+            return vertices @ matrix[:3, :3].T + matrix[:3, 3], faces
 
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where
@@ -285,7 +291,7 @@ def _read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
         vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
         faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3).astype(np.int32)
     except (RuntimeError, KeyError, ValueError) as error:
-        what = one_line(str(error).splitlines()[-1] if str(error) else "unreadable", 120)
+        what = one_line(str(error).rpartition(f'{path.name}": ')[2] or "unreadable", 120)
         raise SceneError(f"{where}: cannot read mesh file {path.name}: {what}; export it as ply") from None
     return vertices, faces
 

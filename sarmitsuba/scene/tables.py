@@ -67,7 +67,7 @@ SENSOR = ParamTable(
         Param("aim_x", "float", 0.0, "aim point, east, in the file's frame", "m", -1e9, 1e9),
         Param("aim_y", "float", 0.0, "aim point, north, in the file's frame", "m", -1e9, 1e9),
         Param("aim_z", "float", 0.0, "aim point, up, in the file's frame", "m", -1e9, 1e9),
-        Param("speed", "float", 100.0, "of the antenna", "m/s", 0.0, 1e6, positive=True),
+        Param("speed", "float", 100.0, "of the antenna", "m/s", 1e-3, 1e6),
         Param(
             "prf",
             "float",
@@ -160,7 +160,7 @@ SENSOR = ParamTable(
             1e5,
         ),
         Param("gain_db", "float", 0.0, "peak one-way gain", "dB", -100.0, 100.0),
-        Param("transmit_power", "float", 1.0, "peak", "W", 0.0, 1e12, positive=True),
+        Param("transmit_power", "float", 1.0, "peak", "W", 1e-12, 1e12),
         Param(
             "noise_temperature",
             "float",

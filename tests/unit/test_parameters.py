@@ -52,8 +52,8 @@ def test_error_holds_value_unit_bound_and_remedy() -> None:
 
 
 def test_the_bound_itself_is_refused_where_a_value_must_be_positive() -> None:
-    with pytest.raises(RadarError, match="speed = 0 m/s is not above the bound 0 m/s"):
-        SENSOR.read({"speed": 0.0}, WHERE)
+    with pytest.raises(RadarError, match="look_angle_deg = 0 deg is not above the bound 0 deg"):
+        SENSOR.read({"look_angle_deg": 0.0}, WHERE)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -211,6 +211,13 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
             "needs one of elevation_beamwidth_deg",
         ),
         (SMALL, {}, {"azimuth_resolution": 1e-4}, "more than four slant ranges"),
+        (
+            SMALL,
+            {},
+            {"n_pulses": 5, "prf": 1e-200},
+            "make an aperture of 5e.202 m, more than four slant ranges",
+        ),
+        (SMALL, {"pixel_spacing_range": 1e-9}, {}, "pixels is larger than"),
         (np.add(SMALL, [0, 0, 8000.0]), {"image_center_x": 0.0}, {}, "below the whole scene"),
         (SMALL, {}, {"bandwidth": 1e11}, "must be below twice"),
     ],
