@@ -85,7 +85,7 @@ def focus_into(
             progress=console.progress,
         )
     facts["focus"] = {"method": args.focuser, "window": args.window}
-    return results.store_image(folder, image, watch, facts)
+    return results.store_image(folder, image, watch, facts, console)
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "add_focus_arguments", "focus_into", "run"]

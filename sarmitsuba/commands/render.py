@@ -11,6 +11,7 @@ from sarmitsuba.errors import DataError
 
 if TYPE_CHECKING:
     from sarmitsuba.commands.results import Stopwatch
+    from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.spec import Scene
 
 NAME = "render"
@@ -50,6 +51,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="compressed",
         help="what raw.h5 holds: range-compressed profiles, or LFM echoes that must be compressed",
     )
+    parser.add_argument(
+        "--target-error",
+        type=float,
+        metavar="DB",
+        help="add passes of rays until the sampling error of the image is below this, e.g. -30 (the scene's)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=float,
+        metavar="S",
+        help="add passes of rays until this many seconds have gone (the scene's); an interrupted run goes on when "
+        "started again",
+    )
+    parser.add_argument(
+        "--no-error-bars",
+        action="store_true",
+        help="do not keep two halves of the rays apart: half the data and the focusing, no estimate of the error",
+    )
     parser.add_argument("--no-focus", action="store_true", help="stop after the raw data")
     parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
     add_focus_arguments(parser)
@@ -68,7 +87,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
             backend = ensure_backend()
         with watch.stage("load"):
             scene = load_scene(args.scene, radar=_radar(args.radar), parameters=dict(args.define))
-        changes = {"method": args.method, "seed": args.seed}
+        changes = {
+            "method": args.method,
+            "seed": args.seed,
+            "target_error_db": args.target_error,
+            "time_limit": args.time_limit,
+            "keep_halves": None if args.no_error_bars else True,
+        }
         settings = dataclasses.replace(
             scene.settings, **{key: value for key, value in changes.items() if value is not None}
         )
@@ -108,10 +133,8 @@ def _raw_and_image(
 ) -> Path:
     """Simulate raw data, write them, focus them; return the file to look at."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulate import simulate
 
-    with watch.stage("simulate"):
-        raw = simulate(scene, progress=console.progress)
+    raw = _simulate(folder, scene, args, console, watch)
     known = {
         "scene": scene.name,
         "look_side": raw.radar.look_side,
@@ -132,6 +155,35 @@ def _raw_and_image(
     if args.no_focus:
         return folder / results.RAW
     return focus_into(folder, raw, args, console, watch, facts)
+
+
+def _simulate(
+    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: "Stopwatch"
+) -> "RawData":
+    """Raw data of one pass, or of as many as the wanted error or the time limit asks for."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.simulate import simulate
+
+    settings = scene.settings
+    if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
+        with watch.stage("simulate"):
+            return simulate(scene, progress=console.progress)
+    from sarmitsuba.study.refine import refine
+
+    with watch.stage("simulate"):
+        refined = refine(
+            scene,
+            state=folder / results.PASSES,
+            range_window=args.window,
+            azimuth_window=args.window,
+            progress=console.progress,
+        )
+    if settings.target_error_db < 0.0 and not refined.met:
+        console.warn(
+            f"{scene.name}: sampling error {refined.error_db:.1f} dB after {refined.passes} passes; time_limit = "
+            f"{settings.time_limit:g} s ended before {settings.target_error_db:g} dB; run again to add passes"
+        )
+    return refined.raw
 
 
 def _image_only(
@@ -162,7 +214,7 @@ def _image_only(
         console.warn(str(note))
     results.clear_results(folder)
     facts |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, watch, facts)
+    return results.store_image(folder, image, watch, facts, console)
 
 
 def _definition(text: str) -> tuple[str, str]:

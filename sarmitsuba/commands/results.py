@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba import __version__
+from sarmitsuba.commands.console import Console
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import parameters, write_image, write_raw
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.study.error_bars import with_error_bars
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
 PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"
+PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 _ALL = (RAW, IMAGE, EXR, PICTURE, FACTS)
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
 
@@ -60,7 +63,7 @@ def output_folder(path: str, *, force: bool) -> Iterator[Path]:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder; choose another -o")
     existed = folder.is_dir()
-    if existed and not force and any(folder.iterdir()):
+    if existed and not force and any(path.name != PASSES for path in folder.iterdir()):
         raise OutputError(f"{folder}: is not empty; choose another -o, or overwrite its results with --force")
     make_folder(folder)
     probe = folder / ".sarmitsuba.part"
@@ -88,8 +91,17 @@ def save_raw(folder: Path, raw: RawData) -> None:
     write_raw(raw, folder / RAW)
 
 
-def store_image(folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any]) -> Path:
+def store_image(
+    folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any], console: Console
+) -> Path:
     """Write the image as HDF5, OpenEXR and pictures, add to the facts; return the first picture's path."""
+    with watch.stage("error bars"):
+        image = with_error_bars(image)
+    errors = image.metadata.get("sampling_error", {})
+    if errors:
+        facts["sampling_error"] = errors
+        text = ", ".join(f"{channel} {bar['error_db']:.1f} dB" for channel, bar in errors.items())
+        console.say(f"sampling error of the image: {text}")
     with watch.stage("write image"):
         write_image(image, folder / IMAGE)
         write_image(image, folder / EXR)
@@ -167,6 +179,7 @@ __all__ = [
     "EXR",
     "FACTS",
     "IMAGE",
+    "PASSES",
     "PICTURE",
     "PICTURE_ORDERS",
     "RAW",
