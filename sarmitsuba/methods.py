@@ -186,7 +186,9 @@ class Preview:
     def raster(self) -> SarImage:
         """Project the scene once; see :func:`simulate_image`."""
         if self.trace_scene is None or self.job is None:
-            raise RadarError(f"{self.scene.name}: method raster needs a mesh; use method image for ideal points")
+            raise RadarError(
+                f"{self.scene.name}: method raster needs a mesh; use method image for ideal points"
+            )
         if self._raster is None:
             self._raster = Raster(self.scene, self.trace_scene, self.grid, self.job.window, *self.windows)
         cell = azimuth_cell_of(self.scene, self.grid, *self.windows)[0]
@@ -225,7 +227,9 @@ class Preview:
         if self.trace_scene is not None:
             amplitude = amplitude * visible(self.trace_scene, position, leg, distance)
         out = np.zeros((len(layers), grid.n_range, grid.n_rate), dtype=np.complex64)
-        plane = spread_points(grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength)
+        plane = spread_points(
+            grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength
+        )
         for i, layer in enumerate(layers):
             if layer.channel[0] == layer.channel[1] and layer.order in (0, 1):
                 out[i] = plane
@@ -243,7 +247,9 @@ class Preview:
             shape = (1, look.grid.n_range, look.grid.n_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
-            noise *= np.sqrt(power) * look.noise_gain / max(float(np.sqrt(np.mean(np.abs(noise) ** 2))), 1e-30)
+            noise *= (
+                np.sqrt(power) * look.noise_gain / max(float(np.sqrt(np.mean(np.abs(noise) ** 2))), 1e-30)
+            )
             for i in targets:
                 data[i] += noise * look.gain / np.float32(len(targets))
 

@@ -81,7 +81,9 @@ class Raster:
                 strict=True,
             )
         ]
-        blur = np.outer(*(scipy.fft.fft(np.abs(scipy.fft.ifft(s) * s.size / s.sum()) ** 2).real for s in spectra))
+        blur = np.outer(
+            *(scipy.fft.fft(np.abs(scipy.fft.ifft(s) * s.size / s.sum()) ** 2).real for s in spectra)
+        )
         blur = blur.astype(np.float32)
         out = np.empty((len(power), *grid.shape), dtype=np.complex64)
         rng = np.random.default_rng([scene.settings.seed, 0x7261737465])
@@ -120,9 +122,7 @@ class Raster:
         p = origin + d * pi.t
         rows = pi.prim_index * 3
         wide = dr.float64_array_t(mi.Vector4f)
-        normal = mi.Vector3f(
-            *(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3))
-        )
+        normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
         material = dr.gather(mi.Vector2u, scene.face_info, pi.prim_index, seen).x
 

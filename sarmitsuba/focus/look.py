@@ -79,7 +79,9 @@ def plan_look(
     """
     weights, time, position, velocity = _centroid(radar, image, azimuth_window)
     # a beam fixed to the track passes over every pixel in turn: each has an aperture of its own
-    zero_doppler = radar.mode == "stripmap" and radar.antenna.pattern != "isotropic" and radar.track.is_straight
+    zero_doppler = (
+        radar.mode == "stripmap" and radar.antenna.pattern != "isotropic" and radar.track.is_straight
+    )
     leg = image.positions() - position
     distance = np.linalg.norm(leg, axis=-1)
     rate = -(leg @ velocity) / distance
@@ -156,7 +158,9 @@ def _response(
 ) -> NDArray[np.float32]:
     """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds."""
     wave = radar.waveform
-    bins = scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)  # baseband frequency, Hz
+    bins = (
+        scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)
+    )  # baseband frequency, Hz
     half = 0.25 * SPEED_OF_LIGHT / (grid.n_range * grid.range_step)
     fine = np.linspace(-0.5, 0.5, 4097)
     window = parse_window(range_window)(fine)

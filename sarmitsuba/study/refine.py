@@ -96,7 +96,9 @@ class Passes:
                 metadata=facts["metadata"],
             )
         except (OSError, KeyError, ValueError, EOFError) as error:
-            raise DataError(f"{path}: cannot read the passes of an earlier run: {error}; remove the file") from error
+            raise DataError(
+                f"{path}: cannot read the passes of an earlier run: {error}; remove the file"
+            ) from error
         if passes.fingerprint != fingerprint:
             raise DataError(
                 f"{path}: holds passes of another scene or of other settings; remove it or choose another output"
