@@ -289,11 +289,10 @@ def _straight_track(given: RadarInput, view: _View, box: Box, waveform: Waveform
     def needed(aperture: float) -> float:
         ends = view.center + np.array([-0.5, 0.0, 0.5])[:, None] * aperture * view.along
         velocity = np.broadcast_to(speed * view.along, ends.shape)
-        spread = doppler_bandwidth(ends, velocity, box, waveform.wavelength)
+        # the spotlight follows the aim point, and so may the focuser: what is seen at one instant counts
+        held = s["mode"] == "spotlight"
+        spread = doppler_bandwidth(ends, velocity, box, waveform.wavelength, instantaneous=held)
         beam = beam_bandwidth(antenna, speed, waveform.wavelength)
-        if s["mode"] == "spotlight":
-            aim = replace(box, low=np.zeros(3), high=np.zeros(3))
-            beam += doppler_bandwidth(ends, velocity, aim, waveform.wavelength)
         return PRF_MARGIN * min(spread, beam)
 
     if n and s["azimuth_resolution"] > 0.0:

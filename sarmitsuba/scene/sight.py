@@ -79,11 +79,10 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     lam = radar.waveform.wavelength
-    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=not track.is_straight)
+    at_once = radar.mode == "spotlight" or not track.is_straight
+    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
     speed = float(np.linalg.norm(velocity, axis=1).max())
     beam = beam_bandwidth(radar.antenna, speed, lam)
-    if radar.mode == "spotlight" and track.is_straight:
-        beam += doppler_bandwidth(position, velocity, replace(box, low=np.zeros(3), high=np.zeros(3)), lam)
     needed = min(needed, beam)
     if prf < needed * (1.0 - 1e-9):
         remedy = "raise n_pulses or coarsen azimuth_resolution" if derived else "raise prf"
