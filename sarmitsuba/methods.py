@@ -76,12 +76,12 @@ def simulate_image(
     name = method or scene.settings.method
     if name not in METHODS:
         raise SceneError(f"{scene.name}: method {name!r} is unknown; choose one of {', '.join(METHODS)}")
-    settings = replace(scene.settings, method=name)  # type: ignore[arg-type]
+    settings = replace(scene.settings, method=name)
     if seed is not None:
         settings = replace(settings, seed=seed)
     scene = replace(scene, settings=settings)
     grid = grid or default_grid(scene.radar, scene.image)
-    windows = {"range_window": range_window, "azimuth_window": azimuth_window}
+    windows: dict[str, Any] = {"range_window": range_window, "azimuth_window": azimuth_window}
     if name in ("image", "raster"):
         report = progress or silent
         preview = Preview(scene, grid, plan=plan, **windows)
@@ -116,6 +116,7 @@ class Preview:
         self.scene, self.plan = scene, plan or plan_effects(scene)
         self.grid = grid or default_grid(scene.radar, scene.image)
         self.windows = (range_window, azimuth_window)
+        self.notes: list[str] = []
         radar = scene.radar
         self.timer.lap("plan")
         self.trace_scene: TraceScene | None = None
@@ -276,7 +277,7 @@ class Preview:
                 "azimuth_cell_polynomial": polynomial,
                 "center_position": [float(v) for v in radar.track.center_position],
             },
-            "notes": list(self.scene.notes),
+            "notes": [*self.scene.notes, *self.notes],
         }
         return SarImage(
             data=data,

@@ -1,5 +1,6 @@
 """One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focus.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.spec import Scene
@@ -18,6 +20,8 @@ F32 = NDArray[np.float32]
 
 # screen samples a resolution cell, per axis
 _SAMPLES_PER_CELL = 2.0
+# sigma0 at normal incidence of surfaces in scenes where nothing scatters diffusely, dB
+STAND_IN_DB = -15.0
 
 
 class Raster:
@@ -56,12 +60,31 @@ class Raster:
         half_x, half_y = window.half_x + window.taper, window.half_y + window.taper
         self.columns = int(np.ceil(2.0 * half_x / self.spacing))
         self.rows = int(np.ceil(2.0 * half_y / self.spacing))
+        self.notes: list[str] = []
+        self.table = trace_scene.diffuse_table
+        used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
+        if all(m.diffuse_law == "none" for m in used if not m.invisible):
+            self.table = self._stand_in()
         self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
 
     @property
     def n_rays(self) -> int:
         """Samples of the screen."""
         return self.columns * self.rows
+
+    def _stand_in(self) -> Any:
+        """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
+        _, mi = modules()
+        text = (
+            f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
+            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or take method image"
+        )
+        self.notes.append(text)
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+        theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
+        one = 10.0 ** (STAND_IN_DB / 20.0) * np.cos(theta)
+        table = np.broadcast_to(one[None, :, None], (len(self.scene.materials), DIFFUSE_NODES, 2))
+        return mi.Float(np.ascontiguousarray(table, dtype=np.float32).reshape(-1))
 
     def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
         """Make the image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth`` in m."""
@@ -131,8 +154,8 @@ class Raster:
         node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
         t = theta - f32(node)
         entry = material * DIFFUSE_NODES + node
-        low = dr.gather(mi.Vector2f, scene.diffuse_table, entry, seen)
-        high = dr.gather(mi.Vector2f, scene.diffuse_table, entry + 1, seen)
+        low = dr.gather(mi.Vector2f, self.table, entry, seen)
+        high = dr.gather(mi.Vector2f, self.table, entry + 1, seen)
         amplitude = low + (high - low) * t
         area = dr.square(dr.opaque(f32, self.spacing)) / cosine
 

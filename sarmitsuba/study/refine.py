@@ -69,7 +69,11 @@ class Passes:
             "metadata": to_json(self.metadata),
         }
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, data=self.data, facts=np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8))
+            np.savez(
+                file,
+                data=np.asarray(self.data),
+                facts=np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8),
+            )
 
     @staticmethod
     def load(path: Path, fingerprint: str) -> "Passes":
@@ -181,7 +185,7 @@ def refine(
     file = Path(state) if state is not None else None
     mark = fingerprint(scene)
     passes = Passes.load(file, mark) if file else Passes(mark)
-    windows = {"range_window": range_window, "azimuth_window": azimuth_window}
+    windows: dict[str, Any] = {"range_window": range_window, "azimuth_window": azimuth_window}
 
     begin = last = time.perf_counter()
     ratio_db: float | None = None  # image error less raw error; the image is focused only when it matters
