@@ -111,23 +111,28 @@ class MeshReader:
             return tessellate.rectangle()
         if plugin == "cube":
             return tessellate.cube()
-        scale = float(np.linalg.norm(placed.to_world[:3, :3], 2))
-        sagitta = self.sagitta / scale if scale > 0.0 else self.sagitta
+        linear = placed.to_world[:3, :3]
         radius = _radius(element)
         if plugin == "disk":
-            return tessellate.disk(max(sagitta, 1e-10))
+            return tessellate.disk(max(self._local_sagitta(linear[:, :2]), 1e-10))
         if plugin == "sphere":
-            if sagitta < SPHERE_MIN_SAGITTA * radius:
-                sagitta = SPHERE_MIN_SAGITTA * radius
+            wanted = self._local_sagitta(linear)
+            sagitta = max(wanted, SPHERE_MIN_SAGITTA * radius)
+            if sagitta > wanted:
                 self.notes.append(
-                    f"{where}: tessellated to a sagitta of {sagitta * scale:.3g} m in place of "
+                    f"{where}: tessellated to a sagitta of {sagitta / wanted * self.sagitta:.3g} m, not "
                     f"{self.sagitta:.3g} m, at {MAX_FACES} faces"
                 )
             vertices, faces = tessellate.sphere(radius, sagitta)
             return vertices + sphere_center(element), faces
-        return self._cylinder(element, radius, sagitta)
+        return self._cylinder(element, radius, linear)
 
-    def _cylinder(self, element: Element, radius: float, sagitta: float) -> tuple[F64, I32]:
+    def _local_sagitta(self, linear: F64) -> float:
+        """Bound in the coordinates of a shape that ``linear`` maps to the world."""
+        scale = float(np.linalg.norm(linear, 2))
+        return self.sagitta / scale if scale > 0.0 else self.sagitta
+
+    def _cylinder(self, element: Element, radius: float, linear: F64) -> tuple[F64, I32]:
         p0 = _vector(element, "p0", np.zeros(3))
         p1 = _vector(element, "p1", np.array([0.0, 0.0, 1.0]))
         length = float(np.linalg.norm(p1 - p0))
@@ -136,8 +141,10 @@ class MeshReader:
         z = (p1 - p0) / length
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
         x /= np.linalg.norm(x)
-        vertices, faces = tessellate.cylinder(radius, 0.0, length, max(sagitta, 1e-9 * radius))
-        return p0 + vertices @ np.stack([x, np.cross(z, x), z]), faces
+        frame = np.stack([x, np.cross(z, x), z])
+        sagitta = max(self._local_sagitta(linear @ frame[:2].T), 1e-9 * radius)
+        vertices, faces = tessellate.cylinder(radius, 0.0, length, sagitta)
+        return p0 + vertices @ frame, faces
 
     def _file(self, element: Element) -> tuple[F64, I32]:
         path = mesh_path(element)

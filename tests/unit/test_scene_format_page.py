@@ -1,0 +1,26 @@
+import re
+from pathlib import Path
+
+from sarmitsuba.scene.format_doc import fill_tables
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.tables import TABLES
+
+PAGE = Path(__file__).parents[2] / "docs" / "scene_format.md"
+
+
+def test_the_page_is_up_to_date() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert fill_tables(text) == text, "run: python -m sarmitsuba.scene.format_doc docs/scene_format.md"
+
+
+def test_the_page_holds_every_plugin() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {*TABLES, "itu", "bsdfs", "shapes"}
+
+
+def test_the_smallest_scene_of_the_page_loads(tmp_path: Path) -> None:
+    example = re.search(r"```xml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert example is not None
+    path = tmp_path / "scene.xml"
+    path.write_text(example[1], encoding="utf-8")
+    assert load_scene(path).materials[0].name == "radar_material_1"
