@@ -119,11 +119,13 @@ class Facts:
     scene : as loaded
     sampling : of the full run, None before it is known
     pilot : what a pilot trace measured, None when there was none
+    known_shape : what was worked out about the geometry before, None to start anew
     """
 
     scene: Scene
     sampling: Sampling | None = None
     pilot: PilotResult | None = None
+    known_shape: ShapeFacts | None = None
 
     @property
     def tolerance_db(self) -> float:
@@ -144,6 +146,8 @@ class Facts:
     @cached_property
     def shape(self) -> ShapeFacts:
         """What the visible geometry proves."""
+        if self.known_shape is not None:
+            return self.known_shape
         visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
         return ShapeFacts(self.scene.geometry, visible, self.antenna)
 

@@ -11,6 +11,7 @@ from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.registry import Decision, Verdict, effects
+from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.spec import Scene
 
@@ -113,7 +114,12 @@ class EffectsPlan:
 
 
 def plan_effects(
-    scene: Scene, sampling: Sampling | None = None, pilot: PilotResult | None = None, *, warn: bool = True
+    scene: Scene,
+    sampling: Sampling | None = None,
+    pilot: PilotResult | None = None,
+    *,
+    shape: ShapeFacts | None = None,
+    warn: bool = True,
 ) -> EffectsPlan:
     """Decide every effect; explicit settings win, and say so where they cost accuracy.
 
@@ -122,9 +128,10 @@ def plan_effects(
     scene : as loaded
     sampling : how the run will sample the scene; without it, what depends on it stays on
     pilot : what a pilot trace measured; without it, static facts and safe defaults decide
+    shape : of this scene's geometry, to save working it out again
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
     """
-    facts = Facts(scene, sampling, pilot)
+    facts = Facts(scene, sampling, pilot, shape)
     wanted = scene.settings.effects
     decided: dict[str, Decision] = {}
     fields: dict[str, Any] = {
@@ -161,7 +168,7 @@ def plan_effects(
 
 def _decide(name: str, cost: float, switch: str, verdict: Verdict) -> Decision:
     if switch == "auto":
-        source = "pilot" if verdict.measured else "fact"
+        source = "user" if verdict.asked else "pilot" if verdict.measured else "fact"
         return Decision(name, verdict.on, verdict.why, verdict.value, verdict.error_db, cost, source)
     on = switch == "on"
     # asked for what the facts say too: the error of the other way stays; asked against them: nothing is known better

@@ -24,6 +24,7 @@ class Verdict:
     error_db : error of the image if it were the other way, dB of the image's clutter or peak; -inf for none
     value : for effects that are a number (bounce depth)
     measured : the pilot decided, not a fact
+    asked : the user decided, by a setting other than the effect's switch
     """
 
     on: bool
@@ -31,6 +32,7 @@ class Verdict:
     error_db: float
     value: int | None = None
     measured: bool = False
+    asked: bool = False
 
 
 @dataclass(frozen=True)

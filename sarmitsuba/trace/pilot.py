@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.facts import KINDS, Facts, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.trace.adders import carrier
 from sarmitsuba.trace.backend import ensure_backend
@@ -58,17 +59,19 @@ def plan_scene(
     trace_scene : built already, or None to build it when a pilot needs it
     pilot : force or forbid the pilot; None lets the size of the run decide
     """
-    draft = plan_effects(scene, warn=False)
     if scene.geometry.n_faces == 0:
         return plan_effects(scene)
+    shape = Facts(scene).shape
+    draft = plan_effects(scene, shape=shape, warn=False)
     window = launch_window(scene)
     sampling = sampling_of(scene, draft, window)
-    decided = not draft.flags.multi_bounce
+    depth = draft.decision("max_depth")
+    decided = depth is not None and depth.source == "fact" and not depth.on
     wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
     if decided or not wanted:
-        return plan_effects(scene, sampling)
-    result = run_pilot(scene, draft, sampling, window, trace_scene)
-    return plan_effects(scene, sampling, result)
+        return plan_effects(scene, sampling, shape=shape)
+    result = run_pilot(scene, draft, sampling, window, trace_scene, shape=shape)
+    return plan_effects(scene, sampling, result, shape=shape)
 
 
 def sampling_of(scene: Scene, draft: EffectsPlan, window: LaunchWindow) -> Sampling:
@@ -118,6 +121,7 @@ def run_pilot(
     trace_scene: TraceScene | None = None,
     *,
     pulses: Sequence[int] | None = None,
+    shape: ShapeFacts | None = None,
 ) -> PilotResult:
     """Trace the pilot.
 
@@ -128,6 +132,7 @@ def run_pilot(
     sampling, window : of the full run
     trace_scene : built already, or None
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
+    shape : of the geometry, None to work it out
 
     Notes
     -----
@@ -148,7 +153,8 @@ def run_pilot(
     budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), 24, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
-    points, sizes = _features(scene, sampling, window, per_pulse * len(chosen))
+    shape = shape or Facts(scene).shape
+    points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
     features = 0
     flags = _flags(scene, draft)
@@ -197,9 +203,11 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
     )
 
 
-def _features(scene: Scene, sampling: Sampling, window: LaunchWindow, n_patches: int) -> tuple[F64, F64]:
+def _features(
+    scene: Scene, shape: ShapeFacts, sampling: Sampling, window: LaunchWindow, n_patches: int
+) -> tuple[F64, F64]:
     """Small features that random patches would not meet often enough, strongest first: points, sizes."""
-    points, sizes = Facts(scene).shape.features
+    points, sizes = shape.features
     if not len(points):
         return points, sizes
     middle = scene.radar.track.center_position

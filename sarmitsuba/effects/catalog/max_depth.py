@@ -32,7 +32,7 @@ class MaxDepth(Effect):
             if proof and asked > 1:
                 return Verdict(False, f"asked for {asked}, but {proof}", -np.inf, 1)
             error = facts.pilot.energy_db(3, asked + 1) if facts.pilot else float("nan")
-            return Verdict(asked > 1, "set by the user", error, asked)
+            return Verdict(asked > 1, "set by the user", error, asked, asked=True)
         if proof:
             return Verdict(False, proof, -np.inf, 1)
         if facts.pilot is None:

@@ -1,0 +1,123 @@
+"""An effect that is off leaves nothing in the kernel, and any subset of effects runs."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.scene.library import resolve
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
+from sarmitsuba.simulate import simulate
+
+# switches of the kernel that an effect of the plan sets
+SWITCHES = (
+    "fresnel",
+    "roughness",
+    "coherent",
+    "diffuse",
+    "diffuse_double",
+    "speckle",
+    "depolarisation",
+    "antenna_pattern",
+    "spreading",
+    "visibility",
+    "tube_phase",
+    "multi_bounce",
+)
+ROUGH = Material(
+    "rough",
+    permittivity=5.0 - 0.5j,
+    rms_height=0.003,
+    diffuse_law="lambert",
+    diffuse_level_db=-10.0,
+    cross_polar_ratio_db=-12.0,
+)
+
+
+@pytest.fixture(scope="module")
+def tiny() -> Scene:
+    """The dihedral in rough concrete, under a beam, with receiver noise; a few thousand rays."""
+    scene = load_scene(resolve("dihedral"))
+    radar = replace(
+        scene.radar,
+        channels=("HH", "HV"),
+        antenna=Antenna("gaussian", 1.0, 1e-3, 1e-3),
+        noise_temperature=290.0,
+    )
+    settings = replace(scene.settings, ray_spacing=0.03, scatterer_cell=0.3)
+    return replace(scene, radar=radar, materials=(ROUGH,), settings=settings)
+
+
+@pytest.fixture
+def history() -> Iterator[Any]:
+    """Dr.Jit's record of the kernels that ran."""
+    import drjit as dr
+
+    from sarmitsuba.trace.backend import ensure_backend
+
+    ensure_backend()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        yield dr
+        dr.kernel_history_clear()
+
+
+# arithmetic in LLVM's intermediate code. Memory access is left out: Dr.Jit gathers a table's row in one packet or in
+# single words depending on where in memory the table happens to lie
+ARITHMETIC = re.compile(r"= (?:f\w+ |xor |lshr |[su]itofp |call [^@]*@llvm\.(?!masked))|call void %")
+
+
+def kernel_size(dr: Any, scene: Scene, flags: KernelFlags) -> int:
+    """Arithmetic instructions and ray queries of the trace kernel, the largest kernel that ran."""
+    dr.kernel_history_clear()
+    simulate(scene, plan=EffectsPlan(flags, 3))
+    codes = [k["ir"].getvalue() for k in dr.kernel_history() if "ir" in k]
+    return max(len(ARITHMETIC.findall(code)) for code in codes)
+
+
+def test_every_effect_switched_off_shrinks_the_kernel(tiny: Scene, history: Any) -> None:
+    full = KernelFlags(channels=tiny.radar.channels, polarised_diffuse=False, taper=False)
+    size = kernel_size(history, tiny, full)
+    table = {"everything": size}
+    for name in SWITCHES:
+        table[name] = kernel_size(history, tiny, replace(full, **{name: False}))
+    print("\n".join(f"{name:16s} {lines:6d} {lines - size:6d}" for name, lines in table.items()))
+    assert all(lines < size for name, lines in table.items() if name != "everything"), table
+    # one channel less, too
+    one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))
+    assert kernel_size(history, one, replace(full, channels=("HH",))) < size
+
+
+def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any) -> None:
+    """Switching on what another switch made void adds no instruction: nothing of it is left to pay for."""
+    bare = KernelFlags(
+        channels=("HH",), diffuse=False, diffuse_double=False, speckle=False, multi_bounce=False
+    )
+    bare = replace(bare, depolarisation=False, polarised_diffuse=False, taper=False, visibility=False)
+    one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))
+    with_words = replace(bare, diffuse_double=True, speckle=True, depolarisation=True, visibility=True)
+    assert kernel_size(history, one, bare) == kernel_size(history, one, with_words)
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("seed", range(8))
+def test_any_subset_runs(tiny: Scene, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_NAMES}
+    depth = int(rng.integers(0, 4))
+    settings = replace(tiny.settings, effects=effects, max_depth=depth)  # type: ignore[arg-type]
+    raw = simulate(replace(tiny, settings=settings))
+    assert np.isfinite(raw.data).all() and np.any(raw.data)
+    plan = raw.metadata["effects"]["effects"]
+    for name, switch in effects.items():
+        assert switch == "auto" or plan[name]["on"] == (switch == "on")
+    assert raw.channels == (("HH",) if not plan["cross_polarisation"]["on"] else ("HH", "HV"))
+    assert (raw.radar.antenna.pattern == "isotropic") == (not plan["antenna_pattern"]["on"])
+    assert (raw.radar.noise_temperature == 0.0) == (not plan["noise"]["on"])
