@@ -84,9 +84,7 @@ def focus(
     middle = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * parse_window(range_window).broadening
-    cell, polynomial = azimuth_cell(
-        raw.radar, grid, middle, incidence, weights, range_window, range_cell
-    )
+    cell, polynomial = azimuth_cell(raw.radar, grid, middle, incidence, weights, range_window, range_cell)
     facts |= {
         "azimuth_cell_polynomial": polynomial,
         "center_position": [float(v) for v in raw.radar.track.center_position],

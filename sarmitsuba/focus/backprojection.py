@@ -23,7 +23,7 @@ F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
 # bytes of profiles per batch of pulses: they should stay in the last-level cache while every pixel reads them
-_BATCH_BYTES = 6 << 20
+_BATCH_BYTES = 12 << 20
 # pixels per launch, bounds the device memory of positions
 _TILE_PIXELS = 1 << 20
 # layers that share one pass over the geometry; more would spill registers

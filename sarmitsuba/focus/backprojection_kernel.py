@@ -10,6 +10,21 @@ PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first
 AXES_STRIDE = 16  # float32 per pulse: azimuth axis and weight, elevation axis and 0, boresight and 0, 0 0 0 0
 
 
+class _Operand:
+    """A Dr.Jit array that meets NumPy scalars: without this they would try to evaluate it inside the loop."""
+
+    __array_ufunc__ = None
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __rmul__(self, other: Any) -> Any:
+        return self.value * float(other)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.value / float(other)
+
+
 def accumulate(
     dr: Any,
     types: Any,
@@ -82,7 +97,7 @@ def accumulate(
                 sa = ux * azimuth[0] + uy * azimuth[1] + uz * azimuth[2]
                 se = ux * elevation[0] + uy * elevation[1] + uz * elevation[2]
                 ahead = ux * boresight[0] + uy * boresight[1] + uz * boresight[2] > 0.0
-                g = dr.select(ahead, antenna.two_way_amplitude(sa, se, xp=dr), 0.0)
+                g = dr.select(ahead, antenna.two_way_amplitude(_Operand(sa), _Operand(se), xp=dr), 0.0)
                 gain *= used * g
                 used *= g * g
             else:

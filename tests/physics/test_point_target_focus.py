@@ -132,7 +132,9 @@ def test_curved_track_focuses_by_backprojection_only() -> None:
 @pytest.mark.parametrize("azimuth_window", ["rectangular", "taylor"])
 def test_focusers_agree_pixel_by_pixel(range_window: str, azimuth_window: str) -> None:
     radar = ideal_radar(squint_angle=0.1)
-    raw = ideal_echoes(radar, [POINT, [-20.0, 14.0, 0.0], [9.0, 17.0, 0.0]], rcs=[1.0, 2.0, 0.5], phase=[0, 1, 2])
+    raw = ideal_echoes(
+        radar, [POINT, [-20.0, 14.0, 0.0], [9.0, 17.0, 0.0]], rcs=[1.0, 2.0, 0.5], phase=[0, 1, 2]
+    )
     grid = default_grid(radar, request(60.0))
     windows = {"range_window": range_window, "azimuth_window": azimuth_window}
     # tol: stationary phase of the track transform, ripple of the aperture's edges beyond the raised PRF
@@ -261,3 +263,12 @@ def test_energy_of_the_impulse_response_is_the_cells_area(
     energy = float((image.rcs() * pixel[None, :]).sum())
     center = image.cell_area[image.grid.range.size // 2]
     assert abs(10 * np.log10(energy / center)) < 0.03  # tol: sidelobes beyond the image
+
+
+def test_cell_grows_with_range_under_a_fixed_aperture() -> None:
+    radar = ideal_radar(slant_range=1e3, resolution=0.5, n_samples=400)
+    image = focus(ideal_echoes(radar, np.zeros(3)), request=request(200.0, spacing_azimuth=5.0))
+    azimuth = image.cell_area * np.sin(image.incidence_angle) / image.range_resolution_cell
+    r = image.grid.range
+    # tol: the aperture's curvature, (L / R)^2
+    np.testing.assert_allclose(azimuth / azimuth[r.size // 2], r / r[r.size // 2], rtol=2e-3)

@@ -1,0 +1,311 @@
+"""Focusers: speed and error of backprojection by interpolation, omega-K beside it, point-target quality of both.
+
+Usage: python benchmarks/focusers.py [--quick] [-o FOLDER]
+
+Prints the tables and writes focusers.json, focusers.md and focusers.png. Errors are against the exact float64 sum
+(``backproject_numpy``: trigonometric interpolation, no kernel), never against another setting of the same code.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.focus import default_grid, focus
+from sarmitsuba.focus.backprojection import backproject, backproject_numpy
+from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focus.omega_k import omega_k
+from sarmitsuba.image.metrics import image_error_db, point_target_in
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.trace.backend import ensure_backend
+
+# (interpolation, oversampling): the defaults of each, and linear cheaper and dearer by a factor of two
+SETTINGS = [
+    ("linear", 4),
+    ("linear", 8),
+    ("linear", 16),
+    ("kernel:4", 2),
+    ("kernel:6", 2),
+    ("kernel:8", 2),
+    ("kernel:8", 4),
+]
+PIXELS = 512  # with 390 pulses a call takes about 0.1 s on two cores, and the suite a minute
+PIXELS_QUICK = 256
+EXACT_PIXELS = 300  # the exact sum costs about 0.1 ms per pixel and pulse
+ROUNDS = 5  # interleaved, so that another program's load hits all settings alike
+ROUNDS_QUICK = 2
+POINT = np.array([3.37, -4.21, 0.0])  # off every pixel
+
+
+def speed_radar(n_samples: int) -> Any:
+    """About 0.7 m x 0.5 m, 10 km, X band, 390 pulses."""
+    return ideal_radar(slant_range=10e3, resolution=0.7071, bandwidth=300e6, n_samples=n_samples)
+
+
+def band_noise(radar: Any, seed: int = 0) -> RawData:
+    """Band-limited noise: no sample is spared an error."""
+    rng = np.random.default_rng(seed)
+    shape = (1, radar.track.n_pulses, radar.window.n_samples)
+    spectrum = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    spectrum[..., np.abs(np.fft.fftfreq(shape[-1])) > 0.5 / 1.2] = 0.0
+    return RawData(np.fft.ifft(spectrum).astype(np.complex64), (Layer("VV"),), "compressed", radar)
+
+
+def square(pixels: int, kind: str) -> dict[str, Any]:
+    return {
+        "grid": kind,
+        "center_x": 0.0,
+        "center_y": 0.0,
+        "height": 0.0,
+        "extent_azimuth": 0.25 * (pixels - 1.5),
+        "extent_range": 0.25 * (pixels - 1.5),
+        "spacing_azimuth": 0.25,
+        "spacing_range": 0.25,
+    }
+
+
+def timed(raw: RawData, grid: ImageGrid, interpolation: str, oversampling: int) -> tuple[float, float, float]:
+    """Seconds of one call, of the compiled kernels in it, and of all cores together in the call."""
+    import drjit as dr
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        start, busy = time.perf_counter(), time.process_time()
+        backproject(raw, grid, interpolation=interpolation, oversampling=oversampling)
+        whole, busy = time.perf_counter() - start, time.process_time() - busy
+        history = dr.kernel_history((dr.KernelType.JIT,))
+    return whole, sum(entry["execution_time"] for entry in history) / 1e3, busy
+
+
+def backprojection_table(quick: bool) -> list[dict[str, Any]]:
+    pixels = PIXELS_QUICK if quick else PIXELS
+    radar = speed_radar(n_samples=pixels)
+    raw = band_noise(radar)
+    grid = default_grid(radar, square(pixels, "ground"))
+    work = grid.shape[0] * grid.shape[1] * radar.track.n_pulses
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (EXACT_PIXELS, 3)) * [0.2 * pixels, 0.2 * pixels, 0]
+    exact = backproject_numpy(raw, points)
+
+    first: dict[Any, float] = {}
+    runs: dict[Any, list[tuple[float, float, float]]] = {setting: [] for setting in SETTINGS}
+    for setting in SETTINGS:  # the first call compiles
+        start = time.perf_counter()
+        backproject(raw, grid, interpolation=setting[0], oversampling=setting[1])
+        first[setting] = time.perf_counter() - start
+    for _ in range(ROUNDS_QUICK if quick else ROUNDS):
+        for setting in SETTINGS:
+            runs[setting].append(timed(raw, grid, *setting))
+    rows = []
+    for setting in SETTINGS:
+        interpolation, oversampling = setting
+        whole = [work / run[0] / 1e9 for run in runs[setting]]
+        kernel = [work / run[1] / 1e9 for run in runs[setting]]
+        core = [work / run[2] / 1e9 for run in runs[setting]]
+        value = backproject(raw, points, interpolation=interpolation, oversampling=oversampling)
+        rows.append(
+            {
+                "interpolation": interpolation,
+                "oversampling": oversampling,
+                "error_db": image_error_db(value, exact),
+                "kernel_gpps": statistics.median(kernel),
+                "kernel_gpps_best": max(kernel),
+                "kernel_gpps_worst": min(kernel),
+                "whole_gpps": statistics.median(whole),
+                "whole_gpps_per_core": statistics.median(core),
+                "first_call_s": first[setting],
+                "pixels": list(grid.shape),
+                "pulses": radar.track.n_pulses,
+            }
+        )
+    return rows
+
+
+def method_table(quick: bool) -> list[dict[str, Any]]:
+    """Both focusers on the same slant grid: seconds, and difference between their images."""
+    pixels = PIXELS_QUICK if quick else PIXELS
+    radar = speed_radar(n_samples=2 * pixels)
+    raw = ideal_echoes(radar, [[0, 0, 0], [30, -20, 0], [-25, 10, 0]])
+    grid = default_grid(radar, square(pixels, "slant"))
+    images, seconds = {}, {}
+    for name, method in (("backprojection", backproject), ("omega_k", omega_k)):
+        times = []
+        for _ in range(1 + (ROUNDS_QUICK if quick else ROUNDS)):
+            start = time.perf_counter()
+            images[name] = method(raw, grid)
+            times.append(time.perf_counter() - start)
+        seconds[name] = statistics.median(times[1:])
+    difference = image_error_db(images["omega_k"], images["backprojection"])
+    return [
+        {
+            "method": name,
+            "seconds": seconds[name],
+            "ratio": seconds["backprojection"] / seconds[name],
+            "difference_db": difference if name == "omega_k" else None,
+            "pixels": list(grid.shape),
+            "pulses": radar.track.n_pulses,
+        }
+        for name in images
+    ]
+
+
+def quality_table() -> list[dict[str, Any]]:
+    """Point target of 2.5 m^2 off every pixel."""
+    rows = []
+    for slant_range, resolution in ((10e3, 1.0), (700e3, 3.0)):
+        radar = ideal_radar(slant_range=slant_range, resolution=resolution)
+        raw = ideal_echoes(radar, POINT, rcs=2.5)
+        extent = 48.0 * resolution**0.5
+        request = {**square(2, "slant"), "extent_azimuth": extent, "extent_range": extent}
+        request |= {"spacing_azimuth": 0.0, "spacing_range": 0.0}
+        for method in ("backprojection", "omega_k"):
+            image = focus(raw, method=method, request=request)  # type: ignore[arg-type]
+            m = point_target_in(image)
+            line = POINT - image.grid.origin
+            place = (line @ image.grid.along, np.hypot(line @ image.grid.across, line[2]))
+            cell = (image.azimuth_resolution_cell, radar.waveform.range_cell)
+            rows.append(
+                {
+                    "method": method,
+                    "slant_range_m": slant_range,
+                    "pulses": radar.track.n_pulses,
+                    "irw_azimuth_cells": m.azimuth.irw / cell[0],
+                    "irw_range_cells": m.range.irw / cell[1],
+                    "pslr_azimuth_db": m.azimuth.pslr_db,
+                    "pslr_range_db": m.range.pslr_db,
+                    "offset_azimuth_cells": (m.azimuth_position - place[0]) / cell[0],
+                    "offset_range_cells": (m.range_position - place[1]) / cell[1],
+                    "rcs_error_db": 10 * np.log10(m.rcs / 2.5),
+                }
+            )
+    return rows
+
+
+def markdown(rows: list[dict[str, Any]], columns: dict[str, str]) -> str:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    for row in rows:
+        cells = []
+        for spec in columns.values():
+            name, _, form = spec.partition(":")
+            value = row[name]
+            cells.append("" if value is None else format(value, form))
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def report(result: dict[str, Any]) -> str:
+    speed = markdown(
+        result["backprojection"],
+        {
+            "interpolation": "interpolation",
+            "oversampling": "oversampling",
+            "error, dB": "error_db:.1f",
+            "kernel, G pixel-pulses/s": "kernel_gpps:.2f",
+            "worst": "kernel_gpps_worst:.2f",
+            "best": "kernel_gpps_best:.2f",
+            "whole call, G/s": "whole_gpps:.2f",
+            "per busy core, G/s": "whole_gpps_per_core:.2f",
+            "first call, s": "first_call_s:.2f",
+        },
+    )
+    methods = markdown(
+        result["methods"],
+        {
+            "method": "method",
+            "seconds": "seconds:.2f",
+            "times faster": "ratio:.1f",
+            "difference of images, dB": "difference_db:.1f",
+        },
+    )
+    quality = markdown(
+        result["point_target"],
+        {
+            "method": "method",
+            "range, m": "slant_range_m:.0f",
+            "pulses": "pulses",
+            "IRW azimuth, cells": "irw_azimuth_cells:.4f",
+            "IRW range": "irw_range_cells:.4f",
+            "PSLR azimuth, dB": "pslr_azimuth_db:.2f",
+            "PSLR range": "pslr_range_db:.2f",
+            "offset azimuth, cells": "offset_azimuth_cells:.4f",
+            "offset range": "offset_range_cells:.4f",
+            "RCS error, dB": "rcs_error_db:.4f",
+        },
+    )
+    first = result["backprojection"][0]
+    machine = result["machine"]
+    return f"""# Focusers
+
+{machine["processor"]}, {machine["cores"]} cores, {machine["variant"]}.
+
+## Backprojection
+
+{first["pixels"][0]} x {first["pixels"][1]} pixels, {first["pulses"]} pulses, isotropic antenna.
+Median over interleaved rounds. Errors against the exact float64 sum over band-limited noise. "Per busy core" divides by the CPU seconds that the call
+used, so that other programs on the machine matter little.
+
+{speed}
+
+## Both focusers on one slant grid
+
+{result["methods"][0]["pixels"][0]} x {result["methods"][0]["pixels"][1]} pixels, three points.
+
+{methods}
+
+## Point target
+
+{quality}
+"""
+
+
+def plot(result: dict[str, Any], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    for row in result["backprojection"]:
+        axes.plot(row["kernel_gpps"], row["error_db"], "o")
+        label = f"{row['interpolation']}, x{row['oversampling']}"
+        axes.annotate(label, (row["kernel_gpps"], row["error_db"]), xytext=(5, 3), textcoords="offset points")
+    axes.set_xlabel("G pixel-pulses / s")
+    axes.set_ylabel("error against the exact sum, dB")
+    axes.set_title("Backprojection: interpolation of the range profiles")
+    axes.margins(x=0.3)
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="small image, two rounds")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"), metavar="FOLDER")
+    args = parser.parse_args()
+    result: dict[str, Any] = {
+        "machine": {
+            "processor": platform.processor() or platform.machine(),
+            "cores": os.cpu_count(),
+            "variant": ensure_backend().variant,
+        },
+        "backprojection": backprojection_table(args.quick),
+        "methods": method_table(args.quick),
+        "point_target": quality_table(),
+    }
+    args.output.mkdir(parents=True, exist_ok=True)
+    (args.output / "focusers.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    text = report(result)
+    (args.output / "focusers.md").write_text(text, encoding="utf-8")
+    plot(result, args.output / "focusers.png")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
