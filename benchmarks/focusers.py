@@ -247,7 +247,8 @@ def report(result: dict[str, Any]) -> str:
 ## Backprojection
 
 {first["pixels"][0]} x {first["pixels"][1]} pixels, {first["pulses"]} pulses, isotropic antenna.
-Median over interleaved rounds. Errors against the exact float64 sum over band-limited noise. "Per busy core" divides by the CPU seconds that the call
+Median over interleaved rounds. Errors against the exact float64 sum over band-limited noise.
+"Per busy core" divides by the CPU seconds that the call
 used, so that other programs on the machine matter little.
 
 {speed}
