@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
-from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.focus import azimuth_cell, default_grid, focus
 from sarmitsuba.focus.aperture import incidence_angle, matched_weights
@@ -27,6 +27,7 @@ from sarmitsuba.simulate import Timer, TraceJob, TraceStatistics, simulate
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.image_adder import ImageAdder, LookGrid
 from sarmitsuba.trace.launch import LaunchGrid, lattice
+from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import visible
 from sarmitsuba.trace.window import launch_window, ray_spacing
 
@@ -113,17 +114,20 @@ class Preview:
         azimuth_window: str = "rectangular",
     ) -> None:
         self.timer = Timer()
-        self.scene, self.plan = scene, plan or plan_effects(scene)
-        self.grid = grid or default_grid(scene.radar, scene.image)
-        self.windows = (range_window, azimuth_window)
-        self.notes: list[str] = []
-        radar = scene.radar
-        self.timer.lap("plan")
         self.trace_scene: TraceScene | None = None
         self.job: TraceJob | None = None
         if scene.geometry.n_faces:
-            self.trace_scene = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
+            self.trace_scene = build_trace_scene(
+                scene.geometry, scene.materials, scene.radar.waveform.wavelength
+            )
             self.timer.lap("build")
+        self.plan = plan or plan_scene(scene, self.trace_scene)
+        self.scene = scene = self.plan.apply(scene)
+        self.grid = grid or default_grid(scene.radar, scene.image)
+        self.windows = (range_window, azimuth_window)
+        self.notes: list[str] = list(self.plan.notes)
+        self.timer.lap("plan")
+        if self.trace_scene is not None:
             window = launch_window(scene)
             # the image is calibrated for the pattern, so the look is taken without it
             flags = replace(
@@ -179,7 +183,7 @@ class Preview:
             raise RadarError(
                 f"{self.scene.name}: no echo of {stats.rays} rays falls into the image; check its centre and extents"
             )
-        if any(d.name == "noise" and d.on for d in self.plan.decisions):
+        if self.plan.on("noise"):
             self._add_noise(data, layers)
             self.timer.lap("noise")
         return self._package(data, layers, "image", stats)

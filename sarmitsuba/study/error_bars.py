@@ -118,20 +118,11 @@ def with_error_bars(image: SarImage) -> SarImage:
     return replace(image, metadata={**image.metadata, "sampling_error": bars.as_dict()})
 
 
-def image_error_db(data: NDArray[np.complexfloating[Any, Any]], reference: NDArray[Any]) -> float:
-    """Energy of ``data - reference`` over that of ``reference``, dB."""
-    difference = np.asarray(data, dtype=np.complex128) - reference
-    return 10.0 * float(
-        np.log10(max(np.sum(np.abs(difference) ** 2), 1e-60) / max(np.sum(np.abs(reference) ** 2), 1e-60))
-    )
-
-
 __all__ = [
     "ErrorBars",
     "error_bars",
     "estimate_error",
     "half_planes",
     "has_halves",
-    "image_error_db",
     "with_error_bars",
 ]

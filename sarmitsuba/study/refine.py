@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focus import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -22,6 +23,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.simulate import simulate
 from sarmitsuba.study.error_bars import estimate_error, with_error_bars
+from sarmitsuba.trace.pilot import plan_scene
 
 STATE_FILE = "passes.npz"
 
@@ -190,6 +192,7 @@ def refine(
     begin = last = time.perf_counter()
     ratio_db: float | None = None  # image error less raw error; the image is focused only when it matters
     image: SarImage | None = None
+    plan: EffectsPlan | None = None
     error = np.inf
     while True:
         fresh = passes.count == 0 or passes.data is None
@@ -214,7 +217,8 @@ def refine(
             if limit > 0.0 and now - begin + 0.5 * (now - last) > limit:
                 break
             last = now
-        passes.add(simulate(scene, pass_index=passes.count))
+        plan = plan or plan_scene(scene)
+        passes.add(simulate(scene, plan=plan, pass_index=passes.count))
         passes.seconds += time.perf_counter() - last
         passes.history.append((passes.seconds, float("nan")))
         if file:
