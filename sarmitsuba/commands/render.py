@@ -141,6 +141,7 @@ def _raw_and_image(
         "image_request": dataclasses.asdict(scene.image),  # so that raw.h5 alone focuses to the same image
     }
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
+    console.say(f"plan: {raw.metadata['plan']}")
     for note in raw.metadata.get("notes", ()):
         console.warn(str(note))
     if args.raw == "chirped":
@@ -210,6 +211,7 @@ def _image_only(
         )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
+    console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     results.clear_results(folder)

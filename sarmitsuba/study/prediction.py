@@ -1,0 +1,218 @@
+"""What a run will take before it is made: time by stage and memory, from one batch of the run itself."""
+
+import gc
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.focus import default_grid, focus
+from sarmitsuba.radar.antenna import Pointing
+from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulate import BLOCK_ERROR_DB, Timer, TraceJob, TraceStatistics
+from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.launch import lattice
+from sarmitsuba.trace.pilot import plan_scene
+from sarmitsuba.trace.points import add_points
+from sarmitsuba.trace.window import launch_window, ray_spacing
+
+# part of the pulses that the focuser is timed on, and the least number
+FOCUS_SHARE, FOCUS_PULSES = 16, 32
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Time and memory of a run, start-up and compilation of kernels (once a machine) left out.
+
+    Parameters
+    ----------
+    seconds : by stage, in the order of the run
+    memory : bytes, most that the process will hold at a time, interpreter and libraries included
+    rays, key_pulses, contributions : of the whole run
+    pixels : of the image, all layers
+    facts : what else the prediction rests on: ray rate, adds per second, sizes
+    """
+
+    seconds: Mapping[str, float]
+    memory: int
+    rays: int
+    key_pulses: int
+    contributions: int
+    pixels: int
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages."""
+        return float(sum(self.seconds.values()))
+
+
+def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPlan, Prediction]:
+    """Plan a scene and predict what simulating and focusing it takes.
+
+    One batch of the real run is traced and synthesised twice (the first time compiles its kernels, which the run then
+    finds compiled), and a sixteenth of the pulses is focused onto the whole image.
+
+    Parameters
+    ----------
+    scene : as loaded, with the method ``raw`` or ``hybrid``
+    plan : overrides the automatic effects plan
+
+    Notes
+    -----
+    Takes every batch to cost what the first costs. Ignores reading the scene, writing the results, and passes of
+    rays beyond the first.
+    """
+    ensure_backend()
+    seconds: dict[str, float] = {}
+    clock = time.perf_counter
+    start = clock()
+    geometry, wavelength = scene.geometry, scene.radar.waveform.wavelength
+    trace_scene = build_trace_scene(geometry, scene.materials, wavelength) if geometry.n_faces else None
+    seconds["build"] = clock() - start
+    start = clock()
+    planned = plan or plan_scene(scene, trace_scene)
+    if planned.pilot:  # the first time may have compiled the pilot's kernel
+        start = clock()
+        planned = plan or plan_scene(scene, trace_scene)
+    seconds["plan"] = clock() - start
+    scene = planned.apply(scene)
+    radar, settings = scene.radar, scene.settings
+    orders = tuple(range(1, planned.max_depth + 1)) if settings.keep_orders else (0,)
+    halves = (1, 2) if settings.keep_halves else (0,)
+    layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in radar.channels)
+    shape = (len(layers), radar.track.n_pulses, radar.window.n_samples)
+    data = np.zeros(shape, dtype=np.complex64)
+    stats, done = TraceStatistics(), 1.0
+    facts: dict[str, Any] = {}
+    if trace_scene is not None:
+        window = launch_window(scene)
+        spacing = ray_spacing(scene, window, planned.flags.diffuse, planned.flags.coherent) * np.sqrt(
+            len(halves)
+        )
+        flags = replace(planned.flags, taper=planned.flags.taper and window.taper > 0)
+        start = clock()
+        rays = lattice(window.half_x, window.half_y, spacing, taper=window.taper, seed=settings.seed)
+        seconds["launch grid"] = (clock() - start) * len(halves)
+        job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, Timer())
+        target = data[: len(layers) // len(halves)]
+        max_order = len(orders) if settings.keep_orders else 0
+        start = clock()
+        batches = job.run(rays, target, max_order, facts)
+        done, stats = next(batches)
+        del batches
+        # once more for the time: the first took the compilation along, and the choice of the block length
+        job.timer = Timer()
+        once = replace(scene, settings=replace(settings, key_pulse_interval=int(facts["key_pulse_interval"])))
+        job.scene = once
+        done, stats = next(job.run(rays, target, max_order, dict(facts)))
+        repeats = len(halves) / done
+        for stage in ("trace", "synthesise"):
+            seconds[stage] = job.timer.seconds.get(stage, 0.0) * repeats
+        seconds["plan"] += _choosing(job, scene)
+        stats = _scaled(stats, repeats)
+        interval = int(facts["key_pulse_interval"])
+        planned = planned.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
+    if scene.points:
+        start = clock()
+        few = _some_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
+        part = np.zeros((len(layers), few.track.n_pulses, shape[2]), dtype=np.complex64)
+        add_points(replace(scene, radar=few), planned.flags, trace_scene, part, layers)
+        seconds["points"] = (clock() - start) * radar.track.n_pulses / few.track.n_pulses
+    seconds["focus"], pixels = _focus_seconds(scene, layers, data)
+    untouched = data.nbytes * max(0.0, 1.0 - done / len(halves)) if trace_scene is not None else 0
+    facts.update(
+        rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
+        pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
+        raw_bytes=data.nbytes,
+    )
+    prediction = Prediction(
+        seconds=seconds,
+        memory=int(peak_memory() + untouched),
+        rays=stats.rays,
+        key_pulses=stats.key_pulses,
+        contributions=stats.contributions,
+        pixels=pixels,
+        facts=facts,
+    )
+    del data
+    gc.collect()
+    return planned, prediction
+
+
+def _choosing(job: TraceJob, scene: Scene) -> float:
+    """Seconds to choose the block length."""
+    from sarmitsuba.echo.block import choose_block_length
+
+    settings = scene.settings
+    if settings.method == "raw" or settings.key_pulse_interval:
+        return 0.0
+    start = time.perf_counter()
+    choose_block_length(
+        scene.radar,
+        job.window.center,
+        job.phase_box(),
+        settings.gridding_width,
+        BLOCK_ERROR_DB,
+        extra_half_length=job.extra_half_length(),
+    )
+    return time.perf_counter() - start
+
+
+def _scaled(stats: TraceStatistics, factor: float) -> TraceStatistics:
+    return TraceStatistics(**{name: round(value * factor) for name, value in vars(stats).items()})
+
+
+def _some_pulses(radar: Radar, n: int) -> Radar:
+    """The radar with the ``n`` pulses about the middle of its track."""
+    start = (radar.track.n_pulses - n) // 2
+    pick = slice(start, start + n)
+    p, w = radar.pointing, radar.window
+    return replace(
+        radar,
+        track=radar.track.slice(start, start + n),
+        pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
+        window=ReceiveWindow(w.start_range[pick], w.sample_spacing, w.n_samples),
+    )
+
+
+def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any) -> tuple[float, int]:
+    """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; and the image's pixels."""
+    radar = scene.radar
+    n = radar.track.n_pulses
+    few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
+    grid = default_grid(radar, scene.image)
+    taken = []
+    for k in (min(8, few), max(1, few // 4), few):
+        part = _some_pulses(radar, k)
+        start = (n - k) // 2
+        raw = RawData(data[:, start : start + k], layers, "compressed", part)
+        before = time.perf_counter()
+        focus(raw, grid)
+        taken.append(time.perf_counter() - before)
+    pixels = int(np.prod(grid.shape)) * len(layers)
+    less = max(1, few // 4)
+    if less == few:
+        return taken[-1] * n / few, pixels
+    slope = max(0.0, (taken[2] - taken[1]) / (few - less))
+    return taken[2] + slope * (n - few), pixels
+
+
+def peak_memory() -> int:
+    """Most bytes that this process held at a time so far."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(most if sys.platform == "darwin" else most * 1024)
+
+
+__all__ = ["Prediction", "peak_memory", "predict"]
