@@ -26,7 +26,7 @@ from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import (
-    RAYS_PER_CELL,
+    FOOTPRINT_PER_CELL,
     LaunchWindow,
     azimuth_cell,
     launch_window,
@@ -392,10 +392,10 @@ def _check_sampling(
         )
     if plan.flags.diffuse:
         cell = scatterer_cell(scene, window.incidence)
-        wanted = cell * np.sqrt(max(np.cos(window.incidence), 0.05) / RAYS_PER_CELL)
-        if spacing > 2.0 * wanted:
+        wanted = FOOTPRINT_PER_CELL * cell * max(np.cos(window.incidence), 0.05)
+        if spacing > 1.5 * wanted:
             texts.append(
-                f"ray_spacing = {spacing:g} m leaves fewer than one ray a scatterer cell of {cell:.3g} m; "
+                f"ray_spacing = {spacing:g} m leaves out scatterer cells of {cell:.3g} m; "
                 f"{wanted:.3g} m would do"
             )
     for text in texts:

@@ -10,35 +10,23 @@ from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, TraceScene
 
 
 class DiffuseOperator:
-    """Symmetric scattering tensor of one cell between an incoming and an outgoing direction.
+    """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its texture.
 
     Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
     exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at a pair of angles is
     the geometric mean of the law at each or, for laws of tilted facets, the law at the angle of the half vector.
+    The tensor is a sum of up to three fixed ones, each times a random number of the cell (:func:`texture`).
 
     Parameters
     ----------
     info : uint32, material in the low 31 bits, bit 31 set for laws of tilted facets
-    cross_ratio : cross- over co-polar power
     n, d, s : normal facing the ray, incoming and outgoing unit directions
-    key : hash of the cell
     """
 
     def __init__(
-        self,
-        scene: TraceScene,
-        info: Any,
-        cross_ratio: Any,
-        n: Any,
-        d: Any,
-        s: Any,
-        key: Any,
-        flags: KernelFlags,
-        mi: Any,
-        dr: Any,
+        self, scene: TraceScene, info: Any, n: Any, d: Any, s: Any, flags: KernelFlags, mi: Any, dr: Any
     ) -> None:
         self.flags, self.mi, self.dr = flags, mi, dr
-        co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
         material = info & 0x7FFFFFFF
         cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
         if flags.multi_bounce:
@@ -54,41 +42,47 @@ class DiffuseOperator:
         if self.in_planes:
             self.h_i, self.h_s = field.incidence_basis_pair(d, s, n, dr, mi)
             self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
-        self.co = co
-        if flags.depolarisation:
-            # azimuthal symmetry: <|S_hv|^2> = <|S_hh - S_vv|^2> / 4; S_hh and S_vv keep the law's power
-            root = dr.sqrt(cross_ratio)
-            self.co = co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0))
-            self.difference = scatterers.gaussian(key, 1, dr, mi) * root
-            self.cross = scatterers.gaussian(key, 2, dr, mi) * root
 
-    def _bilinear(self, q: Any, x: Any) -> Any:
-        """``q . D x`` for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
+    def _bilinear(self, q: Any, x: Any) -> list[Any]:
+        """``q . D_k x`` of the fixed tensors for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
         dr = self.dr
         if not self.in_planes:
-            return self.co * (self.amp_h * dr.dot(q, x))
-        qh, qv, xh, xv = (
-            dr.dot(a, b) for a, b in ((q, self.h_s), (q, self.v_s), (x, self.h_i), (x, self.v_i))
-        )
-        value = self.co * (self.amp_h * qh * xh + self.amp_v * qv * xv)
+            return [self.amp_h * dr.dot(q, x)]
+        pairs = ((q, self.h_s), (q, self.v_s), (x, self.h_i), (x, self.v_i))
+        qh, qv, xh, xv = (dr.dot(a, b) for a, b in pairs)
+        values = [self.amp_h * qh * xh + self.amp_v * qv * xv]
         if self.flags.depolarisation:
             amp = dr.sqrt(self.amp_h * self.amp_v)
-            value = (
-                value
-                + self.difference * (amp * (qh * xh - qv * xv))
-                + self.cross * (amp * (qh * xv + qv * xh))
-            )
-        return value
+            values += [amp * (qh * xh - qv * xv), amp * (qh * xv + qv * xh)]
+        return values
 
-    def between(self, q: Any, e: field.ComplexVector) -> Any:
-        """``q . D E`` for a real receiving vector and a complex field."""
-        j = self.mi.Complex2f(0.0, 1.0)
-        return self._bilinear(q, e[0]) + j * self._bilinear(q, e[1])
+    def between(self, q: Any, e: field.ComplexVector) -> list[Any]:
+        """``q . D_k E`` for a real receiving vector and a complex field."""
+        return [
+            self.mi.Complex2f(re, im) for re, im in zip(*(self._bilinear(q, part) for part in e), strict=True)
+        ]
 
-    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> Any:
-        """``Q . D E`` (no conjugate) for two complex fields, incoming and retracing."""
+    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> list[Any]:
+        """``Q . D_k E`` (no conjugate) for two complex fields, incoming and retracing."""
         j = self.mi.Complex2f(0.0, 1.0)
-        return self.between(q[0], e) + j * self.between(q[1], e)
+        return [a + j * b for a, b in zip(*(self.between(part, e) for part in q), strict=True)]
+
+
+def texture(key: Any, cross_ratio: Any, flags: KernelFlags, mi: Any, dr: Any) -> list[Any]:
+    """Random numbers of a cell, one for each fixed tensor of :class:`DiffuseOperator`; mean total power one.
+
+    Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
+    (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power.
+    """
+    co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
+    if not flags.depolarisation:
+        return [co]
+    root = dr.sqrt(cross_ratio)
+    return [
+        co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0)),
+        scatterers.gaussian(key, 1, dr, mi) * root,
+        scatterers.gaussian(key, 2, dr, mi) * root,
+    ]
 
 
 def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, dr: Any) -> Any:
@@ -102,4 +96,4 @@ def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, d
     return low + (high - low) * t
 
 
-__all__ = ["DiffuseOperator"]
+__all__ = ["DiffuseOperator", "texture"]

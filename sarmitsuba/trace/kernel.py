@@ -19,7 +19,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.trace import field, scatterers, tube
 from sarmitsuba.trace.beam import BeamPattern, fade
-from sarmitsuba.trace.diffuse_operator import DiffuseOperator
+from sarmitsuba.trace.diffuse_operator import DiffuseOperator, texture
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
 from sarmitsuba.trace.modules import modules
@@ -273,40 +273,54 @@ def trace(
             n_added = dr.select(sees, n_added + 1, n_added)
             added = adder.add(added, hits, pulse, half, rate, coherent, sees)
 
-        # ---- diffuse scatterer of the cell that was hit
+        # ---- diffuse scatterers of the cells that the footprint overlaps
         if flags.diffuse:
-            centre, cell_area, key = scatterers.anchor(p, n64, info.y, cell, seed, dr, mi)
-            leg_d, back_d = centre - image, antenna_p - centre
-            length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)
-            half_d = 0.5 * (length_d + length_back_d)
-            rate_d = 0.5 * (dr.dot(back_d / length_back_d, antenna_v) - dr.dot(leg_d / length_d, image_v))
-            operator = DiffuseOperator(scene, info.x, mat.w, n, d, s, key, flags, mi, dr)
-            weight_d = gain * area * dr.rsqrt(cell_area * scatterers.count_bias(cell_area / area, dr))
-            factor = weight_d * loss * home
+            double = flags.diffuse_double and flags.multi_bounce
+            operator = DiffuseOperator(scene, info.x, n, d, s, flags, mi, dr)
             straight = []
             for channel in flags.channels:
-                i = tracked.index(channel[0])
-                c = operator.between(receive[channel[1]], e[i])
-                if flags.diffuse_double and flags.multi_bounce:
+                terms = operator.between(receive[channel[1]], e[tracked.index(channel[0])])
+                if double:
                     # behind mirrors the reversed path comes home with the same length: the transposed channel
-                    j = tracked.index(channel[1])
-                    reverse = operator.between(receive[channel[0]], e[j])
-                    c = c + dr.select(first, c32(0.0), reverse)
-                straight.append(c * factor)
-            n_added = dr.select(sees, n_added + 1, n_added)
-            added = adder.add(added, hits, pulse, half_d, rate_d, straight, sees)
-            if flags.diffuse_double and flags.multi_bounce:
+                    reverse = operator.between(receive[channel[0]], e[tracked.index(channel[1])])
+                    terms = [t + dr.select(first, c32(0.0), r) for t, r in zip(terms, reverse, strict=True)]
+                straight.append(terms)
+            retro = []
+            if double:
                 chain = active & ~first
-                operator = DiffuseOperator(scene, info.x, mat.w, n, d, -d, key, flags, mi, dr)
-                factor = weight_d * loss_retro
-                retro = []
-                for channel in flags.channels:
-                    i, j = tracked.index(channel[0]), tracked.index(channel[1])
-                    retro.append(operator.between_fields(e[j], e[i]) * factor)
-                n_added = dr.select(chain, n_added + 1, n_added)
-                rate_retro = -dr.dot(leg_d / length_d, image_v)
-                # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
-                added = adder.add(added, 2 * hits - 1, pulse, length_d, rate_retro, retro, chain)
+                operator = DiffuseOperator(scene, info.x, n, d, -d, flags, mi, dr)
+                retro = [
+                    operator.between_fields(e[tracked.index(c[1])], e[tracked.index(c[0])])
+                    for c in flags.channels
+                ]
+            frame = scatterers.CellFrame(p, n64, u, v, info.y, cell, seed, dr, mi)
+            weight = gain * area * dr.rsqrt(frame.area * frame.bias)
+            for share, centre, key in frame.cells():
+                random = texture(key, mat.w, flags, mi, dr)
+                leg_d, back_d = centre - image, antenna_p - centre
+                length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)
+                rate_d = -dr.dot(leg_d, image_v) / length_d
+                rate_back_d = dr.dot(back_d, antenna_v) / length_back_d
+                factor = weight * share * loss * home
+                values = [_mixed(terms, random) * factor for terms in straight]
+                reached = sees & (share > 0.0)
+                n_added = dr.select(reached, n_added + 1, n_added)
+                added = adder.add(
+                    added,
+                    hits,
+                    pulse,
+                    0.5 * (length_d + length_back_d),
+                    0.5 * (rate_d + rate_back_d),
+                    values,
+                    reached,
+                )
+                if double:
+                    factor = weight * share * loss_retro
+                    values = [_mixed(terms, random) * factor for terms in retro]
+                    reached = chain & (share > 0.0)
+                    n_added = dr.select(reached, n_added + 1, n_added)
+                    # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
+                    added = adder.add(added, 2 * hits - 1, pulse, length_d, rate_d, values, reached)
 
         # ---- reflect
         if not flags.multi_bounce:
@@ -323,6 +337,11 @@ def trace(
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
     return TraceCounts(final[1], final[9]), final[10]
+
+
+def _mixed(terms: list[Any], random: list[Any]) -> Any:
+    """Sum of the fixed tensors' values times the cell's random numbers."""
+    return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
 
 def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:

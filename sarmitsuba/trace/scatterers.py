@@ -18,56 +18,90 @@ def mix(x: Any) -> Any:
     return x ^ (x >> 16)
 
 
-def anchor(p: Any, n: Any, group: Any, cell: Any, seed: Any, dr: Any, mi: Any) -> tuple[Any, Any, Any]:
-    """Snap a hit to its cell.
+class CellFrame:
+    """The cell grid as seen from one hit: its own cell and the neighbours that its tube's footprint reaches into.
 
-    The cell is square in the two axes that span the surface best (the normal's largest component is left out), so
-    that its area on the surface is ``cell^2 / |n_max|`` whatever the facet's position; the third coordinate only
-    separates layers of one smooth surface.
+    Cells are square in the two axes that span the surface best (the normal's largest component is left out), so
+    that their area on the surface is ``cell^2 / |n_max|`` whatever the facet's position; the third coordinate only
+    separates layers of one smooth surface. A tube's area is shared out among the cells that its footprint
+    overlaps, as a box of the footprint's own second moments: tubes tile the surface, so each cell receives its own
+    area almost exactly, where counting whole tubes by their centres would scatter by the number that falls in.
 
     Parameters
     ----------
     p : hit point, float64 3-vector, m, scene frame
     n : unit normal, float64 3-vector
+    u, v : edges of the footprint, float32 3-vectors, m
     group : uint32, smooth surface the face belongs to
-    cell : cell edge, m
+    cell : cell edge, m, float64
     seed : uint32
-
-    Returns
-    -------
-    centre : float64 3-vector, the cell's centre projected along the left-out axis onto the tangent plane
-    area : float32, the cell's area on the surface, m^2
-    key : uint32 hash of the cell
     """
-    i32 = dr.int32_array_t(type(p.x))
-    u32 = dr.uint32_array_t(type(p.x))
-    ax, ay, az = dr.abs(n.x), dr.abs(n.y), dr.abs(n.z)
-    # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
-    take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
-    take_y = ~take_z & (ay >= ax - 1e-6)
-    a = dr.select(take_z | take_y, p.x, p.y)
-    b = dr.select(take_z, p.y, p.z)
-    c = dr.select(take_z, p.z, dr.select(take_y, p.y, p.x))
-    na = dr.select(take_z | take_y, n.x, n.y)
-    nb = dr.select(take_z, n.y, n.z)
-    nc = dr.select(take_z, n.z, dr.select(take_y, n.y, n.x))
-    inverse = 1.0 / cell
-    ia, ib = dr.floor(a * inverse), dr.floor(b * inverse)
-    ca, cb = (ia + 0.5) * cell, (ib + 0.5) * cell
-    cc = c - ((ca - a) * na + (cb - b) * nb) / nc
-    # layers 64 cells apart: far enough that a tilted face rarely crosses one
-    ic = dr.floor(c * (inverse / 64.0) + 0.4142)
-    axis = dr.select(take_z, u32(0), dr.select(take_y, u32(1), u32(2)))
-    key = mix(u32(i32(ia)) * 0x9E3779B1 + seed)
-    key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
-    key = mix(key ^ (u32(i32(ic)) * 0xC2B2AE3D + axis * 0x165667B1 + group * 0xD3A2646C))
-    centre = type(p)(
-        dr.select(take_z | take_y, ca, cc),
-        dr.select(take_z, cb, dr.select(take_y, cc, ca)),
-        dr.select(take_z, cc, cb),
-    )
-    area = mi.Float(cell * cell / dr.abs(nc))
-    return centre, area, key
+
+    def __init__(
+        self, p: Any, n: Any, u: Any, v: Any, group: Any, cell: Any, seed: Any, dr: Any, mi: Any
+    ) -> None:
+        self.dr, self.mi, self.vector = dr, mi, type(p)
+        self.cell, self.group, self.seed = cell, group, seed
+        ax, ay, az = dr.abs(n.x), dr.abs(n.y), dr.abs(n.z)
+        # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
+        self.take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
+        self.take_y = ~self.take_z & (ay >= ax - 1e-6)
+        self.a, self.b, self.c = self._axes(p)
+        self.na, self.nb, self.nc = self._axes(n)
+        ua, ub, _ = self._axes(u)
+        va, vb, _ = self._axes(v)
+        inverse = 1.0 / cell
+        self.ia, self.ib = dr.floor(self.a * inverse), dr.floor(self.b * inverse)
+        # layers 64 cells apart: far enough that a tilted face rarely crosses one
+        self.ic = dr.floor(self.c * (inverse / 64.0) + 0.4142)
+        scale = mi.Float(inverse)
+        width_a, width_b = dr.sqrt(ua * ua + va * va) * scale, dr.sqrt(ub * ub + vb * vb) * scale
+        self.share_a, self.step_a = self._shares(mi.Float(self.a * inverse - self.ia), width_a)
+        self.share_b, self.step_b = self._shares(mi.Float(self.b * inverse - self.ib), width_b)
+        # tubes wider than a cell leave cells out, the rest gets their power: mean square over squared mean
+        self.bias = dr.maximum(width_a, 1.0) * dr.maximum(width_b, 1.0)
+        self.area = mi.Float(cell * cell / dr.abs(self.nc))
+
+    def _axes(self, w: Any) -> tuple[Any, Any, Any]:
+        """Components along the two cell axes and the one left out."""
+        s = self.dr.select
+        return (
+            s(self.take_z | self.take_y, w.x, w.y),
+            s(self.take_z, w.y, w.z),
+            s(self.take_z, w.z, s(self.take_y, w.y, w.x)),
+        )
+
+    def _shares(self, place: Any, width: Any) -> tuple[tuple[Any, Any], Any]:
+        """Overlap of a box about ``place`` (0..1) with its cell and the nearer neighbour; step to the latter."""
+        dr = self.dr
+        width = dr.clip(width, 1e-3, 1.0)
+        low = place < 0.5
+        other = dr.maximum(0.5 * width - dr.select(low, place, 1.0 - place), 0.0) / width
+        return (1.0 - other, other), dr.select(low, -1.0, 1.0)
+
+    def cells(self) -> "list[tuple[Any, Any, Any]]":
+        """Share of the tube (float32), phase centre (float64 m) and hash (uint32) of the four cells it can reach."""
+        return [self._cell(i, j) for i in (0, 1) for j in (0, 1)]
+
+    def _cell(self, i: int, j: int) -> tuple[Any, Any, Any]:
+        dr, mi = self.dr, self.mi
+        ia = self.ia + (mi.Float64(self.step_a) if i else 0.0)
+        ib = self.ib + (mi.Float64(self.step_b) if j else 0.0)
+        ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
+        # the cell's centre, along the left-out axis onto the tangent plane
+        cc = self.c - ((ca - self.a) * self.na + (cb - self.b) * self.nb) / self.nc
+        i32 = dr.int32_array_t(type(ia))
+        u32 = mi.UInt32
+        axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
+        key = mix(u32(i32(ia)) * 0x9E3779B1 + self.seed)
+        key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
+        key = mix(key ^ (u32(i32(self.ic)) * 0xC2B2AE3D + axis * 0x165667B1 + self.group * 0xD3A2646C))
+        centre = self.vector(
+            dr.select(self.take_z | self.take_y, ca, cc),
+            dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
+            dr.select(self.take_z, cc, cb),
+        )
+        return self.share_a[i] * self.share_b[j], centre, key
 
 
 def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
@@ -81,17 +115,6 @@ def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     return mi.Complex2f(r * c, r * s)
 
 
-def count_bias(rays_per_cell: Any, dr: Any) -> Any:
-    """Mean square over squared mean of the number of rays that fall into a cell.
-
-    A cell's amplitude grows with the rays that find it, so its power is too high by this factor. Fitted to
-    turned lattices over level ground at 35 and 55 degrees (1 to 16 rays a cell, within 0.05 dB from 4 rays on);
-    below one ray a cell the count is 0 or 1.
-    """
-    m = rays_per_cell
-    return dr.select(m >= 1.0, 1.0 + 0.23 * dr.power(dr.maximum(m, 1.0), -1.7), 1.23 / m)
-
-
 def unit_phase(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     """Unit modulus and a hashed phase: a cell without texture of its own."""
     k2 = mix(mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF)) ^ 0xB5297A4D)
@@ -99,4 +122,4 @@ def unit_phase(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["anchor", "count_bias", "gaussian", "mix", "unit_phase"]
+__all__ = ["CellFrame", "gaussian", "mix", "unit_phase"]

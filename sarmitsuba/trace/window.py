@@ -15,8 +15,9 @@ F64 = NDArray[np.float64]
 RAYS_PER_WAVELENGTH = 4.5
 # rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve
 FINE_RAYS = 2_000_000
-# rays a scatterer cell that keep the image of rough ground coherent to 0.99 with any denser set
-RAYS_PER_CELL = 4.0
+# a tube's footprint on level ground over a scatterer cell: up to one, tubes share their area among the cells they
+# overlap and leave none out
+FOOTPRINT_PER_CELL = 1.0
 # scatterer cells a resolution cell, per axis: at one or more the speckle of a pixel is exactly Gaussian
 CELLS_PER_RESOLUTION = 1.05
 
@@ -141,8 +142,8 @@ def scatterer_cell(scene: Scene, incidence: float) -> float:
 def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: bool) -> float:
     """Distance between rays: as asked, or what the finest need among those below gives, m.
 
-    Diffuse cells want ``RAYS_PER_CELL``; coherent tubes want ``RAYS_PER_WAVELENGTH`` where that is affordable
-    (``FINE_RAYS``), else half a resolution cell.
+    Diffuse cells want footprints no larger than themselves; coherent tubes want ``RAYS_PER_WAVELENGTH`` where that
+    is affordable (``FINE_RAYS``), else half a resolution cell.
     """
     if scene.settings.ray_spacing > 0:
         return scene.settings.ray_spacing
@@ -150,7 +151,7 @@ def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: boo
     cosine = max(np.cos(window.incidence), 0.05)
     needs = []
     if diffuse:
-        needs.append(scatterer_cell(scene, window.incidence) * np.sqrt(cosine / RAYS_PER_CELL))
+        needs.append(FOOTPRINT_PER_CELL * scatterer_cell(scene, window.incidence) * cosine)
     if coherent:
         fine = wavelength / RAYS_PER_WAVELENGTH
         if window.area / fine**2 <= FINE_RAYS:
