@@ -13,7 +13,7 @@ from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.trace.backend import Backend, ensure_backend, gpu_description
 
 _PINNED = {"mitsuba": "3.9.1", "drjit": "1.5.0"}
-_NEEDED = ("numpy", "scipy", "trimesh", "OpenEXR", "matplotlib", "h5py", "tqdm")
+_NEEDED = ("numpy", "scipy", "trimesh", "OpenEXR", "matplotlib", "h5py", "threadpoolctl", "tqdm")
 _N_RAYS = 1 << 20
 
 
