@@ -97,7 +97,7 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     assert {p.name for p in out.iterdir()} == RESULTS
     assert fake_stages == {"path": "box", "radar": None, "parameters": {"h": "3", "w": "a=b"}}
     printed = capsys.readouterr()
-    assert printed.out.startswith(str(out / "quicklook.png"))
+    assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
     assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
     facts = json.loads((out / "parameters.json").read_text())
     assert facts["seed"] == 9
