@@ -181,11 +181,12 @@ def _depth_note(facts: Facts, depth: int) -> str:
     asked, pilot = facts.scene.settings.max_depth, facts.pilot
     if pilot is None or depth >= pilot.n_orders:
         return ""
-    lost = pilot.energy_db(3, depth + 1)
-    if asked and lost > facts.tolerance_db:
+    lost, cell = pilot.energy_db(3, depth + 1), pilot.cell_db(3, depth + 1)
+    if asked and (lost > facts.tolerance_db or cell > pilot.cell_limit_db(facts.tolerance_db)):
+        over = "clutter" if pilot.clutter > 0 else "peak"
         return (
             f"{facts.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
-            f"energy; raise max_depth or set it to auto"
+            f"energy, strongest cell {cell:.0f} dB over the {over}; raise max_depth or set it to auto"
         )
     return ""
 

@@ -73,16 +73,34 @@ class ShapeFacts:
         return rows[pick, :3], rows[pick, 3]
 
     @cached_property
-    def _sides(self) -> tuple[F64, F64, F64, F64] | None:
-        """Least and greatest height over every plane of the vertices and of the antenna; None when too dear."""
-        if self.n_faces == 0:
-            return None
-        points = self.points
-        if len(points) > 500:
+    def _hull(self) -> F64:
+        """Vertices that bound all others (all of them where there are few, or they are flat)."""
+        if len(self.points) > 500:
             try:
-                points = points[ConvexHull(points).vertices]
-            except QhullError:  # flat or thin: all of them, then
+                return np.asarray(self.points[ConvexHull(self.points).vertices])
+            except QhullError:
                 pass
+        return self.points
+
+    @cached_property
+    def _one_sided(self) -> bool:
+        """Nothing of the scene lies on both sides of some face's plane; tried on a few faces.
+
+        Every proof below needs it of all faces, and nearly every scene fails it on the first few.
+        """
+        if self.n_faces == 0:
+            return False
+        pick = np.unique(np.linspace(0, self.n_faces - 1, min(self.n_faces, 64)).round().astype(int))
+        offset = np.einsum("ij,ij->i", self.normals[pick], self.vertices[self.faces[pick, 0]])
+        height = self.normals[pick] @ self._hull.T - offset[:, None]
+        return bool(((height.min(axis=1) >= -self.slack) | (height.max(axis=1) <= self.slack)).all())
+
+    @cached_property
+    def _sides(self) -> tuple[F64, F64, F64, F64] | None:
+        """Least and greatest height over every plane of the vertices and of the antenna; None when no use or too dear."""
+        if not self._one_sided:
+            return None
+        points = self._hull
         normal, offset = self.planes
         if len(offset) * len(points) > _MAX_PRODUCTS:
             return None
@@ -133,7 +151,7 @@ class ShapeFacts:
         A closed surface within a hull that has the hull's volume and area is the hull; so no pair of faces needs
         to be looked at.
         """
-        if not self.closed or self.n_components != 1:
+        if not self._one_sided or not self.closed or self.n_components != 1:
             return False
         try:
             hull = ConvexHull(self.points)

@@ -33,9 +33,12 @@ ORDERS = 8
 CHANNELS = ("HH", "VV")
 # rays on a side of a patch: enough for the fade-out to suppress the rim by 30 dB
 SIDE = 8
-# share of the full run's rays, and most rays whatever the run
-RAY_SHARE = 0.02
+# share of the full run's rays, and most rays whatever the run. A pilot's ray costs two to three of the run's: all
+# effects, two polarisations, patches in no order
+RAY_SHARE = 0.006
 MAX_RAYS = 300_000
+# patches of a pulse, whatever the run: recording and launching take longer than tracing these
+LEAST_PATCHES = 128
 # a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s; seconds
 # predicted with the rates below, which are those of two cores
 SHORTEST_RUN = 2.0
@@ -151,7 +154,7 @@ def run_pilot(
         scene.geometry, scene.materials, scene.radar.waveform.wavelength
     )
     budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
-    per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), 24, 4096))
+    per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
     shape = shape or Facts(scene).shape
     points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
