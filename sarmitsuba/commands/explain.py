@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--define",
         action="append",
         default=[],
-        type=_definition,
+        type=definition,
         metavar="NAME=VALUE",
         help="value of a $NAME in the scene file; may be repeated",
     )
@@ -139,7 +139,7 @@ def _cost(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.005 else "-"
 
 
-def _definition(text: str) -> tuple[str, str]:
+def definition(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")

@@ -1,0 +1,151 @@
+"""What accuracy costs on a scene: table, plot with the Pareto front, and a recommended setting."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.explain import definition
+
+if TYPE_CHECKING:
+    from sarmitsuba.study.cost import CostReport
+
+NAME = "cost"
+HELP = "measure what accuracy costs on a scene and recommend a setting"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
+    parser.add_argument(
+        "--radar", metavar="RADAR", help="radar description (XML or shipped name) put over the scene"
+    )
+    parser.add_argument(
+        "-D",
+        "--define",
+        action="append",
+        default=[],
+        type=definition,
+        metavar="NAME=VALUE",
+        help="value of a $NAME in the scene file; may be repeated",
+    )
+    parser.add_argument(
+        "--target-error",
+        type=float,
+        default=-20.0,
+        metavar="DB",
+        help="error wanted of the image, energy over energy (default -20)",
+    )
+    parser.add_argument(
+        "--budget", type=float, default=300.0, metavar="S", help="time to spend (default 300)"
+    )
+    parser.add_argument("-o", "--output", metavar="OUT", help="folder for cost.json, cost.md and cost.png")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Sweep, print, draw."""
+    from sarmitsuba.errors import SceneError
+    from sarmitsuba.scene.library import resolve_radar
+    from sarmitsuba.scene.loader import load_scene
+    from sarmitsuba.study.cost import study_cost
+
+    if args.budget <= 0.0 or args.target_error >= 0.0:
+        raise SceneError(
+            f"cost: --budget = {args.budget:g} s must be above 0 and --target-error = {args.target_error:g} dB below 0"
+        )
+    scene = load_scene(
+        args.scene, radar=resolve_radar(args.radar) if args.radar else None, parameters=dict(args.define)
+    )
+    report = study_cost(
+        scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
+    )
+    console.end_progress()
+    command = f"python -m sarmitsuba render {args.scene}" + (f" --radar {args.radar}" if args.radar else "")
+    command += "".join(f" -D {name}={value}" for name, value in args.define)
+    text = _text(report, scene.name, command)
+    console.say(text)
+    if args.output:
+        _save(args.output, report, scene.name, text)
+    return 0
+
+
+def table(report: "CostReport") -> list[str]:
+    """Markdown lines of the sweeps."""
+    lines = [
+        "| parameter | value | error dB | seconds (piece) | seconds (whole) | MB | |",
+        "|---|---|--:|--:|--:|--:|---|",
+    ]
+    for row in report.rows:
+        error = "-" if row.error_db <= -80.0 else f"{row.error_db:.1f}"
+        megabytes = f"{row.megabytes:.0f}" if row.megabytes == row.megabytes else "-"
+        lines.append(
+            f"| {row.parameter} | {row.value} | {error} | {row.seconds:.2f} | {row.full_seconds:.2f} "
+            f"| {megabytes} | {row.remark} |"
+        )
+    return lines
+
+
+def _text(report: "CostReport", name: str, command: str) -> str:
+    lines = [
+        f"{name}: swept {report.piece}; errors against {report.reference}, or, within a sweep, against its best value",
+        *table(report),
+        "",
+        f"plain setting on the whole scene: {report.full_seconds:.2f} s (measured)",
+        "cheapest combinations (predicted for the whole scene):",
+    ]
+    lines += [f"  {c.error_db:6.1f} dB {c.seconds:8.2f} s  {_short(c.changes)}" for c in report.front]
+    best = report.recommended
+    if report.met:
+        lines.append(
+            f"recommended for {report.target_error_db:g} dB: {best.error_db:.1f} dB in {best.seconds:.2f} s"
+        )
+    else:
+        lines.append(
+            f"no single pass meets {report.target_error_db:g} dB; the most accurate: {best.error_db:.1f} dB in "
+            f"{best.seconds:.2f} s a pass; add --target-error {report.target_error_db:g}"
+        )
+    error, seconds = report.check["error_db"], report.check["seconds"]
+    if error == error:
+        time = f", {seconds:.2f} s on the whole scene" if seconds == seconds else ""
+        lines.append(f"checked: {error:.1f} dB on the piece{time}")
+    lines.append(f"  {command} {report.options()} -o OUT")
+    lines.append(f"({report.seconds:.0f} s)")
+    return "\n".join(lines)
+
+
+def _short(changes: object) -> str:
+    assert isinstance(changes, dict)
+    return ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in changes.items())
+
+
+def _save(output: str, report: "CostReport", name: str, text: str) -> None:
+    from pathlib import Path
+
+    from sarmitsuba.io import parameters
+    from sarmitsuba.io.atomic import atomic_path, make_folder
+    from sarmitsuba.view.cost import cost_figure, save_figure
+
+    folder = make_folder(Path(output))
+    facts = {
+        "scene": name,
+        "rows": report.rows,
+        "front": report.front,
+        "recommended": report.recommended,
+        "options": report.options(),
+        "target_error_db": report.target_error_db,
+        "met": report.met,
+        "piece": report.piece,
+        "reference": report.reference,
+        "check": report.check,
+        "plain_seconds": report.full_seconds,
+        "seconds": report.seconds,
+    }
+    parameters.write(folder / "cost.json", facts)
+    with atomic_path(folder / "cost.md") as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+    points = [(c.seconds, c.error_db) for c in report.candidates]
+    front = [(c.seconds, c.error_db) for c in report.front]
+    chosen = (report.recommended.seconds, report.recommended.error_db)
+    save_figure(cost_figure(points, front, chosen, report.target_error_db, name), folder / "cost.png")
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "run", "table"]

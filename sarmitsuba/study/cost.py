@@ -1,0 +1,431 @@
+"""What accuracy costs on the user's own scene: one sweep a parameter, a model of both, the cheapest setting."""
+
+import itertools
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import DataError, SarmitsubaError
+from sarmitsuba.focus import default_grid
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.study.sweep import Setting, Trial, crop, mean_image, run_trial
+from sarmitsuba.trace.pilot import plan_scene
+from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
+
+# deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
+REFERENCE_DEPTH = 6
+# share of the budget for the sweeps; the rest is for the full scene and the check of the recommendation
+SWEEP_SHARE = 0.6
+# cost of all sweeps and of the reference, in runs of the plain setting
+SWEEP_RUNS = 55.0
+# error that counts as none: float32 and the reference's own
+FLOOR_DB = -80.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Parameters
+    ----------
+    parameter, value : what was changed about the plain setting, and to what
+    error_db : of that change alone, against the best value of the same parameter with the same rays; for ray spacing
+        and methods against the converged reference
+    seconds : on the piece of the scene that was swept, without compiling
+    full_seconds : predicted for the whole scene
+    megabytes : growth of the memory on the piece
+    remark : what the error is measured as, where it is not the plain one
+    """
+
+    parameter: str
+    value: str
+    error_db: float
+    seconds: float
+    full_seconds: float
+    megabytes: float
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A combination of settings with its predicted error and time on the whole scene."""
+
+    changes: Mapping[str, Any]
+    error_db: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class CostReport:
+    """What :func:`study_cost` found.
+
+    Parameters
+    ----------
+    rows : the table
+    candidates : every combination, predicted
+    front : those that none beats in both error and time, by time
+    recommended : the cheapest that meets the target, or the most accurate where none does
+    target_error_db, met : what was wanted and whether the recommendation promises it
+    piece : which part of the scene was swept
+    check : measured error (piece) and seconds (whole scene) of the recommendation; NaN where the budget ended
+    full_seconds : measured seconds of the plain setting on the whole scene
+    reference : what errors are against
+    seconds : of the whole study
+    """
+
+    rows: tuple[Row, ...]
+    candidates: tuple[Candidate, ...]
+    front: tuple[Candidate, ...]
+    recommended: Candidate
+    target_error_db: float
+    met: bool
+    piece: str
+    check: Mapping[str, float]
+    full_seconds: float
+    reference: str
+    seconds: float
+
+    def options(self) -> str:
+        """The recommendation as options of ``render``."""
+        return options_of(self.recommended.changes)
+
+
+def options_of(changes: Mapping[str, Any]) -> str:
+    """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``."""
+    words = []
+    for key, value in changes.items():
+        if key in ("method", "focuser"):
+            continue
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        words.append(f"-D sar_path.{key}={text}")
+    words += [f"--{key} {changes[key]}" for key in ("method", "focuser") if key in changes]
+    return " ".join(words)
+
+
+@dataclass
+class _Study:
+    scene: Scene
+    grid: ImageGrid
+    base: Setting
+    plain: Trial
+    full: Mapping[str, float]
+    deadline: float
+    report: Progress
+    budget: float
+    rows: list[Row] = field(default_factory=list)
+    errors: dict[tuple[str, Any], float] = field(default_factory=dict)
+    ratios: dict[tuple[str, Any], dict[str, float]] = field(default_factory=dict)
+
+    def left(self) -> float:
+        return self.deadline - time.perf_counter()
+
+    def run(self, **changes: Any) -> Trial:
+        trial = run_trial(self.scene, self.base.but(**changes), self.grid, warm_up=False)
+        self.report("cost", self.budget - max(self.left(), 0.0), self.budget, {})
+        return trial
+
+    def full_seconds(self, trial: Trial) -> float:
+        return sum(self.full_stage(s) * r for s, r in self._ratio(trial).items())
+
+    def full_stage(self, stage: str) -> float:
+        """Seconds of a stage of the plain setting on the whole scene; those it does not have as on the piece."""
+        return self.full.get(stage, 1.0 if stage not in self.plain.stages else self.plain.stages[stage])
+
+    def _ratio(self, trial: Trial) -> dict[str, float]:
+        growth = sum(self.full.values()) / max(self.plain.seconds, 1e-9)
+        out = {}
+        for stage in {*trial.stages, *self.plain.stages}:
+            now, then = trial.stages.get(stage, 0.0), self.plain.stages.get(stage, 0.0)
+            # a stage that only this method has grows like the whole
+            out[stage] = (
+                now / then if then > 1e-3 else (now * growth / self.full_stage(stage) if now else 0.0)
+            )
+        return out
+
+    def note(self, parameter: str, value: Any, trial: Trial, error_db: float, remark: str = "") -> None:
+        """Put a trial into the table and the model."""
+        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
+        error_db = max(error_db, FLOOR_DB)
+        self.errors[parameter, value] = error_db
+        self.ratios[parameter, value] = self._ratio(trial)
+        megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
+        self.rows.append(
+            Row(parameter, shown, error_db, trial.seconds, self.full_seconds(trial), megabytes, remark)
+        )
+
+    def paired(self, parameter: str, values: Iterable[Any], best: Any) -> list[Any]:
+        """Sweep a parameter with the same rays; errors are against its best value. Returns what was run."""
+        if self.left() < 0.0:
+            return []
+        reference = self.run(**{parameter: best})
+        self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
+        done = [best]
+        for value in values:
+            if self.left() < 0.0:
+                break
+            trial = self.run(**{parameter: value})
+            self.note(parameter, value, trial, trial.error_db(reference.image))
+            done.append(value)
+        return done
+
+
+def study_cost(
+    scene: Scene,
+    *,
+    target_error_db: float = -20.0,
+    budget: float = 300.0,
+    progress: Progress | None = None,
+) -> CostReport:
+    """Sweep every parameter that trades accuracy for time, within a budget, and recommend a setting.
+
+    Parameters
+    ----------
+    scene : as loaded; its explicit settings are the plain setting
+    target_error_db : energy of the error over that of the image, dB
+    budget : s; large scenes are swept on a piece from the middle of the image
+    progress : called after every run
+
+    Returns
+    -------
+    CostReport
+
+    Notes
+    -----
+    Assumes that the errors of different parameters are independent, so that their energies add up, that each
+    parameter scales the time of a stage by a factor of its own, and that the piece stands for the whole. The check at
+    the end runs the recommendation itself. Errors of the scattering model are not in any of this.
+    """
+    begin = time.perf_counter()
+    deadline = begin + budget
+    report = progress or silent
+    plan = plan_scene(scene)
+    base = Setting(
+        {"method": "hybrid", "max_depth": plan.max_depth, "keep_orders": False, "keep_halves": False}
+    )
+    piece, text, plain = _piece(scene, base, budget)
+    full = plain if piece is scene else run_trial(scene, base, warm_up=False)
+    grid = default_grid(piece.radar, piece.image)
+    study = _Study(piece, grid, base, plain, full.stages, begin + SWEEP_SHARE * budget, report, budget)
+
+    spacing = _auto_spacing(piece, plan)
+    study.base = base = base.but(ray_spacing=spacing)
+    depths = study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
+    widths = study.paired("gridding_width", [2, 3, 4], 6)
+    study.paired("phase_precision", ["single"], "double")
+    interval = int(plain.facts["sampling"].get("key_pulse_interval", 1))
+    n = piece.radar.track.n_pulses
+    wanted = sorted({k for k in (16, 32, 64, 128, 256, interval) if 8 < k <= n})
+    intervals = study.paired("key_pulse_interval", wanted, 8) if interval > 1 and n >= 16 else [interval]
+    _focusers(study)
+
+    dense = base.but(ray_spacing=0.5 * spacing, max_depth=REFERENCE_DEPTH, gridding_width=6)
+    converged = mean_image(piece, dense, grid, 2)
+    reference = (
+        f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * spacing:.3g} m, {REFERENCE_DEPTH} bounces, "
+        f"gridding_width 6"
+    )
+    spacings = []
+    for factor in (0.71, 1.0, 1.41, 2.0, 2.83):
+        trial = study.run(ray_spacing=factor * spacing, max_depth=REFERENCE_DEPTH)
+        study.note("ray_spacing", factor * spacing, trial, trial.error_db(converged))
+        # the table's time is that of the plain depth
+        study.ratios["ray_spacing", factor * spacing] = _without_depth(study, factor * spacing)
+        spacings.append(factor * spacing)
+    _cells(study, plan)
+    _methods(study, converged, spacing)
+    _raw_row(study, plain)
+
+    candidates = _combine(study, spacings, depths, widths, intervals)
+    front = _pareto(candidates)
+    good = [c for c in front if c.error_db <= target_error_db]
+    recommended = good[0] if good else min(candidates, key=lambda c: (c.error_db, c.seconds))
+    check = {"error_db": float("nan"), "seconds": float("nan")}
+    if time.perf_counter() < deadline:
+        trial = run_trial(
+            piece, Setting({**base.changes, **recommended.changes}), grid, pass_index=7, warm_up=False
+        )
+        check["error_db"] = trial.error_db(converged)
+    if time.perf_counter() + recommended.seconds < deadline:
+        whole = Setting({**base.changes, **recommended.changes})
+        check["seconds"] = run_trial(scene, whole, warm_up=False).seconds
+    return CostReport(
+        rows=tuple(study.rows),
+        candidates=tuple(candidates),
+        front=tuple(front),
+        recommended=recommended,
+        target_error_db=target_error_db,
+        met=bool(good),
+        piece=text,
+        check=check,
+        full_seconds=full.seconds,
+        reference=reference,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _piece(scene: Scene, base: Setting, budget: float) -> tuple[Scene, str, Trial]:
+    """Largest piece of the scene whose sweeps fit the budget, and a timed run of it."""
+    allowed = SWEEP_SHARE * budget / SWEEP_RUNS
+    share = 1.0
+    if _guess_seconds(scene) > allowed:
+        share = max(0.1, float(np.sqrt(allowed / _guess_seconds(scene))))
+    run_trial(crop(scene, min(share, 0.25)), base, warm_up=False)  # compiles
+    for _ in range(4):
+        piece = scene if share >= 1.0 else crop(scene, share)
+        plain = run_trial(piece, base, warm_up=False)
+        if plain.seconds <= 1.5 * allowed or share <= 0.1:
+            break
+        share = max(0.1, share * float(np.sqrt(allowed / plain.seconds)))
+    if share >= 1.0:
+        return scene, "the whole scene", plain
+    im = piece.image
+    text = f"the middle {im.extent_azimuth:.3g} m x {im.extent_range:.3g} m of the image, the whole aperture"
+    return piece, text, plain
+
+
+def _guess_seconds(scene: Scene) -> float:
+    """Seconds of a plain run from its number of rays: a million a second, one key pulse in 64, and the focusing."""
+    window = launch_window(scene)
+    spacing = ray_spacing(scene, window, True, True)
+    n = scene.radar.track.n_pulses
+    pixels = float(np.prod(default_grid(scene.radar, scene.image).shape))
+    return window.area / spacing**2 * max(1.0, n / 64.0) / 1e6 + pixels * n / 3e8
+
+
+def _auto_spacing(scene: Scene, plan: EffectsPlan) -> float:
+    return ray_spacing(scene, launch_window(scene), plan.flags.diffuse, plan.flags.coherent)
+
+
+def _without_depth(study: _Study, spacing: float) -> dict[str, float]:
+    """Time ratio of a spacing alone: its run at the reference's depth, over the plain spacing at that depth."""
+    deep = study.ratios["max_depth", REFERENCE_DEPTH]
+    own = study.ratios["ray_spacing", spacing]
+    return {stage: own.get(stage, 1.0) / deep[stage] if deep.get(stage, 0.0) > 0.0 else 1.0 for stage in deep}
+
+
+def _focusers(study: _Study) -> None:
+    """Backprojection's interpolations, and omega-K where track and grid allow it."""
+    if study.left() < 0.0:
+        return
+    exact = study.run(interpolation="kernel:8")
+    study.note("interpolation", "kernel:8", exact, FLOOR_DB, "reference of its sweep")
+    for name in ("kernel", "kernel:4", "linear"):
+        trial = study.run(interpolation=name)
+        study.note("interpolation", name, trial, trial.error_db(exact.image))
+    study.note("focuser", "backprojection", study.run(focuser="backprojection"), FLOOR_DB)
+    try:
+        trial = study.run(focuser="omega_k")
+    except DataError:
+        return  # the grid or the track is not omega-K's
+    study.note("focuser", "omega_k", trial, trial.error_db(exact.image))
+
+
+def _cells(study: _Study, plan: EffectsPlan) -> None:
+    """Scatterer cells: other cells are other random surfaces, so the level is compared, not the pixels."""
+    if not plan.flags.diffuse:
+        return
+    cell = scatterer_cell(study.scene, launch_window(study.scene).incidence)
+    reference = study.run(scatterer_cell=cell)
+    level = float(np.mean(np.abs(reference.image) ** 2))
+    for factor in (0.5, 1.0, 2.0):
+        if study.left() < 0.0:
+            return
+        trial = reference if factor == 1.0 else study.run(scatterer_cell=factor * cell)
+        change = 10.0 * np.log10(float(np.mean(np.abs(trial.image) ** 2)) / level)
+        study.note("scatterer_cell", factor * cell, trial, FLOOR_DB, f"mean level {change:+.2f} dB")
+
+
+def _methods(study: _Study, converged: NDArray[Any], spacing: float) -> None:
+    for name in ("raster", "image"):
+        try:
+            trial = study.run(method=name)
+        except SarmitsubaError:
+            continue
+        study.note("method", name, trial, trial.error_db(converged))
+        if name == "image":
+            for factor in (1.41, 2.0):
+                coarse = study.run(method=name, ray_spacing=factor * spacing)
+                study.note(
+                    "method", f"image, ray_spacing {factor * spacing:.3g}", coarse, coarse.error_db(converged)
+                )
+
+
+def _raw_row(study: _Study, plain: Trial) -> None:
+    """Every pulse traced: its time follows from that of a key pulse; it has no error of its own to measure."""
+    statistics = plain.facts["statistics"]
+    keys = max(1, int(statistics.get("key_pulses", 1)))
+    factor = study.scene.radar.track.n_pulses / keys
+    seconds = sum(t * (factor if s == "trace" else 1.0) for s, t in plain.stages.items())
+    full = sum(t * (factor if s == "trace" else 1.0) for s, t in study.full.items())
+    study.rows.append(
+        Row("method", "raw", FLOOR_DB, seconds, full, float("nan"), "time predicted from the key pulses'")
+    )
+
+
+def _combine(
+    study: _Study, spacings: list[float], depths: list[int], widths: list[int], intervals: list[int]
+) -> list[Candidate]:
+    """Every combination of the swept values, error energies added, stage ratios multiplied."""
+
+    def energy(parameter: str, value: Any) -> float:
+        return float(10.0 ** (study.errors.get((parameter, value), FLOOR_DB) / 10.0))
+
+    plain_ratio = {
+        "max_depth": study.ratios.get(("max_depth", study.base.changes["max_depth"])),
+        "gridding_width": study.ratios.get(("gridding_width", 4)),
+    }
+    focusers = [f for f in ("backprojection", "omega_k") if ("focuser", f) in study.errors]
+    # errors of the spacing sweep hold the reference's depth and a width of 4 already
+    out = []
+    for spacing, depth, width, interval, focuser in itertools.product(
+        spacings,
+        depths or [study.base.changes["max_depth"]],
+        widths or [4],
+        intervals,
+        focusers or ["backprojection"],
+    ):
+        picks = {
+            "ray_spacing": spacing,
+            "max_depth": depth,
+            "gridding_width": width,
+            "key_pulse_interval": interval,
+            "focuser": focuser,
+        }
+        total = sum(energy(k, v) for k, v in picks.items() if k != "gridding_width")
+        total += max(0.0, energy("gridding_width", width) - energy("gridding_width", 4))
+        seconds = 0.0
+        for stage in study.plain.stages:
+            ratio = 1.0
+            for key, value in picks.items():
+                own = study.ratios.get((key, value), {}).get(stage, 1.0)
+                plain = (plain_ratio.get(key) or {}).get(stage, 1.0)
+                ratio *= own if key not in plain_ratio or plain <= 0.0 else own / plain
+            seconds += study.full_stage(stage) * ratio
+        out.append(Candidate({**picks, "method": "hybrid"}, 10.0 * float(np.log10(total)), seconds))
+    for (parameter, value), error in study.errors.items():
+        if parameter == "method" and str(value).startswith("image"):
+            row = next(r for r in study.rows if r.parameter == "method" and r.value == value)
+            _, _, text = str(value).partition("ray_spacing ")
+            changes: dict[str, Any] = {"method": "image", "max_depth": study.base.changes["max_depth"]}
+            changes["ray_spacing"] = float(text) if text else study.base.changes["ray_spacing"]
+            out.append(Candidate(changes, error, row.full_seconds))
+    return out
+
+
+def _pareto(candidates: list[Candidate]) -> list[Candidate]:
+    """Those that none beats in both, by time."""
+    front: list[Candidate] = []
+    for candidate in sorted(candidates, key=lambda c: (c.seconds, c.error_db)):
+        if not front or candidate.error_db < front[-1].error_db:
+            front.append(candidate)
+    return front
+
+
+__all__ = ["Candidate", "CostReport", "Row", "options_of", "study_cost"]
