@@ -19,6 +19,7 @@ from sarmitsuba.scene.materials import (
     itu_material,
     ordinary_material,
     radar_material,
+    rough,
     sionna_itu_name,
     sionna_material,
 )
@@ -73,7 +74,7 @@ def load_scene(
 
     frequency = float(described.sensor["center_frequency"])
     notes: list[str] = []
-    book = MaterialBook(frequency, overrides, notes)
+    book = MaterialBook(frequency, overrides, notes, settings.default_rms_height)
     reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
     surfaces, points = [], []
     for placed in placed_shapes(root):
@@ -95,11 +96,13 @@ class MaterialBook:
     frequency : Hz, that permittivities are taken at
     overrides : from the command line
     notes : filled with one line for every assumption
+    rms_height : m, of materials that state no roughness
     """
 
     frequency: float
     overrides: Overrides
     notes: list[str]
+    rms_height: float
     materials: list[Material] = field(default_factory=list)
     _index: dict[int, int] = field(default_factory=dict)
 
@@ -121,7 +124,7 @@ class MaterialBook:
             raise SceneError(f"{where}: BSDFs are nested more than 16 deep; flatten them")
         itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
         if itu:
-            material, note = itu_material(name, itu, self.frequency)
+            material, note = itu_material(name, itu, self.frequency, **rough(self.rms_height))
         elif plugin == tables.RADAR_MATERIAL.plugin:
             values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL)
             material, note = radar_material(name, values, given, self.frequency, where)
@@ -131,7 +134,7 @@ class MaterialBook:
                 raise SceneError(
                     f'{where}: no ITU material named; give <string name="type" value="concrete"/>'
                 )
-            material, note = sionna_material(name, plugin, values, self.frequency)
+            material, note = sionna_material(name, plugin, values, given, self.frequency, self.rms_height)
         elif plugin == tables.POINT_SCATTERER.plugin:
             raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
@@ -139,7 +142,7 @@ class MaterialBook:
         elif plugin in tables.TABLES:
             raise SceneError(f"{where}: {plugin} is no BSDF{did_you_mean(plugin, tables.TABLES)}")
         else:
-            material, note = ordinary_material(name, plugin, bsdf.given(), self.frequency)
+            material, note = ordinary_material(name, plugin, bsdf.given(), self.frequency, self.rms_height)
         if note:
             warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
         return material

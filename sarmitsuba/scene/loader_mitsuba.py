@@ -66,7 +66,7 @@ def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -
 
     frequency = float(radar.sensor["center_frequency"])
     notes: list[str] = []
-    book = MaterialBook(frequency, none, notes)
+    book = MaterialBook(frequency, none, notes, settings.default_rms_height)
     reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
     surfaces, points = [], []
     bsdfs: dict[int, Element] = {}
@@ -102,10 +102,10 @@ def _bsdf(bsdf: Any) -> Element:
         return element
     where = f'{_NAME}: bsdf "{name}"'
     if hasattr(bsdf, "scattering_coefficient"):
-        values = {
-            "scattering_coefficient": _scalar(bsdf.scattering_coefficient),
-            "xpd_coefficient": _scalar(bsdf.xpd_coefficient),
-        }
+        values = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
+        scattering = _scalar(bsdf.scattering_coefficient)
+        if scattering > 0.0:  # Sionna's default of 0 stands for "not given"
+            values["scattering_coefficient"] = scattering
         if hasattr(bsdf, "itu_type"):
             return Element(
                 "bsdf", "itu-radio-material", name, where, Path(), {**values, "type": str(bsdf.itu_type)}

@@ -143,12 +143,18 @@ def radar_material(
 
 
 def sionna_material(
-    name: str, plugin: str, values: Mapping[str, Any], frequency: float
+    name: str,
+    plugin: str,
+    values: Mapping[str, Any],
+    given: frozenset[str],
+    frequency: float,
+    rms_height: float = ORDINARY_RMS_HEIGHT,
 ) -> tuple[Material, str]:
     r"""Material of a validated ``itu-radio-material``, ``radio-material`` or ``absorber-radio-material``.
 
     Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it. Here it
-    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence.
+    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence. A material
+    that gives no scattering coefficient says nothing of its roughness and gets ``rms_height`` (m).
 
     Notes
     -----
@@ -163,7 +169,9 @@ def sionna_material(
         eps = permittivity_from_conductivity(
             values["relative_permittivity"], values["conductivity"], frequency
         )
-    return _material(name, eps, **scattering_surface(values, eps, frequency)), note
+    if "scattering_coefficient" in given or rms_height == 0.0:
+        return _material(name, eps, **scattering_surface(values, eps, frequency)), note
+    return _material(name, eps, **rough(rms_height)), note or _rough_note(plugin, rms_height)
 
 
 def scattering_surface(values: Mapping[str, Any], eps: complex, frequency: float) -> dict[str, Any]:
@@ -192,7 +200,17 @@ def sionna_itu_name(identifier: str) -> str:
     return name[4:] if name[4:] in ITU_BANDS else ""
 
 
-_ROUGH = {"rms_height": ORDINARY_RMS_HEIGHT, "diffuse_law": "roughness"}
+def rough(rms_height: float) -> dict[str, Any]:
+    """Fields of `Material` of a rough surface that scatters what its mirror direction loses; none when smooth."""
+    return {"rms_height": rms_height, "diffuse_law": "roughness"} if rms_height > 0.0 else {}
+
+
+def _rough_note(plugin: str, rms_height: float) -> str:
+    return (
+        f'BSDF "{plugin}" gives no scattering_coefficient and gets an rms height of {1e3 * rms_height:g} mm; '
+        f"set default_rms_height of sar_path for another, 0 for smooth"
+    )
+
 
 # Radar meaning of Mitsuba's BSDFs: plugin: (itu name or pec, rough, words for warning and documentation)
 ORDINARY_BSDFS: dict[str, tuple[str, bool, str]] = {
@@ -231,7 +249,11 @@ ADAPTER_BSDFS: dict[str, str] = {
 
 
 def ordinary_material(
-    name: str, plugin: str, values: Mapping[str, Any], frequency: float
+    name: str,
+    plugin: str,
+    values: Mapping[str, Any],
+    frequency: float,
+    rms_height: float = ORDINARY_RMS_HEIGHT,
 ) -> tuple[Material, str]:
     """Material that stands for one of Mitsuba's own BSDFs, with the warning that says so.
 
@@ -246,9 +268,10 @@ def ordinary_material(
     -----
     Colours and optical roughness say nothing about centimetre waves and are ignored.
     """
-    kind, rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
+    kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
+    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
     note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; give radar_material for better'
-    surface: dict[str, Any] = dict(_ROUGH) if rough else {}
+    surface: dict[str, Any] = rough(rms_height) if is_rough else {}
     if kind == "principled":
         kind = (
             "pec"

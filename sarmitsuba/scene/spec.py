@@ -177,6 +177,7 @@ class TraceSettings:
     phase_precision : arithmetic of path lengths and phases
     target_error_db : dB of the image's clutter or peak; 0 = off
     time_limit : s; 0 = off
+    default_rms_height : m, roughness of materials that state none; used while loading
     effects : every name of ``EFFECT_NAMES`` to ``auto``, ``on`` or ``off``
     """
 
@@ -192,6 +193,7 @@ class TraceSettings:
     phase_precision: Literal["double", "single"] = "double"
     target_error_db: float = 0.0
     time_limit: float = 0.0
+    default_rms_height: float = 1e-3
     effects: Mapping[str, Switch] = field(default_factory=lambda: dict.fromkeys(EFFECT_NAMES, "auto"))
 
 

@@ -9,6 +9,7 @@ from sarmitsuba.scene.material_tables import (
     RADAR_MATERIAL,
     RADIO_MATERIAL,
 )
+from sarmitsuba.scene.materials import ORDINARY_RMS_HEIGHT
 from sarmitsuba.scene.parameters import Param, ParamTable
 from sarmitsuba.scene.spec import EFFECT_NAMES, METHODS
 
@@ -364,6 +365,15 @@ INTEGRATOR = ParamTable(
         ),
         Param("target_error_db", "float", 0.0, "stop refining here; 0 = off", "dB", -200.0, 0.0),
         Param("time_limit", "float", 0.0, "stop tracing after this time; 0 = off", "s", 0.0, 1e9),
+        Param(
+            "default_rms_height",
+            "float",
+            ORDINARY_RMS_HEIGHT,
+            "roughness of materials that state none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones",
+            "m",
+            0.0,
+            0.1,
+        ),
         *(
             Param(name, "string", "auto", _EFFECT_DOCS[name], choices=("auto", "on", "off"))
             for name in EFFECT_NAMES

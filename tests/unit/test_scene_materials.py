@@ -90,7 +90,7 @@ def test_contradictions_are_refused(given: dict, text: str) -> None:
 
 def test_sionna_scattering_shares_the_power() -> None:
     values = RADIO_MATERIAL.read({"relative_permittivity": 4.0, "scattering_coefficient": 0.6}, WHERE)
-    material, _ = sionna_material("m", "radio-material", values, X_BAND)
+    material, _ = sionna_material("m", "radio-material", values, frozenset(values), X_BAND)
     k = 2 * np.pi * X_BAND / SPEED_OF_LIGHT
     coherent = np.exp(-2 * (k * material.rms_height) ** 2) ** 2
     assert coherent == pytest.approx(1 - 0.36, rel=1e-12)  # tol: rounding
