@@ -164,7 +164,7 @@ def trace(
         dr.full(mi.Bool, True, lane.shape[0] if hasattr(lane, "shape") else len(lane)),  # lane is alive
         u32(0),                         # hits so far
         origin,                         # ray origin, scene frame
-        d,                              # ray direction
+        d64,                            # ray direction, mirrored exactly like the antenna
         antenna_p,                      # antenna, mirrored through the chain so far
         antenna_v,                      # its velocity, mirrored likewise
         edge_a, edge_b,                 # tube cross-section at the start's distance
@@ -181,7 +181,7 @@ def trace(
         active: Any,
         hits: Any,
         o: Any,
-        d: Any,
+        d64: Any,
         image: Any,
         image_v: Any,
         ea: Any,
@@ -191,12 +191,14 @@ def trace(
         added: Any,
     ) -> tuple[Any, ...]:
         # ---- intersect
-        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(o, d), coherent=False, active=active)
+        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(o, v32(d64)), coherent=False, active=active)
         active = active & pi.is_valid()
         face = pi.prim_index
-        p, n64 = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
+        landed, n64 = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
         info = dr.gather(mi.Vector2u, scene.face_info, face, active)
 
+        # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
+        p = _on_ray(landed, n64, image, d64, 1e3 * clearance, mi, dr)
         # the ray as the unfolded antenna sees this hit
         leg = p - image
         length = dr.norm(leg)
@@ -212,9 +214,11 @@ def trace(
         s = v32(s64)
         cos_s = dr.dot(s, n)
         first = hits == 0
+        # back along the ray as well as off the facet: in a corner that is in front of the other facets too
+        leave = v32(landed) + (n - d) * clearance
         sees = active & (cos_s > 1e-7)
         if flags.visibility and flags.multi_bounce:
-            shadow_ray = mi.Ray3f(v32(p) + n * clearance, s)
+            shadow_ray = mi.Ray3f(leave, s)
             blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
             sees &= first | ~blocked
         hits = dr.select(active, hits + 1, hits)
@@ -324,16 +328,17 @@ def trace(
 
         # ---- reflect
         if not flags.multi_bounce:
-            return (mi.Bool(False) & active, hits, o, d, image, image_v, ea, eb, e, n_added, added)
+            return (mi.Bool(False) & active, hits, o, d64, image, image_v, ea, eb, e, n_added, added)
         if flags.roughness:
             kept = dr.exp(-2.0 * dr.square(k * mat.z * cos_i))
             e_out = tuple((x[0] * kept, x[1] * kept) for x in e_out)
         image = image - n64 * (2.0 * dr.dot(image - p, n64))
         image_v = image_v - n64 * (2.0 * dr.dot(image_v, n64))
+        d64 = d64 - n64 * (2.0 * dr.dot(d64, n64))
         ea = ea - n * (2.0 * dr.dot(ea, n))
         eb = eb - n * (2.0 * dr.dot(eb, n))
         active = active & (hits < max_depth)
-        return (active, hits, v32(p) + n * clearance, d_out, image, image_v, ea, eb, e_out, n_added, added)
+        return (active, hits, leave, d64, image, image_v, ea, eb, e_out, n_added, added)
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
     return TraceCounts(final[1], final[9]), final[10]
@@ -342,6 +347,17 @@ def trace(
 def _mixed(terms: list[Any], random: list[Any]) -> Any:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
+
+
+def _on_ray(landed: Any, n: Any, image: Any, d: Any, limit: Any, mi: Any, dr: Any) -> Any:
+    """Point where the float64 ray from ``image`` along ``d`` meets the facet's plane.
+
+    ``landed`` itself where the two are farther apart than ``limit``: so close to grazing the plane's point may lie
+    far outside the facet.
+    """
+    along = dr.dot(landed - image, n) / dr.dot(d, n)
+    p = image + d * along
+    return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
 
 
 def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:
