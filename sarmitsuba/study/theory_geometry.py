@@ -21,7 +21,8 @@ class BuildingReturns:
     roof_slant : (near, far) slant range of the roof's edges
     lit_ground_slant : slant range where ground behind the building is lit again
     triple_ground : extent of the wall-ground-wall return behind the foot, cut by nothing but the wall's
-    height dihedral_slant : slant range of the wall-ground double bounce
+        height
+    dihedral_slant : slant range of the wall-ground double bounce
     """
 
     layover_ground: float
@@ -79,7 +80,7 @@ class BridgeReturns:
     Parameters
     ----------
     single, double, triple : deck edge itself; deck side and water; water, deck side, water
-    under_deck : further ghosts, one more round trip between the deck's underside and the water each
+    under_deck : further ghosts, out and back through 2, 3 ... reflections in the water each
     slant_spacing, ground_spacing : between neighbouring orders one to three
     """
 
@@ -96,7 +97,11 @@ def bridge_returns(
 ) -> BridgeReturns:
     r"""Return where single, double, triple and higher returns of a bridge over water lie.
 
-    .. math:: \Delta R_n = y \sin\theta + (n - 2) h \cos\theta, \quad n = 1, 2, 3, 5, 7 \ldots
+    .. math:: \Delta R = y \sin\theta + (w - 1) h \cos\theta
+
+    with w the number of reflections in the water: 0 (single), 1 (double), 2 (triple), and 4, 6 ... for a point
+    under the deck seen out and back through the same 2, 3 ... reflections in the water (7, 11 ... bounces in
+    all). There the underside has been a mirror too, so y is at least ``2 h tan(theta)`` behind the edge a time.
 
     Parameters
     ----------
