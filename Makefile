@@ -14,7 +14,8 @@ demo: $(VENV)/.run
 test: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	@if $(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then echo $(BIN)/mypy; $(BIN)/mypy; \
+	else echo "mypy left out: the last NumPy for this Python has older type stubs"; fi
 	$(BIN)/python -m pytest -m "not slow"
 
 test-slow: $(VENV)/.test
