@@ -5,7 +5,7 @@ OUT ?= out
 BIN = $(VENV)/bin
 PIP = $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow benchmarks clean
+.PHONY: demo test test-slow benchmarks validation clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --window taylor --force
@@ -24,6 +24,10 @@ test-slow: $(VENV)/.test
 # every script prints its table; names that begin with an underscore are helpers
 benchmarks: $(VENV)/.test
 	set -e; for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+# docs/validation.md and its plots; fails when a comparison is out of tolerance
+validation: $(VENV)/.run
+	$(BIN)/python -m sarmitsuba validate -o docs
 
 clean:
 	rm -rf $(VENV) $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

@@ -5,8 +5,8 @@ imports other packages only when it runs, so that ``doctor`` works where they ar
 here adds it to the command line.
 """
 
-from sarmitsuba.commands import cost, doctor, explain, focus, render, scenes
+from sarmitsuba.commands import cost, doctor, explain, focus, render, scenes, validate
 
-COMMANDS = (render, focus, explain, cost, scenes, doctor)
+COMMANDS = (render, focus, explain, cost, scenes, validate, doctor)
 
 __all__ = ["COMMANDS"]
