@@ -27,6 +27,17 @@ SWEEP_SHARE = 0.6
 SWEEP_RUNS = 55.0
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0
+# pieces of a scene to choose from: share of the image's extents, share of the pulses
+_PIECES = (
+    (1.0, 1.0),
+    (0.7, 1.0),
+    (0.5, 1.0),
+    (0.35, 1.0),
+    (0.35, 0.5),
+    (0.25, 0.5),
+    (0.25, 0.25),
+    (0.15, 0.25),
+)
 
 
 @dataclass(frozen=True)
@@ -206,16 +217,23 @@ def study_cost(
     deadline = begin + budget
     report = progress or silent
     plan = plan_scene(scene)
+    # in metres, so that a piece of the aperture, which resolves less, is sampled as the whole scene is
+    spacing = _auto_spacing(scene, plan)
     base = Setting(
-        {"method": "hybrid", "max_depth": plan.max_depth, "keep_orders": False, "keep_halves": False}
+        {
+            "method": "hybrid",
+            "max_depth": plan.max_depth,
+            "keep_orders": False,
+            "keep_halves": False,
+            "ray_spacing": spacing,
+            "scatterer_cell": scatterer_cell(scene, launch_window(scene).incidence),
+        }
     )
     piece, text, plain = _piece(scene, base, budget)
     full = plain if piece is scene else run_trial(scene, base, warm_up=False)
     grid = default_grid(piece.radar, piece.image)
     study = _Study(piece, grid, base, plain, full.stages, begin + SWEEP_SHARE * budget, report, budget)
 
-    spacing = _auto_spacing(piece, plan)
-    study.base = base = base.but(ray_spacing=spacing)
     depths = study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
     widths = study.paired("gridding_width", [2, 3, 4], 6)
     study.paired("phase_precision", ["single"], "double")
@@ -273,20 +291,27 @@ def study_cost(
 def _piece(scene: Scene, base: Setting, budget: float) -> tuple[Scene, str, Trial]:
     """Largest piece of the scene whose sweeps fit the budget, and a timed run of it."""
     allowed = SWEEP_SHARE * budget / SWEEP_RUNS
-    share = 1.0
-    if _guess_seconds(scene) > allowed:
-        share = max(0.1, float(np.sqrt(allowed / _guess_seconds(scene))))
-    run_trial(crop(scene, min(share, 0.25)), base, warm_up=False)  # compiles
-    for _ in range(4):
-        piece = scene if share >= 1.0 else crop(scene, share)
+    guess = _guess_seconds(scene)
+    n = scene.radar.track.n_pulses
+    steps = [(s, p) for s, p in _PIECES if p == 1.0 or n * p >= 64]
+    index = next((i for i, (s, p) in enumerate(steps) if guess * s * s * p <= allowed), len(steps) - 1)
+    run_trial(crop(scene, *steps[-1]), base, warm_up=False)  # compiles
+    while True:
+        share, pulses = steps[index]
+        piece = scene if share >= 1.0 else crop(scene, share, pulses)
         plain = run_trial(piece, base, warm_up=False)
-        if plain.seconds <= 1.5 * allowed or share <= 0.1:
+        if plain.seconds <= 1.5 * allowed or index == len(steps) - 1:
             break
-        share = max(0.1, share * float(np.sqrt(allowed / plain.seconds)))
+        fall = plain.seconds / allowed / (share**2 * pulses)
+        smaller = range(index + 1, len(steps))
+        index = next((i for i in smaller if fall * steps[i][0] ** 2 * steps[i][1] <= 1.0), len(steps) - 1)
     if share >= 1.0:
         return scene, "the whole scene", plain
     im = piece.image
-    text = f"the middle {im.extent_azimuth:.3g} m x {im.extent_range:.3g} m of the image, the whole aperture"
+    text = f"the middle {im.extent_azimuth:.3g} m x {im.extent_range:.3g} m of the image, "
+    text += (
+        "the whole aperture" if pulses == 1.0 else f"the middle {piece.radar.track.n_pulses} of {n} pulses"
+    )
     return piece, text, plain
 
 
@@ -305,7 +330,9 @@ def _auto_spacing(scene: Scene, plan: EffectsPlan) -> float:
 
 def _without_depth(study: _Study, spacing: float) -> dict[str, float]:
     """Time ratio of a spacing alone: its run at the reference's depth, over the plain spacing at that depth."""
-    deep = study.ratios["max_depth", REFERENCE_DEPTH]
+    deep = study.ratios.get(("max_depth", REFERENCE_DEPTH), {})
+    if not deep:
+        return study.ratios["ray_spacing", spacing]
     own = study.ratios["ray_spacing", spacing]
     return {stage: own.get(stage, 1.0) / deep[stage] if deep.get(stage, 0.0) > 0.0 else 1.0 for stage in deep}
 
@@ -331,7 +358,7 @@ def _cells(study: _Study, plan: EffectsPlan) -> None:
     """Scatterer cells: other cells are other random surfaces, so the level is compared, not the pixels."""
     if not plan.flags.diffuse:
         return
-    cell = scatterer_cell(study.scene, launch_window(study.scene).incidence)
+    cell = float(study.base.changes["scatterer_cell"])
     reference = study.run(scatterer_cell=cell)
     level = float(np.mean(np.abs(reference.image) ** 2))
     for factor in (0.5, 1.0, 2.0):

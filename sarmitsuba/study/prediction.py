@@ -18,10 +18,9 @@ from sarmitsuba.scene.spec import Scene
 from sarmitsuba.simulate import BLOCK_ERROR_DB, Timer, TraceJob, TraceStatistics
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
-from sarmitsuba.trace.launch import lattice
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
-from sarmitsuba.trace.window import launch_window, ray_spacing
+from sarmitsuba.trace.window import launch_window, ray_lattices
 
 # part of the pulses that the focuser is timed on, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
@@ -94,12 +93,9 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
     facts: dict[str, Any] = {}
     if trace_scene is not None:
         window = launch_window(scene)
-        spacing = ray_spacing(scene, window, planned.flags.diffuse, planned.flags.coherent) * np.sqrt(
-            len(halves)
-        )
         flags = replace(planned.flags, taper=planned.flags.taper and window.taper > 0)
         start = clock()
-        rays = lattice(window.half_x, window.half_y, spacing, taper=window.taper, seed=settings.seed)
+        rays = ray_lattices(scene, window, planned.flags, n_halves=len(halves))
         seconds["launch grid"] = (clock() - start) * len(halves)
         job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, Timer())
         target = data[: len(layers) // len(halves)]

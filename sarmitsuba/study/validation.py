@@ -154,6 +154,7 @@ def all_cases() -> tuple[CaseEntry, ...]:
     from sarmitsuba.study import (
         validation_canonical,
         validation_corners,
+        validation_diffuse,
         validation_geometry,
         validation_materials,
         validation_radiometry,
@@ -165,6 +166,7 @@ def all_cases() -> tuple[CaseEntry, ...]:
         validation_canonical,
         validation_corners,
         validation_materials,
+        validation_diffuse,
         validation_rough,
         validation_geometry,
         validation_radiometry,

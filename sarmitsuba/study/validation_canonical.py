@@ -119,7 +119,9 @@ def disc(quick: bool = False) -> Case:
 def sphere(quick: bool = False) -> Case:
     """PEC sphere over frequency, ka 20 to 100, against physical optics and the exact Mie series."""
     radius = 1.0
-    ka = np.linspace(20.0, 100.0, 9 if quick else 41) + 0.37  # off the multiples of pi, where the ripple is typical
+    ka = (
+        np.linspace(20.0, 100.0, 9 if quick else 41) + 0.37
+    )  # off the multiples of pi, where the ripple is typical
     shape = targets.sphere(radius, 2.0 * np.pi * radius / ka.max() / 512.0)
     looks = np.random.default_rng(3).normal(size=(ka.size, 3))
     simulated = np.array(

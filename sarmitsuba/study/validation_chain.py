@@ -42,7 +42,15 @@ def make_scene(
     cloud = np.concatenate(clouds)
     radar, image, notes = build_radar(given, np.stack([cloud.min(axis=0), cloud.max(axis=0)]))
     return Scene(
-        "validation", None, geometry, materials, tuple(points), radar, settings or TraceSettings(), image, notes=notes
+        "validation",
+        None,
+        geometry,
+        materials,
+        tuple(points),
+        radar,
+        settings or TraceSettings(),
+        image,
+        notes=notes,
     )
 
 

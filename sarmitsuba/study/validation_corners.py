@@ -76,7 +76,9 @@ def dihedral(quick: bool = False) -> Case:
 def rolled_dihedral(quick: bool = False) -> Case:
     """Dihedral rolled about the line of sight: the four channels of its scattering matrix."""
     lam, side = targets.wavelength("X"), DIHEDRAL_SIDE["X"]
-    roll = np.radians(np.array([0.0, 11.25, 22.5, 33.75, 45.0, 67.5, 90.0] if quick else np.arange(0.0, 91.0, 3.75)))
+    roll = np.radians(
+        np.array([0.0, 11.25, 22.5, 33.75, 45.0, 67.5, 90.0] if quick else np.arange(0.0, 91.0, 3.75))
+    )
     channels = ("HH", "HV", "VH", "VV")
     # corner line along y, seen along -x: the faces open towards +x
     half = side / np.sqrt(2.0)
@@ -167,7 +169,9 @@ def trihedral(quick: bool = False) -> Case:
                     keep_orders=True,
                     ray_spacing=spacing(lam, edge),
                 )
-                closed = db(theory.trihedral_rcs(edge, lam, look, "square" if shape == "square" else "triangular"))
+                closed = db(
+                    theory.trihedral_rcs(edge, lam, look, "square" if shape == "square" else "triangular")
+                )
                 comparisons.append(
                     Comparison(
                         f"{shape}, {band}, {edge:g} m, {name}",
@@ -184,8 +188,8 @@ def trihedral(quick: bool = False) -> Case:
         name="trihedral",
         topic="canonical",
         title="Trihedrals over azimuth and elevation, triple bounce",
-        formula="4 pi A^2 / lambda^2, A the area common to the aperture and its inversion; peaks 4 pi a^4 / (3 lambda^2) "
-        "and 12 pi a^4 / lambda^2",
+        formula="4 pi A^2 / lambda^2, A the area common to the aperture and its inversion; "
+        "peaks 4 pi a^4 / (3 lambda^2) and 12 pi a^4 / lambda^2",
         source="Robertson, Bell Syst. Tech. J. 26 (1947); Ruck et al. (1970); Skolnik, Radar Handbook (peaks)",
         x_label="angle (deg); azimuth at elevation 35.26, elevation at azimuth 45",
         y_label="RCS (dBsm)",
@@ -256,11 +260,17 @@ def tessellation(quick: bool = False) -> Case:
             if name.startswith("dihedral"):
                 shape = targets.dihedral(0.5, 0.5, 0.5, int(n))
             elif name.startswith("plate"):
-                shape = targets.geometry([targets.parallelogram([-0.25, 0, -0.25], [0.5, 0, 0], [0, 0, 0.5], int(n))])
+                shape = targets.geometry(
+                    [targets.parallelogram([-0.25, 0, -0.25], [0.5, 0, 0], [0, 0, 0.5], int(n))]
+                )
             else:
                 shape = targets.trihedral(0.5, name.split()[0], int(n))
             result = monostatic_rcs(
-                shape, targets.PEC, targets.from_azimuth(azimuth, elevation)[None], targets.BANDS["X"], max_depth=3
+                shape,
+                targets.PEC,
+                targets.from_azimuth(azimuth, elevation)[None],
+                targets.BANDS["X"],
+                max_depth=3,
             )
             levels.append(float(result.rcs_dbsm("VV")[0]))
         comparisons.append(

@@ -24,10 +24,14 @@ WHERE = "half a range cell: edges of speckle averaged over the object's length"
 
 BLACK = targets.BLACK
 MIRROR = Material("mirror", pec=True)
-BRIGHT = Material("bright", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=-5.0, rms_height=0.1)
+BRIGHT = Material(
+    "bright", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=-5.0, rms_height=0.1
+)
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float], material: int) -> tuple[list[Any], list[int]]:
+def box(
+    low: tuple[float, float, float], high: tuple[float, float, float], material: int
+) -> tuple[list[Any], list[int]]:
     """Six faces of a box as meshes, all of one material."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     dx, dy, dz = [x1 - x0, 0, 0], [0, y1 - y0, 0], [0, 0, z1 - z0]
@@ -42,13 +46,18 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], mater
     return faces, [material] * 6
 
 
-def plane(x0: float, x1: float, material: int, z: float = 0.0, length: float = 2.0 * LENGTH) -> tuple[list[Any], list[int]]:
+def plane(
+    x0: float, x1: float, material: int, z: float = 0.0, length: float = 2.0 * LENGTH
+) -> tuple[list[Any], list[int]]:
     """Level rectangle about y = 0."""
     return [targets.parallelogram([x0, -length / 2, z], [x1 - x0, 0, 0], [0, length, 0])], [material]
 
 
 def scene_of(
-    parts: list[tuple[list[Any], list[int]]], materials: tuple[Material, ...], theta: float, settings: TraceSettings,
+    parts: list[tuple[list[Any], list[int]]],
+    materials: tuple[Material, ...],
+    theta: float,
+    settings: TraceSettings,
     **sensor: Any,
 ) -> Scene:
     """Scene of meshes at a look angle (deg); the near side of everything faces -x, so left looks mirror x."""
@@ -57,8 +66,12 @@ def scene_of(
     if sensor.get("look_side") == "left":
         flip = geometry.vertices * np.array([-1.0, 1.0, 1.0])
         geometry = Geometry(
-            flip, geometry.faces[:, ::-1].copy(), geometry.face_material, geometry.face_group,
-            geometry.mesh_names, geometry.mesh_face_offset,
+            flip,
+            geometry.faces[:, ::-1].copy(),
+            geometry.face_material,
+            geometry.face_group,
+            geometry.mesh_names,
+            geometry.mesh_face_offset,
         )
     parameters: dict[str, Any] = {
         "slant_range": SLANT_RANGE,
@@ -83,8 +96,16 @@ def profile(image: SarImage, scene: Scene, order: int = 0) -> tuple[F64, F64]:
 
 def edge(axis: F64, power: F64, expected: float, rising: bool, reach: float = 3.0) -> float:
     """Place where a step crosses half its height, m; the plateaus lie within ``reach`` of the expected place."""
-    lit = (axis > expected) & (axis < expected + reach) if rising else (axis < expected) & (axis > expected - reach)
-    dark = (axis < expected) & (axis > expected - reach) if rising else (axis > expected) & (axis < expected + reach)
+    lit = (
+        (axis > expected) & (axis < expected + reach)
+        if rising
+        else (axis < expected) & (axis > expected - reach)
+    )
+    dark = (
+        (axis < expected) & (axis > expected - reach)
+        if rising
+        else (axis > expected) & (axis < expected + reach)
+    )
     half = 0.5 * (power[lit].mean() + np.median(power[dark]))
     # running sum of the excess: its extreme marks the step whatever the speckle does
     near = np.abs(axis - expected) < reach
@@ -120,7 +141,7 @@ def setups(quick: bool) -> dict[str, tuple[F64, dict[str, Any]]]:
 
 
 def incidence(scene: Scene) -> float:
-    """Angle between the vertical and the plane of shortest distances from the track, rad: look angle at zero Doppler."""
+    """Angle of incidence at zero Doppler on level ground at the origin, rad."""
     antenna = scene.radar.track.center_position
     return float(np.arccos(antenna[2] / track_distance(scene.radar, np.zeros(3))))
 
@@ -132,7 +153,14 @@ def building(quick: bool = False) -> Case:
     bounces = TraceSettings(max_depth=3, keep_orders=True)
     half = LENGTH / 2
     for label, (angles, sensor) in setups(quick).items():
-        names = ("wall's top", "roof's far edge", "foot", "shadow's end", "dihedral line", "wall-ground-wall end")
+        names = (
+            "wall's top",
+            "roof's far edge",
+            "foot",
+            "shadow's end",
+            "dihedral line",
+            "wall-ground-wall end",
+        )
         want: dict[str, list[float]] = {n: [] for n in names}
         got: dict[str, list[float]] = {n: [] for n in names}
         for theta in angles:
@@ -176,7 +204,7 @@ def building(quick: bool = False) -> Case:
         name="building",
         topic="geometry",
         title="Layover, roof, shadow, dihedral line and triple bounce of a building",
-        formula="dR = x sin t - z cos t; top -h cos t, shadow's end (w + h tan t) sin t, wall-ground-wall h tan t sin t",
+        formula="top -h cos t, shadow's end (w + h tan t) sin t, dihedral 0, wall-ground-wall to h tan t sin t",
         source="plane-wave geometry; shared figures of a 20 m building reproduced by the closed forms",
         x_label="look angle (deg)",
         y_label="slant range from the wall's foot (m)",
@@ -235,7 +263,9 @@ def bridge(quick: bool = False) -> Case:
     """Bridge over calm water: single, double and triple returns of its side, and the ghost from under the deck."""
     comparisons = []
     height, thick = 8.0, 0.2
-    series: dict[str, tuple[F64, dict[str, Any]]] = {"right": (np.array([40.0] if quick else [25.0, 35.0, 50.0]), {})}
+    series: dict[str, tuple[F64, dict[str, Any]]] = {
+        "right": (np.array([40.0] if quick else [25.0, 35.0, 50.0]), {})
+    }
     if not quick:
         series["left, squint 10 deg"] = (np.array([40.0]), {"look_side": "left", "squint_angle_deg": 10.0})
     deck_material = Material("deck", pec=True, diffuse_law="constant", diffuse_level_db=-10.0)
@@ -256,7 +286,11 @@ def bridge(quick: bool = False) -> Case:
             axis, power = profile(chain(scene, window="taylor:4:-35"), scene)
             t = incidence(scene)
             returns = theory.bridge_returns(height, t)
-            for name, place in (("single", returns.single), ("double", returns.double), ("triple", returns.triple)):
+            for name, place in (
+                ("single", returns.single),
+                ("double", returns.double),
+                ("triple", returns.triple),
+            ):
                 want[name].append(place)
                 got[name].append(line(axis, power, place))
             # a wide deck whose underside scatters and mirrors over water that mirrors: what the water shows of
@@ -294,7 +328,7 @@ def bridge(quick: bool = False) -> Case:
         name="bridge",
         topic="geometry",
         title="Returns of a bridge over water",
-        formula="single -h cos t, double 0, triple +h cos t; under the deck x sin t + h cos t, ghost x sin t + 3 h cos t",
+        formula="single -h cos t, double 0, triple +h cos t; under the deck x sin t + h cos t, ghost + 2 h cos t",
         source="mirror images in the water (and in the deck)",
         x_label="look angle (deg)",
         y_label="slant range from the point below the edge (m)",

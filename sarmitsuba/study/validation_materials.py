@@ -28,14 +28,11 @@ def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[
     from sarmitsuba.trace.backend import ensure_backend
 
     ensure_backend()
-    import drjit as dr
-    import mitsuba as mi
-
     from sarmitsuba.trace import field
+    from sarmitsuba.trace.modules import modules
 
-    chi = mi.Complex2f(
-        dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag)
-    )
+    dr, mi = modules()
+    chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
     te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi, dr)
     dr.eval(te, tm)
     values = [np.asarray(z.real, np.float64) + 1j * np.asarray(z.imag, np.float64) for z in (te, tm)]
@@ -145,7 +142,13 @@ def wall_ground(quick: bool = False) -> Case:
 
     def double(wall: Material, floor: Material) -> NDArray[np.float64]:
         result = monostatic_rcs(
-            shape, (wall, floor), look, targets.BANDS["X"], max_depth=2, keep_orders=True, ray_spacing=lam / 4.5
+            shape,
+            (wall, floor),
+            look,
+            targets.BANDS["X"],
+            max_depth=2,
+            keep_orders=True,
+            ray_spacing=lam / 4.5,
         )
         return np.abs(result.amplitude[:, 1, :]) ** 2
 

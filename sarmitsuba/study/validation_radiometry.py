@@ -251,7 +251,13 @@ def _rotated(shape: Geometry, rotation: F64) -> Geometry:
 def ground_sigma0(quick: bool = False) -> Case:
     """Mean sigma0 of diffuse ground over look angle, resolution, range, window and focuser."""
     level = -10.0
-    base: dict[str, Any] = {"look": 35.0, "cell": 1.0, "range": 10e3, "window": "rectangular", "method": METHODS[0]}
+    base: dict[str, Any] = {
+        "look": 35.0,
+        "cell": 1.0,
+        "range": 10e3,
+        "window": "rectangular",
+        "method": METHODS[0],
+    }
     sweeps: dict[str, tuple[str, list[Any]]] = {
         "look angle (deg)": ("look", [35.0] if quick else [20.0, 35.0, 50.0, 60.0]),
         "log10(cell / m)": ("cell", [0.3, 3.0] if quick else [0.1, 0.3, 1.0, 3.0, 10.0]),
@@ -307,14 +313,20 @@ def _ground_level(
 
 
 def ground_scene(
-    look_angle_deg: float, cell: float, slant_range: float, level: float, n_cells: float = 128.0, **changes: Any
+    look_angle_deg: float,
+    cell: float,
+    slant_range: float,
+    level: float,
+    n_cells: float = 128.0,
+    **changes: Any,
 ) -> Scene:
     """Flat diffuse ground of constant sigma0 that overfills the image."""
     ground_cell = cell / np.sin(np.radians(look_angle_deg))
     height, width = n_cells * cell, n_cells * ground_cell
     margin = 1.25
-    material = Material("ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level,
-                        rms_height=0.1)
+    material = Material(
+        "ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level, rms_height=0.1
+    )
     geometry = targets.plate(width * margin, height * margin)
     settings = changes.pop("settings", TraceSettings(max_depth=1))
     parameters: dict[str, Any] = {
@@ -337,4 +349,12 @@ CASES = (
     CaseEntry("ground_sigma0", "radiometry", ground_sigma0),
 )
 
-__all__ = ["CASES", "ground_scene", "ground_sigma0", "point_rcs", "point_scene", "received_power", "traced_rcs"]
+__all__ = [
+    "CASES",
+    "ground_scene",
+    "ground_sigma0",
+    "point_rcs",
+    "point_scene",
+    "received_power",
+    "traced_rcs",
+]

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from sarmitsuba.study.validation import TOPICS, Case, Comparison, summarise
 
 TITLES = {
@@ -48,9 +50,9 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
         f"{total.n_points} angles, frequencies and polarisations in {total.n_comparisons} comparisons. "
         f"Comparisons of all topics out of tolerance: {total.n_failed}.",
         "",
-        "*Deviation* is simulated minus closed form, at every compared point: `median / worst` of its modulus. Patterns "
-        "are compared where the closed form lies within a stated distance of its peak (the notes below each case say "
-        "how far): in nulls a ratio in dB means nothing. The values quoted are those at the peak of the closed form "
+        "*Deviation* is simulated minus closed form at every compared point: `median / worst` of its modulus. "
+        "Patterns are compared where the closed form lies within a stated distance of its peak (the notes below each "
+        "case say how far): in nulls a ratio in dB means nothing. The values quoted are those at the peak of the closed form "
         "or at the place that the note names.",
         "",
     ]
@@ -95,8 +97,6 @@ def _table(cases: Sequence[Case]) -> list[str]:
 
 
 def _quote(c: Comparison, values: object) -> str:
-    import numpy as np
-
     value = float(np.asarray(values)[c.index])
     return f"{value:.3f}" if abs(value) >= 0.01 or value == 0.0 else f"{value:.2e}"
 

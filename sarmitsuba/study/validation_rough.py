@@ -1,29 +1,25 @@
-"""Rough surfaces: coherent loss, shared energy, diffuse laws and a wall on rough ground."""
-
-from dataclasses import replace
+"""Rough surfaces: coherent loss, shared energy, and a wall on rough ground."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import simpson
 
-from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.fresnel import fresnel
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.spec import Material
 from sarmitsuba.study import theory
 from sarmitsuba.study import validation_targets as targets
 from sarmitsuba.study.rcs import monostatic_rcs
 from sarmitsuba.study.validation import Case, CaseEntry, Comparison, db
+from sarmitsuba.study.validation_diffuse import CELL, RAYS_PER_CELL, diffuse_flags
 
 F64 = NDArray[np.float64]
 FREQUENCY = targets.BANDS["X"]
 LAM = targets.wavelength("X")
 SOIL = 15.0 - 3.0j
-# edge of a scatterer cell in the far-field tracer, m
-CELL = 1.0
-RAYS_PER_CELL = 4.0
-# edge of the patch, m, and looks a surface: few cells and many looks cost least for a given standard error
-SIZE, LOOKS = 16.0, 300
+WALL = 5.24 - 0.507j
+# ground lit through the wall, m: whole cells deep and long, since a cell lit in part returns less than its share
+DEEP, LONG = 6.0, 16.0
 
 
 def coherent_loss(quick: bool = False) -> Case:
@@ -135,313 +131,95 @@ def shared_energy(quick: bool = False) -> Case:
     )
 
 
-def diffuse_flags(channels: tuple[str, ...], **changes: bool) -> KernelFlags:
-    """Kernel effects of a lone rough patch: diffuse scatterers and nothing else."""
-    flags = KernelFlags(
-        channels=channels,
-        fresnel=False,
-        roughness=False,
-        coherent=False,
-        diffuse_double=False,
-        depolarisation=False,
-        antenna_pattern=False,
-        taper=False,
-        visibility=False,
-        multi_bounce=False,
-    )
-    return replace(flags, **changes)
-
-
-def patch(size: float) -> Geometry:
-    """Square of level ground, a whole number of cells wide."""
-    return targets.plate(size, size)
-
-
-def standard_error(seeds: int) -> float:
-    """Relative standard error of ``mean_power``: independent looks, and independent cells of one surface each."""
-    return float(np.sqrt(1.0 / (LOOKS * seeds) + 1.0 / (SIZE**2 * seeds)))
-
-
-def mean_power(
-    material: Material,
-    theta: float,
-    *,
-    channels: tuple[str, ...] = ("HH", "VV"),
-    size: float = SIZE,
-    looks: int = LOOKS,
-    seeds: int = 8,
-    flags: KernelFlags | None = None,
-) -> F64:
-    """Mean |channel|^2 over the patch's area (sigma0, linear), one value a channel.
-
-    Looks at one incidence angle from random azimuths are independent samples of speckle; each seed is another
-    surface.
-    """
-    rng = np.random.default_rng(11)
-    total = np.zeros(len(channels))
-    spacing = CELL * np.sqrt(np.cos(theta) / RAYS_PER_CELL)
-    for seed in range(seeds):
-        azimuth = 2.0 * np.pi * rng.random(looks)
-        result = monostatic_rcs(
-            patch(size),
-            (material,),
-            targets.from_azimuth(azimuth, np.pi / 2.0 - theta),
-            FREQUENCY,
-            channels=channels,
-            ray_spacing=float(spacing),
-            max_depth=1,
-            flags=flags or diffuse_flags(channels),
-            seed=seed,
-        )
-        total += np.mean(np.abs(result.amplitude[:, 0, :]) ** 2, axis=0)
-    return total / seeds / size**2
-
-
-def diffuse_level(quick: bool = False) -> Case:
-    """Absolute sigma0 of Lambert ground over angle."""
-    theta = np.radians([20.0, 50.0] if quick else [5.0, 20.0, 35.0, 50.0, 65.0, 80.0])
-    seeds = 6 if quick else 24
-    material = Material("ground", pec=True, diffuse_law="lambert", diffuse_level_db=-10.0)
-    power = np.array([mean_power(material, float(t), seeds=seeds) for t in theta])
-    closed = db(0.1 * np.cos(theta) ** 2)
-    sigma = 10.0 / np.log(10.0) * standard_error(seeds)
-    comparisons = tuple(
-        Comparison(
-            channel,
-            np.degrees(theta),
-            closed,
-            db(power[:, i]),
-            tolerance=float(4.0 * sigma + 0.1),
-            reason=f"4 standard errors of the mean ({sigma:.3f} dB each) and 0.1 dB of the ray count's correction",
-            unit="dB",
-            shown=0,
-        )
-        for i, channel in enumerate(("HH", "VV"))
-    )
-    return Case(
-        name="diffuse_level",
-        topic="rough",
-        title="Absolute level of diffuse ground",
-        formula="sigma0 = 4 A cos^2 t, 4 A = -10 dB",
-        source="Lambert's law",
-        x_label="incidence angle (deg)",
-        y_label="sigma0 (dB)",
-        comparisons=comparisons,
-        note=f"16 m x 16 m, 1 m cells, 4 rays a cell, {LOOKS} azimuths of each of {seeds} surfaces.",
-    )
-
-
-LAWS = (
-    Material("constant", pec=True, diffuse_law="constant", diffuse_level_db=-12.0),
-    Material("constant gamma", pec=True, diffuse_law="constant_gamma", diffuse_level_db=-12.0),
-    Material("kirchhoff", permittivity=SOIL, rms_height=0.02, correlation_length=0.141, diffuse_law="kirchhoff"),
-    Material("small perturbation", permittivity=SOIL, rms_height=0.001, correlation_length=0.03, diffuse_law="small_perturbation"),
-    Material("iem", permittivity=SOIL, rms_height=0.004, correlation_length=0.04, diffuse_law="iem"),
-    Material("roughness", permittivity=SOIL, rms_height=0.004, diffuse_law="roughness"),
-)
-
-
-def diffuse_laws(quick: bool = False) -> Case:
-    """Every law over angle through the kernel, HH and VV, with the speckle divided out."""
-    degrees = np.array([10.0, 30.0, 50.0] if quick else [2.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0])
-    theta = np.radians(degrees)
-    unit = Material("unit", pec=True, diffuse_law="constant", diffuse_level_db=0.0)
-    settings = {"size": 8.0, "looks": 16, "seeds": 1}
-    reference = np.array([mean_power(unit, float(t), **settings) for t in theta])  # type: ignore[arg-type]
-    comparisons = []
-    for material in LAWS:
-        power = np.array([mean_power(material, float(t), **settings) for t in theta]) / reference  # type: ignore[arg-type]
-        closed = _closed_law(material, theta)
-        for i, channel in enumerate(("HH", "VV")):
-            if i == 1 and np.array_equal(closed[0], closed[1]):
-                continue
-            comparisons.append(
-                Comparison(
-                    f"{material.name}, {channel}",
-                    degrees,
-                    db(closed[i]),
-                    db(power[:, i]),
-                    tolerance=0.1,
-                    reason="linear interpolation in a table of 256 angles",
-                    unit="dB",
-                    floor=60.0,
-                    shown=int(np.argmin(np.abs(degrees - 30.0))),
-                )
-            )
-    return Case(
-        name="diffuse_laws",
-        topic="rough",
-        title="Diffuse laws over angle through the kernel",
-        formula="constant, gamma cos t, Kirchhoff geometrical optics, small perturbation, integral equation, shared energy",
-        source="Ulaby, Moore and Fung II (1982); Fung, Li and Chen (1992); each evaluated anew at the angle",
-        x_label="incidence angle (deg)",
-        y_label="sigma0 (dB)",
-        comparisons=tuple(comparisons),
-        note="Relative to a surface of sigma0 = 1 with the same rays and scatterers, so that speckle cancels.",
-    )
-
-
-def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
-    """Law of a material at exact angles, without the kernel's table."""
-    from sarmitsuba.scene import diffuse
-    from sarmitsuba.scene.iem import iem_backscatter
-
-    k, s, length = 2.0 * np.pi / LAM, material.rms_height, material.correlation_length
-    level = 10.0 ** (material.diffuse_level_db / 10.0)
-    c = np.cos(theta)
-    if material.diffuse_law == "constant":
-        same = np.full_like(theta, level)
-    elif material.diffuse_law == "constant_gamma":
-        same = level * c
-    elif material.diffuse_law == "kirchhoff":
-        m2 = 2.0 * (s / length) ** 2
-        r2 = float(np.abs((np.sqrt(SOIL) - 1.0) / (np.sqrt(SOIL) + 1.0)) ** 2)
-        same = r2 * np.exp(-(np.tan(theta) ** 2) / (2.0 * m2)) / (2.0 * m2 * c**4)
-    elif material.diffuse_law == "small_perturbation":
-        return diffuse.small_perturbation_sigma0(theta, SOIL, k, s, length)
-    elif material.diffuse_law == "iem":
-        return iem_backscatter(theta, SOIL, k, s, length)
-    else:
-        fine = np.linspace(0.0, np.pi / 2.0, 4001)
-        pair = []
-        for r in fresnel(np.cos(fine), SOIL):
-            pair.append(np.interp(theta, fine, diffuse.shared_energy_sigma0(fine, np.abs(r) ** 2, k * s)))
-        return pair[0], pair[1]
-    return same, same
-
-
-def cross_polarisation(quick: bool = False) -> Case:
-    """Ratio of cross- to co-polar diffuse power over angle."""
-    theta = np.radians([20.0, 50.0] if quick else [5.0, 20.0, 35.0, 50.0, 65.0])
-    ratio = -8.0
-    material = Material(
-        "ground", pec=True, diffuse_law="lambert", diffuse_level_db=0.0, cross_polar_ratio_db=ratio
-    )
-    channels = ("HH", "HV", "VH", "VV")
-    seeds = 6 if quick else 12
-    power = np.array(
-        [
-            mean_power(
-                material,
-                float(t),
-                channels=channels,
-                seeds=seeds,
-                flags=diffuse_flags(channels, depolarisation=True),
-            )
-            for t in theta
-        ]
-    )
-    sigma = 10.0 / np.log(10.0) * np.sqrt(2.0) * standard_error(seeds)
-    co = 0.5 * (power[:, 0] + power[:, 3])
-    comparisons = tuple(
-        Comparison(
-            f"{channel} over mean of HH and VV",
-            np.degrees(theta),
-            np.full(theta.size, ratio),
-            db(power[:, i] / co),
-            tolerance=float(4.0 * sigma),
-            reason=f"4 standard errors of a ratio of means, {sigma:.3f} dB each",
-            unit="dB",
-            shown=0,
-        )
-        for i, channel in enumerate(channels)
-        if i in (1, 2)
-    )
-    return Case(
-        name="cross_polarisation",
-        topic="rough",
-        title="Cross-polar diffuse return",
-        formula="<|HV|^2> / <|HH|^2> = cross_polar_ratio at every angle, HV = VH",
-        source="definition of the material's parameter; azimuthally symmetric covariance",
-        x_label="incidence angle (deg)",
-        y_label="ratio (dB)",
-        comparisons=comparisons,
-        note="-8 dB asked for.",
-    )
-
-
 def canonical_building(quick: bool = False) -> Case:
     """Wall with rough ground: single, double and triple diffuse returns, HH and VV."""
     degrees = np.array([35.0] if quick else [25.0, 35.0, 50.0])
-    theta = np.radians(degrees)
-    # the ground lit through the wall is six whole cells deep: a cell lit in part returns less than its share
-    deep, length, depth = 6.0, 16.0, 12.0
-    level, wall_eps = 0.1, 5.24 - 0.507j
-    materials = (
-        Material("wall", permittivity=wall_eps),
-        Material("ground", permittivity=SOIL, diffuse_law="constant", diffuse_level_db=-10.0),
-    )
-    flags = diffuse_flags(
-        ("HH", "VV"), fresnel=True, multi_bounce=True, visibility=True, diffuse_double=True
-    )
     looks, seeds = 128, 8 if quick else 24
-    # azimuths far enough apart for speckle of 16 m to change, near enough for the wall's projection to stay
-    azimuth = np.linspace(-0.06, 0.06, looks)
-    power = np.zeros((theta.size, 3, 2))
-    for i, t in enumerate(theta):
-        for seed in range(seeds):
-            result = monostatic_rcs(
-                targets.wall_and_ground(deep / np.tan(t), length, depth),
-                materials,
-                targets.from_azimuth(azimuth, np.pi / 2.0 - t),
-                FREQUENCY,
-                max_depth=3,
-                keep_orders=True,
-                ray_spacing=float(CELL * np.sqrt(min(np.cos(t), np.sin(t)) / RAYS_PER_CELL)),
-                flags=flags,
-                seed=seed,
-            )
-            power[i] += np.mean(np.abs(result.amplitude) ** 2, axis=0) / seeds
-    te, tm = fresnel(np.sin(theta), wall_eps)
-    lit = deep * length  # = h l tan t
-    sigma = float(10.0 / np.log(10.0) * np.sqrt(1.0 / (looks * seeds) + 1.0 / (lit * seeds)))
+    constant = Material("ground", permittivity=SOIL, diffuse_law="constant", diffuse_level_db=-10.0)
+    # rms slope 0.2: a lobe of 11 degrees about the specular direction
+    facets = Material("ground", pec=True, rms_height=0.1, correlation_length=0.7071, diffuse_law="kirchhoff")
+    sigma = float(10.0 / np.log(10.0) * np.sqrt(1.0 / (looks * seeds) + 1.0 / (DEEP * LONG * seeds)))
     comparisons = []
-    for j, (channel, r) in enumerate((("HH", te), ("VV", tm))):
-        r2 = np.abs(r) ** 2
-        for name, want, got in (
-            ("ground alone", level * depth * length * np.ones_like(theta), power[:, 0, j]),
-            ("double and triple", level * lit * (4.0 * r2 + r2**2) * np.ones_like(theta), power[:, 1:, j].sum(axis=1)),
-        ):
-            comparisons.append(
-                Comparison(
-                    f"{channel}, {name}",
-                    degrees,
-                    db(want),
-                    db(got),
-                    tolerance=4.0 * sigma + 0.1,
-                    reason=f"4 standard errors ({sigma:.2f} dB each) and 0.1 dB of the ray count's correction",
-                    shown=int(np.argmin(np.abs(degrees - 35.0))),
+    for ground in (constant, facets):
+        power = np.array([_wall_on_ground(ground, float(np.radians(t)), looks, seeds) for t in degrees])
+        for j, channel in enumerate(("HH", "VV")):
+            closed = np.array([_building_closed(ground, float(np.radians(t)), channel) for t in degrees])
+            parts = [("double and triple", closed[:, 1], power[:, 1:, j].sum(axis=1))]
+            if ground is constant:
+                parts.insert(0, ("ground alone", closed[:, 0], power[:, 0, j]))
+            for name, want, got in parts:
+                comparisons.append(
+                    Comparison(
+                        f"{ground.diffuse_law} ground, {channel}, {name}",
+                        degrees,
+                        db(want),
+                        db(got),
+                        tolerance=4.0 * sigma + 0.1,
+                        reason=f"4 standard errors ({sigma:.2f} dB each) and 0.1 dB of the ray count's correction",
+                        shown=int(np.argmin(np.abs(degrees - 35.0))),
+                    )
                 )
-            )
     return Case(
         name="canonical_building",
         topic="rough",
         title="Smooth wall on rough ground",
-        formula="sigma2 = 4 |R_w|^2 sigma0 h l tan t, sigma3 = |R_w|^4 sigma0 h l tan t",
-        source="Franceschetti, Iodice and Riccio, IEEE TGRS 40 (8) 2002: the contributions; factor 4 by reciprocity",
+        formula="sigma2 = 4 |R_w|^2 sigma0(t, t) h l tan t, sigma3 = |R_w|^4 sigma0_back h l tan t",
+        source="Franceschetti, Iodice and Riccio, IEEE TGRS 40 (8) 2002: the contributions; Barrick (1968): the lobe",
         x_label="incidence angle (deg)",
         y_label="mean RCS (dBsm)",
         comparisons=tuple(comparisons),
-        note="Concrete wall 16 m long, its image 6 m deep on the ground, ground of constant sigma0 = -10 dB, diffuse returns alone.",
+        note=f"Concrete wall {LONG:g} m long, its image {DEEP:g} m deep on the ground; diffuse returns alone. "
+        "Ground of constant sigma0 = -10 dB, and of tilted metal facets (Kirchhoff, rms slope 0.2), whose double bounce is "
+        "its forward lobe. For dielectric facets the simulator takes the reflectivity of normal incidence.",
     )
+
+
+def _wall_on_ground(ground: Material, theta: float, looks: int, seeds: int) -> F64:
+    """(3, 2) mean power of bounce orders 1 to 3 in HH and VV, m^2."""
+    flags = diffuse_flags(("HH", "VV"), fresnel=True, multi_bounce=True, visibility=True, diffuse_double=True)
+    # azimuths far enough apart for speckle of 16 m to change, near enough for the wall's projection to stay
+    azimuth = np.linspace(-0.06, 0.06, looks)
+    power = np.zeros((3, 2))
+    for seed in range(seeds):
+        result = monostatic_rcs(
+            targets.wall_and_ground(DEEP / np.tan(theta), LONG, 2.0 * DEEP),
+            (Material("wall", permittivity=WALL), ground),
+            targets.from_azimuth(azimuth, np.pi / 2.0 - theta),
+            FREQUENCY,
+            max_depth=3,
+            keep_orders=True,
+            ray_spacing=float(CELL * np.sqrt(min(np.cos(theta), np.sin(theta)) / RAYS_PER_CELL)),
+            flags=flags,
+            seed=seed,
+        )
+        power += np.mean(np.abs(result.amplitude) ** 2, axis=0) / seeds
+    return power
+
+
+def _building_closed(ground: Material, theta: float, channel: str) -> tuple[float, float]:
+    """Open ground, and double with triple bounce, m^2."""
+    lit = DEEP * LONG
+    if ground.diffuse_law == "kirchhoff":
+        closed = theory.canonical_building(
+            DEEP / np.tan(theta),
+            LONG,
+            theta,
+            LAM,
+            ground.rms_height,
+            ground.correlation_length,
+            WALL,
+            None,
+            "hh" if channel == "HH" else "vv",
+        )
+        return closed.ground * 2.0 * lit, closed.double + closed.triple
+    r2 = float(np.abs(fresnel(np.sin(theta), WALL)[0 if channel == "HH" else 1]) ** 2)
+    return 0.1 * 2.0 * lit, 0.1 * lit * (4.0 * r2 + r2**2)
 
 
 CASES = (
     CaseEntry("coherent_loss", "rough", coherent_loss),
     CaseEntry("shared_energy", "rough", shared_energy),
-    CaseEntry("diffuse_level", "rough", diffuse_level),
-    CaseEntry("diffuse_laws", "rough", diffuse_laws),
-    CaseEntry("cross_polarisation", "rough", cross_polarisation),
     CaseEntry("canonical_building", "rough", canonical_building),
 )
 
-__all__ = [
-    "CASES",
-    "canonical_building",
-    "coherent_loss",
-    "cross_polarisation",
-    "diffuse_laws",
-    "diffuse_level",
-    "mean_power",
-    "shared_energy",
-]
+__all__ = ["CASES", "canonical_building", "coherent_loss", "shared_energy"]

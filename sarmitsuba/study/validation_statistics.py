@@ -137,13 +137,13 @@ def correlation(quick: bool = False) -> Case:
             "range": (1, image.grid.range_spacing, _unweighted(image)[1]),
         }
         for name, (axis, spacing, cell) in cells.items():
-            lags = np.arange(0, 9)
+            lags = np.arange(9)
             moved = np.moveaxis(z, axis, 0)
             power = np.mean(np.abs(moved) ** 2)
             got = np.array(
                 [abs(np.mean(moved[: moved.shape[0] - n] * np.conj(moved[n:]))) / power for n in lags]
             )
-            x = lags * spacing / cell
+            x = np.asarray(lags * spacing / cell, dtype=np.float64)
             n_independent = z.size * 0.25
             comparisons.append(
                 Comparison(
@@ -179,8 +179,12 @@ def _window_correlation(window: str, lag: F64) -> F64:
     """Correlation at lags in unweighted cells: transform of the squared window over the unit band."""
     u = np.linspace(-0.5, 0.5, 4001)
     w = parse_window(window)(u) ** 2
-    values = [abs(np.trapezoid(w * np.exp(2j * np.pi * u * x), u)) if hasattr(np, "trapezoid") else
-              abs(np.sum(w * np.exp(2j * np.pi * u * x))) * (u[1] - u[0]) for x in lag]
+    values = [
+        abs(np.trapezoid(w * np.exp(2j * np.pi * u * x), u))
+        if hasattr(np, "trapezoid")
+        else abs(np.sum(w * np.exp(2j * np.pi * u * x))) * (u[1] - u[0])
+        for x in lag
+    ]
     norm = float(values[0]) if lag[0] == 0.0 else 1.0
     return np.asarray(values) / norm
 
@@ -195,9 +199,7 @@ def looks(quick: bool = False) -> Case:
     for n_azimuth, n_range in counts:
         total = None
         parts = [
-            part
-            for rows in _split(z, n_azimuth, step[0], 0)
-            for part in _split(rows, n_range, step[1], 1)
+            part for rows in _split(z, n_azimuth, step[0], 0) for part in _split(rows, n_range, step[1], 1)
         ]
         for part in parts:
             power = np.abs(part) ** 2

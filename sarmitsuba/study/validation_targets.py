@@ -74,8 +74,8 @@ def triangle(a: ArrayLike, b: ArrayLike, c: ArrayLike, triangles: int = 1) -> Me
     """Flat triangle, divided into about ``triangles`` (n x n) similar ones."""
     n = max(1, round(np.sqrt(triangles)))
     p0, p1, p2 = (np.asarray(x, dtype=np.float64) for x in (a, b, c))
-    index = {}
-    vertices = []
+    index: dict[tuple[int, int], int] = {}
+    vertices: list[F64] = []
     for i in range(n + 1):
         for j in range(n + 1 - i):
             index[i, j] = len(vertices)
@@ -136,7 +136,9 @@ def wall_and_ground(height: float, length: float, ground: float) -> Geometry:
 
 def from_azimuth(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> F64:
     """(n, 3) unit vectors towards the radar, azimuth from +x to +y and elevation above z = 0, rad."""
-    az, el = np.broadcast_arrays(np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64))
+    az, el = np.broadcast_arrays(
+        np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64)
+    )
     return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)
 
 
