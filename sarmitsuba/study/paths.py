@@ -77,7 +77,12 @@ class RecordAdder:
 
 
 def square_grid(
-    half_x: float, half_y: float, spacing: float, *, turn: float = 0.0, shift: tuple[float, float] = (0.0, 0.0)
+    half_x: float,
+    half_y: float,
+    spacing: float,
+    *,
+    turn: float = 0.0,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> LaunchGrid:
     """Square lattice through ``shift``, turned by ``turn`` (rad): the aligned one of a naive launch by default."""
     n = int(np.ceil(np.hypot(half_x, half_y) / spacing)) + 1
@@ -123,7 +128,7 @@ def record_paths(
     are those of a radar whose amplitude constant is 1: sqrt(sigma) over both legs.
     """
     ensure_backend()
-    dr, mi = modules()
+    dr, _ = modules()
 
     wavelength = SPEED_OF_LIGHT / frequency
     if flags is None:

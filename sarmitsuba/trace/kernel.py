@@ -145,6 +145,7 @@ def trace(
     edge_b -= d * dr.dot(edge_b, d)
     tube_area = dr.norm(dr.cross(edge_a, edge_b))
     inverse_start = f32(1.0 / distance)
+    nudge = dr.normalize(edge_a) * clearance
 
     weight = f32(1.0)
     if flags.taper:
@@ -191,7 +192,12 @@ def trace(
         added: Any,
     ) -> tuple[Any, ...]:
         # ---- intersect
-        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(o, v32(d64)), coherent=False, active=active)
+        ray = mi.Ray3f(o, v32(d64))
+        pi = scene.mi_scene.ray_intersect_preliminary(ray, coherent=False, active=active)
+        # rays aimed exactly at a vertex or a T-junction may slip through: a second try just beside it
+        lost = active & ~pi.is_valid() & (hits == 0)
+        ray = mi.Ray3f(o + nudge, v32(d64))
+        pi = dr.select(lost, scene.mi_scene.ray_intersect_preliminary(ray, coherent=False, active=lost), pi)
         active = active & pi.is_valid()
         face = pi.prim_index
         landed, n64 = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
