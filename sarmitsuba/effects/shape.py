@@ -97,7 +97,7 @@ class ShapeFacts:
 
     @cached_property
     def _sides(self) -> tuple[F64, F64, F64, F64] | None:
-        """Least and greatest height over every plane of the vertices and of the antenna; None when no use or too dear."""
+        """Least and greatest height of the vertices and of the antenna over every plane; None when useless or dear."""
         if not self._one_sided:
             return None
         points = self._hull

@@ -3,12 +3,13 @@
 import gc
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focus import default_grid, focus
@@ -21,6 +22,8 @@ from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import launch_window, ray_lattices
+
+Clock = Callable[[], float]
 
 # part of the pulses that the focuser is timed on, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
@@ -53,7 +56,23 @@ class Prediction:
         return float(sum(self.seconds.values()))
 
 
-def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPlan, Prediction]:
+class ClockTimer(Timer):
+    """The run's stage timer on another clock."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self.clock, self.before = clock, clock()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap on ``stage``."""
+        now = self.clock()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self.before
+        self.before = now
+
+
+def predict(
+    scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+) -> tuple[EffectsPlan, Prediction]:
     """Plan a scene and predict what simulating and focusing it takes.
 
     One batch of the real run is traced and synthesised twice (the first time compiles its kernels, which the run then
@@ -63,6 +82,7 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
     ----------
     scene : as loaded, with the method ``raw`` or ``hybrid``
     plan : overrides the automatic effects plan
+    clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
 
     Notes
     -----
@@ -71,7 +91,6 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
     """
     ensure_backend()
     seconds: dict[str, float] = {}
-    clock = time.perf_counter
     start = clock()
     geometry, wavelength = scene.geometry, scene.radar.waveform.wavelength
     trace_scene = build_trace_scene(geometry, scene.materials, wavelength) if geometry.n_faces else None
@@ -97,7 +116,7 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
         start = clock()
         rays = ray_lattices(scene, window, planned.flags, n_halves=len(halves))
         seconds["launch grid"] = (clock() - start) * len(halves)
-        job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, Timer())
+        job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, ClockTimer(clock))
         target = data[: len(layers) // len(halves)]
         max_order = len(orders) if settings.keep_orders else 0
         start = clock()
@@ -105,14 +124,14 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
         done, stats = next(batches)
         del batches
         # once more for the time: the first took the compilation along, and the choice of the block length
-        job.timer = Timer()
+        job.timer = ClockTimer(clock)
         once = replace(scene, settings=replace(settings, key_pulse_interval=int(facts["key_pulse_interval"])))
         job.scene = once
         done, stats = next(job.run(rays, target, max_order, dict(facts)))
         repeats = len(halves) / done
         for stage in ("trace", "synthesise"):
             seconds[stage] = job.timer.seconds.get(stage, 0.0) * repeats
-        seconds["plan"] += _choosing(job, scene)
+        seconds["plan"] += _choosing(job, scene, clock)
         stats = _scaled(stats, repeats)
         interval = int(facts["key_pulse_interval"])
         planned = planned.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
@@ -122,7 +141,7 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
         part = np.zeros((len(layers), few.track.n_pulses, shape[2]), dtype=np.complex64)
         add_points(replace(scene, radar=few), planned.flags, trace_scene, part, layers)
         seconds["points"] = (clock() - start) * radar.track.n_pulses / few.track.n_pulses
-    seconds["focus"], pixels = _focus_seconds(scene, layers, data)
+    seconds["focus"], pixels = _focus_seconds(scene, layers, data, clock)
     untouched = data.nbytes * max(0.0, 1.0 - done / len(halves)) if trace_scene is not None else 0
     facts.update(
         rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
@@ -143,14 +162,12 @@ def predict(scene: Scene, *, plan: EffectsPlan | None = None) -> tuple[EffectsPl
     return planned, prediction
 
 
-def _choosing(job: TraceJob, scene: Scene) -> float:
+def _choosing(job: TraceJob, scene: Scene, clock: Clock) -> float:
     """Seconds to choose the block length."""
-    from sarmitsuba.echo.block import choose_block_length
-
     settings = scene.settings
     if settings.method == "raw" or settings.key_pulse_interval:
         return 0.0
-    start = time.perf_counter()
+    start = clock()
     choose_block_length(
         scene.radar,
         job.window.center,
@@ -159,7 +176,7 @@ def _choosing(job: TraceJob, scene: Scene) -> float:
         BLOCK_ERROR_DB,
         extra_half_length=job.extra_half_length(),
     )
-    return time.perf_counter() - start
+    return clock() - start
 
 
 def _scaled(stats: TraceStatistics, factor: float) -> TraceStatistics:
@@ -179,7 +196,7 @@ def _some_pulses(radar: Radar, n: int) -> Radar:
     )
 
 
-def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any) -> tuple[float, int]:
+def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Clock) -> tuple[float, int]:
     """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; and the image's pixels."""
     radar = scene.radar
     n = radar.track.n_pulses
@@ -190,9 +207,9 @@ def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any) -> tuple[
         part = _some_pulses(radar, k)
         start = (n - k) // 2
         raw = RawData(data[:, start : start + k], layers, "compressed", part)
-        before = time.perf_counter()
+        before = clock()
         focus(raw, grid)
-        taken.append(time.perf_counter() - before)
+        taken.append(clock() - before)
     pixels = int(np.prod(grid.shape)) * len(layers)
     less = max(1, few // 4)
     if less == few:
@@ -211,4 +228,4 @@ def peak_memory() -> int:
     return int(most if sys.platform == "darwin" else most * 1024)
 
 
-__all__ = ["Prediction", "peak_memory", "predict"]
+__all__ = ["ClockTimer", "Prediction", "peak_memory", "predict"]

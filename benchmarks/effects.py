@@ -1,0 +1,385 @@
+"""What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
+
+Run ``python benchmarks/effects.py [SCENE ...] [--quick] [--out FOLDER] [--docs]``. Prints Markdown tables; with
+``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` the tables of ``docs/effects.md``.
+
+Every time is the least of interleaved rounds with compiled kernels: the machine may be busy with other things, and
+what disturbs a run only makes it longer. Ratios and shares are of processor seconds, summed over all threads, which
+other jobs disturb least. Predictions and the runs they are compared with are made in processes of their own.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.focus import focus
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.scene.library import list_scenes, resolve, resolve_radar
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulate import TraceJob, simulate
+from sarmitsuba.study.prediction import ClockTimer, peak_memory, predict
+from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.launch import lattice
+from sarmitsuba.trace.pilot import plan_scene
+from sarmitsuba.trace.window import launch_window, ray_spacing
+
+DEPTH = 8  # "everything on": where the pilot stops looking, too
+ROUNDS, QUICK_ROUNDS = 3, 1
+COST_SPACING = (
+    0.25  # m between rays of the kernel table: 0.6 M rays, enough to keep all threads busy for 0.1 s
+)
+DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
+
+# kernel switches, and the effect of the plan that each belongs to
+SWITCHES = {
+    "max_depth": {"multi_bounce": False},
+    "diffuse": {"diffuse": False, "diffuse_double": False},
+    "coherent": {"coherent": False},
+    "fresnel": {"fresnel": False},
+    "roughness": {"roughness": False},
+    "speckle": {"speckle": False},
+    "diffuse_double": {"diffuse_double": False},
+    "cross_polarisation": {"channels": ("HH", "VV")},
+    "depolarisation": {"depolarisation": False},
+    "antenna_pattern": {"antenna_pattern": False},
+    "spreading": {"spreading": False},
+    "visibility": {"visibility": False},
+    "tube_phase": {"tube_phase": False},
+}
+# arithmetic in LLVM's intermediate code, and ray queries; gathers vary with where tables lie in memory
+ARITHMETIC = re.compile(r"= (?:f\w+ |xor |lshr |[su]itofp |call [^@]*@llvm\.(?!masked))|call void %")
+
+
+def munich() -> Path | None:
+    """Scene file of the city that the package sionna-rt brings, None without it."""
+    spec = importlib.util.find_spec("sionna")
+    folders = list(spec.submodule_search_locations or []) if spec else []
+    path = Path(folders[0]) / "rt/scenes/munich/munich.xml" if folders else None
+    return path if path is not None and path.exists() else None
+
+
+def load(name: str) -> Scene:
+    """A shipped scene by name, or ``munich`` under the airborne X-band radar."""
+    if name == "munich":
+        path = munich()
+        assert path is not None, "the package sionna-rt is missing"
+        return load_scene(path, radar=resolve_radar("airborne_x"))
+    return load_scene(resolve(name))
+
+
+def everything_on(scene: Scene, planned: EffectsPlan) -> EffectsPlan:
+    """All switches on; a law without polarisation stays one."""
+    return EffectsPlan(
+        KernelFlags(channels=scene.radar.channels, polarised_diffuse=planned.flags.polarised_diffuse), DEPTH
+    )
+
+
+# ---- kernels
+
+
+def kernel_table(rounds: int) -> list[dict[str, Any]]:
+    """Arithmetic instructions and time of the trace kernel with each effect left out, on the urban block."""
+    import drjit as dr
+
+    scene = load("urban_block")
+    antenna = Antenna("gaussian", 1.0, 0.02, 0.05)
+    channels = ("HH", "HV", "VH", "VV")
+    materials = tuple(replace(m, cross_polar_ratio_db=-12.0) for m in scene.materials)
+    scene = replace(
+        scene, radar=replace(scene.radar, antenna=antenna, channels=channels), materials=materials
+    )
+    window = launch_window(scene)
+    grid = lattice(window.half_x, window.half_y, COST_SPACING, taper=window.taper)
+    built = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
+    full = KernelFlags(channels=channels, polarised_diffuse=False)
+    rows: list[dict[str, Any]] = []
+    for name, off in {"everything on": {}, **SWITCHES}.items():
+        flags = replace(full, **off)  # type: ignore[arg-type]
+        radar = replace(scene.radar, channels=flags.channels)
+        plan = EffectsPlan(flags, 3 if flags.multi_bounce else 1)
+        job = TraceJob(replace(scene, radar=radar), plan, window, built, ClockTimer(time.process_time))
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            one_batch(job, grid)
+            codes = [k["ir"].getvalue() for k in dr.kernel_history() if "ir" in k]
+            dr.kernel_history_clear()
+        count = max(len(ARITHMETIC.findall(code)) for code in codes)
+        rows.append({"effect": name, "instructions": count, "job": job, "seconds": np.inf})
+    for _ in range(rounds):
+        for row in rows:
+            row["seconds"] = min(row["seconds"], one_batch(row["job"], grid))
+    for row in rows:
+        del row["job"]
+        row["cost"] = 1.0 - row["seconds"] / rows[0]["seconds"]
+        row["instructions_less"] = rows[0]["instructions"] - row["instructions"]
+    return rows
+
+
+def one_batch(job: TraceJob, grid: Any) -> float:
+    """Trace one key pulse; seconds in the kernel and the adding."""
+    job.timer = ClockTimer(time.process_time)
+    radar = job.scene.radar
+    data = np.zeros((len(radar.channels), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    next(job.run(grid, data, 0, {}))
+    return job.timer.seconds["trace"]
+
+
+# ---- planned against everything on
+
+
+def planned_row(name: str, rounds: int, *, every_pulse: bool) -> dict[str, Any]:
+    """Image error and time ratios of one scene."""
+    scene = load(name)
+    warm = plan_scene(scene)
+    spacing = scene.settings.ray_spacing
+    if scene.geometry.n_faces:
+        spacing = ray_spacing(scene, launch_window(scene), warm.flags.diffuse, warm.flags.coherent)
+    # the same rays for both: the difference is the plan's alone
+    scene = replace(scene, settings=replace(scene.settings, ray_spacing=spacing))
+    full = everything_on(scene, warm)
+    seconds: dict[str, list[float]] = {"plan": [], "all": []}
+    cpu: dict[str, list[float]] = {"plan": [], "all": []}
+    images: dict[str, Any] = {}
+    pilot, stages = np.inf, {}
+    for i in range(rounds + 1):
+        for key, plan in (("plan", None), ("all", full)):
+            start, before = time.perf_counter(), time.process_time()
+            raw = simulate(scene, plan=plan)
+            taken, used = time.perf_counter() - start, time.process_time() - before
+            if i == 0:
+                images[key] = focus(raw).data  # the first round compiles
+            else:
+                seconds[key].append(taken)
+                cpu[key].append(used)
+                if key == "plan":
+                    pilot = min(pilot, raw.metadata["seconds"]["plan"])
+                    stages = raw.metadata["seconds"]
+    start = time.perf_counter()
+    focus(raw)
+    focusing = time.perf_counter() - start
+    a, b = images["plan"], images["all"]
+    error = float(np.square(np.abs(a - b)).sum() / np.square(np.abs(b)).sum())
+    cell = float(np.abs(a - b).max() / np.sqrt(np.mean(np.square(np.abs(b)))))
+    least = {key: min(values) for key, values in seconds.items()}
+    plan_facts = raw_plan(scene)
+    row: dict[str, Any] = {
+        "scene": name,
+        "plan": plan_facts.summary(),
+        "max_depth": plan_facts.max_depth,
+        "why": plan_facts.decisions[0].why,
+        "off": [d.name for d in plan_facts.decisions if not d.on and d.value is None],
+        "on": [d.name for d in plan_facts.decisions if d.on and d.value is None],
+        "error_db": 10 * float(np.log10(max(error, 1e-30))),
+        "worst_pixel_db": 20 * float(np.log10(max(cell, 1e-15))),
+        "seconds_plan": least["plan"],
+        "seconds_all": least["all"],
+        "ratio_wall": least["all"] / least["plan"],
+        "ratio": min(cpu["all"]) / min(cpu["plan"]),
+        "cpu_plan": min(cpu["plan"]),
+        "cpu_all": min(cpu["all"]),
+        "pilot": bool(plan_facts.pilot),
+        "plan_seconds": pilot,
+        "plan_share": pilot / (least["plan"] + focusing),
+        "stages": {k: round(v, 4) for k, v in stages.items()},
+    }
+    if every_pulse and scene.geometry.n_faces:
+        raw_scene = replace(scene, settings=replace(scene.settings, method="raw"))
+        _, prediction = predict(raw_scene, plan=full, clock=time.process_time)
+        total = sum(v for k, v in prediction.seconds.items() if k != "focus")
+        row["cpu_every_pulse"] = total
+        row["ratio_every_pulse"] = total / min(cpu["plan"])
+    return row
+
+
+def raw_plan(scene: Scene) -> EffectsPlan:
+    """The automatic plan."""
+    return plan_scene(scene)
+
+
+# ---- predicted against measured
+
+
+def in_process(action: str, name: str) -> dict[str, Any]:
+    """Run this file in a process of its own and read the JSON that it prints."""
+    command = [sys.executable, __file__, name, f"--{action}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ)
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
+def measured(name: str) -> dict[str, Any]:
+    """Simulate and focus once, kernels compiled before; seconds and most memory."""
+    scene = load(name)
+    ensure_backend()
+    start, before = time.perf_counter(), time.process_time()
+    raw = simulate(scene)
+    image = focus(raw)
+    seconds, cpu = time.perf_counter() - start, time.process_time() - before
+    assert np.isfinite(image.data).all()
+    return {"seconds": seconds, "cpu": cpu, "memory": peak_memory(), "stages": raw.metadata["seconds"]}
+
+
+def predicted(name: str) -> dict[str, Any]:
+    """Seconds and memory of the same, before it is run."""
+    scene = load(name)
+    start = time.perf_counter()
+    _, prediction = predict(scene)
+    took = time.perf_counter() - start
+    _, processor = predict(scene, clock=time.process_time)
+    return {
+        "seconds": prediction.total,
+        "cpu": processor.total,
+        "memory": prediction.memory,
+        "stages": dict(prediction.seconds),
+        "cpu_stages": dict(processor.seconds),
+        "took": took,
+    }
+
+
+def prediction_row(name: str, rounds: int) -> dict[str, Any]:
+    """Predicted and measured time and memory of one scene, in turn, processes of their own."""
+    in_process("measure", name)  # compiles
+    predictions, runs = [], []
+    for _ in range(rounds):
+        predictions.append(in_process("predict", name))
+        runs.append(in_process("measure", name))
+
+    def least(rows: list[dict[str, Any]], key: str) -> float:
+        return float(min(row[key] for row in rows))
+
+    row = {
+        "scene": name,
+        "predicted_seconds": least(predictions, "seconds"),
+        "measured_seconds": least(runs, "seconds"),
+        "predicted_cpu": least(predictions, "cpu"),
+        "measured_cpu": least(runs, "cpu"),
+        "predicted_memory": max(p["memory"] for p in predictions),
+        "measured_memory": max(r["memory"] for r in runs),
+        "explain_seconds": least(predictions, "took"),
+    }
+    row["time_factor"] = row["predicted_seconds"] / row["measured_seconds"]
+    row["cpu_factor"] = row["predicted_cpu"] / row["measured_cpu"]
+    row["memory_factor"] = row["predicted_memory"] / row["measured_memory"]
+    return row
+
+
+# ---- output
+
+
+def markdown(results: dict[str, Any]) -> str:
+    """The tables."""
+    lines = [f"Machine: {results['machine']}."]
+    if results["kernels"]:
+        lines += [
+            "",
+            "### Kernel with each effect left out",
+            "",
+            "Urban block, four channels, Gaussian beam, three bounces.",
+            "",
+            "| effect left out | arithmetic instructions | fewer | time of the kernel it takes |",
+            "|---|---|---|---|",
+        ]
+        for r in results["kernels"]:
+            first = r["effect"] == "everything on"
+            less = "" if first else f"{r['instructions_less']}"
+            cost = f"{1e3 * r['seconds']:.0f} ms" if first else f"{100 * r['cost']:.0f} %"
+            lines.append(f"| {r['effect']} | {r['instructions']} | {less} | {cost} |")
+    if results["plans"]:
+        lines += [
+            "",
+            "### Planned against everything on",
+            "",
+            f"Everything on: every switch, {DEPTH} bounces, same rays, same key pulses. Error: energy of the "
+            "difference of the focused images over that of the image; worst pixel: over the image's root mean square.",
+            "",
+            "| scene | bounces | effects left out | error | worst pixel | planned | all on | ratio | all on, every "
+            "pulse traced (predicted) | planning |",
+            "|---|---|---|---|---|---|---|---|---|---|",
+        ]
+        for r in results["plans"]:
+            every = f"{r['ratio_every_pulse']:.0f}" if "ratio_every_pulse" in r else ""
+            planning = f"{'pilot' if r['pilot'] else 'facts'}, {1e3 * r['plan_seconds']:.0f} ms"
+            lines.append(
+                f"| {r['scene']} | {r['max_depth']} | {', '.join(r['off'])} | {r['error_db']:.0f} dB | "
+                f"{r['worst_pixel_db']:.0f} dB | {r['seconds_plan']:.2f} s | {r['seconds_all']:.2f} s | "
+                f"{r['ratio']:.1f} | {every} | {planning}, {100 * r['plan_share']:.1f} % |"
+            )
+        lines += ["", "Why so many bounces:", ""]
+        lines += [f"- {r['scene']}: {r['max_depth']}; {r['why']}" for r in results["plans"]]
+    if results["predictions"]:
+        lines += [
+            "",
+            "### Predicted against measured",
+            "",
+            "Simulating and focusing, compiled kernels; memory is the most the process held.",
+            "",
+            "| scene | predicted | measured | factor | processor time, factor | predicted | measured | factor | explain "
+            "took |",
+            "|---|---|---|---|---|---|---|---|---|",
+        ]
+        for r in results["predictions"]:
+            lines.append(
+                f"| {r['scene']} | {r['predicted_seconds']:.2f} s | {r['measured_seconds']:.2f} s | "
+                f"{r['time_factor']:.2f} | {r['cpu_factor']:.2f} | {r['predicted_memory'] / 2**20:.0f} MiB | "
+                f"{r['measured_memory'] / 2**20:.0f} MiB | {r['memory_factor']:.2f} | {r['explain_seconds']:.1f} s |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="*", help="names of shipped scenes, or munich (default: all)")
+    parser.add_argument("--quick", action="store_true", help="one round, no prediction, no kernel table")
+    parser.add_argument("--only", choices=("kernels", "plans", "predictions"), help="one of the parts")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md")
+    parser.add_argument("--docs", action="store_true", help="put the tables into docs/effects.md")
+    parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--predict", action="store_true", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    backend = ensure_backend()
+    if args.measure or args.predict:
+        print(json.dumps((measured if args.measure else predicted)(args.scenes[0])))
+        return
+    names = args.scenes or [e.name for e in list_scenes()] + (["munich"] if munich() else [])
+    rounds = QUICK_ROUNDS if args.quick else ROUNDS
+    parts = [args.only] if args.only else ["plans"] if args.quick else ["kernels", "plans", "predictions"]
+    results: dict[str, Any] = {
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, "
+        f"Python {platform.python_version()}",
+        "kernels": kernel_table(2 * rounds) if "kernels" in parts else [],
+        "plans": [],
+        "predictions": [],
+    }
+    for name in names:
+        if "plans" in parts:
+            results["plans"].append(planned_row(name, rounds, every_pulse=not args.quick))
+        if "predictions" in parts:
+            results["predictions"].append(prediction_row(name, rounds))
+    text = markdown(results)
+    print(text)
+    if args.out:
+        args.out.mkdir(parents=True, exist_ok=True)
+        (args.out / "effects.json").write_text(json.dumps(results, indent=2), encoding="utf-8")
+        (args.out / "effects.md").write_text(text, encoding="utf-8")
+    if args.docs:
+        head = DOCS.read_text(encoding="utf-8").split("<!-- generated: benchmarks/effects.py --docs -->")[0]
+        DOCS.write_text(f"{head}<!-- generated: benchmarks/effects.py --docs -->\n\n{text}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
