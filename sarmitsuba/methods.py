@@ -26,10 +26,10 @@ from sarmitsuba.scene.spec import METHODS, Scene
 from sarmitsuba.simulate import Timer, TraceJob, TraceStatistics, simulate
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.image_adder import ImageAdder, LookGrid
-from sarmitsuba.trace.launch import LaunchGrid, lattice
+from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import visible
-from sarmitsuba.trace.window import launch_window, ray_spacing
+from sarmitsuba.trace.window import launch_window, ray_lattices
 
 C64 = NDArray[np.complex64]
 
@@ -137,7 +137,7 @@ class Preview:
             self.job = TraceJob(scene, self.plan, window, self.trace_scene, self.timer)
         self._look: Look | None = None
         self._raster: Raster | None = None
-        self._rays: dict[int, LaunchGrid] = {}
+        self._rays: dict[int, tuple[LaunchGrid, ...]] = {}
 
     @property
     def look(self) -> Look:
@@ -208,18 +208,14 @@ class Preview:
         job, scene = self.job, self.scene
         assert job is not None
         if subset not in self._rays:
-            spacing = ray_spacing(scene, job.window, self.plan.flags.diffuse, self.plan.flags.coherent)
-            self._rays[subset] = lattice(
-                job.window.half_x,
-                job.window.half_y,
-                spacing * np.sqrt(n_halves),
-                taper=job.window.taper,
-                seed=scene.settings.seed,
-                subset=subset,
+            self._rays[subset] = ray_lattices(
+                scene, job.window, self.plan.flags, subset=subset, n_halves=n_halves
             )
             self.timer.lap("launch grid")
         grid = adder.look
-        return job.launch(self._rays[subset], grid.position[None], grid.velocity[None], slice(0, 1), adder, 1)
+        return job.launch_all(
+            self._rays[subset], grid.position[None], grid.velocity[None], slice(0, 1), adder, 1
+        )
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""

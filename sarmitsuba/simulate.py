@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,16 +21,16 @@ from sarmitsuba.trace.adders import BlockAdder, DirectAdder, GridAdder
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, lattice
+from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
 from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import (
-    FOOTPRINT_PER_CELL,
     LaunchWindow,
     azimuth_cell,
+    diffuse_spacing,
     launch_window,
-    ray_spacing,
+    ray_lattices,
     scatterer_cell,
 )
 
@@ -142,30 +142,26 @@ def simulate(
     facts: dict[str, Any] = {}
     if trace_scene is not None:
         window = launch_window(scene)
-        spacing = ray_spacing(scene, window, plan.flags.diffuse, plan.flags.coherent)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
         job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
-        grids = [
-            lattice(
-                window.half_x,
-                window.half_y,
-                spacing * np.sqrt(len(halves)),
-                taper=window.taper,
-                seed=settings.seed,
-                subset=h + 2 * pass_index,
-            )
+        rays = [
+            ray_lattices(scene, window, plan.flags, subset=h + 2 * pass_index, n_halves=len(halves))
             for h in halves
         ]
         timer.lap("launch grid")
+        spacing = {g.purpose: g.spacing / float(np.sqrt(len(halves))) for g in rays[0]}
         facts.update(
-            ray_spacing=spacing, rays_per_key_pulse=sum(g.n_rays for g in grids), scatterer_cell=job.cell
+            ray_spacing=min(spacing.values()),
+            ray_spacings=spacing,
+            rays_per_key_pulse=sum(g.n_rays for grids in rays for g in grids),
+            scatterer_cell=job.cell,
         )
-        for i, grid in enumerate(grids):
+        for i, grids in enumerate(rays):
             target = data[i * per_half : (i + 1) * per_half]
-            for done, batch in job.run(grid, target, len(orders) if settings.keep_orders else 0, facts):
+            for done, batch in job.run(grids, target, len(orders) if settings.keep_orders else 0, facts):
                 stats = stats.plus(batch)
                 rate = stats.rays / max(timer.seconds.get("trace", 0.0), 1e-9)
-                report("trace", i + done, len(grids), {"rays/s": rate})
+                report("trace", i + done, len(halves), {"rays/s": rate})
         facts["grid_bytes"] = job.largest_grid
         if len(halves) == 2:
             data *= 0.5  # each half is a whole image of its own; their mean is the estimate
@@ -176,7 +172,7 @@ def simulate(
     notes = [*scene.notes, *plan.notes]
     _check_energy(scene, stats, data, notes)
     if scene.geometry.n_faces:
-        _check_sampling(scene, window, spacing, plan, notes)
+        _check_sampling(scene, window, spacing, notes)
     if "key_pulse_interval" in facts:
         interval = int(facts["key_pulse_interval"])
         plan = plan.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
@@ -218,7 +214,7 @@ class TraceJob:
         )
 
     def run(
-        self, grid: LaunchGrid, data: NDArray[np.complex64], max_order: int, facts: dict[str, Any]
+        self, rays: Sequence[LaunchGrid], data: NDArray[np.complex64], max_order: int, facts: dict[str, Any]
     ) -> Iterator[tuple[float, TraceStatistics]]:
         """Fill ``data`` (layers, pulses, samples) batch by batch; yields the share done and that batch's figures."""
         radar, settings = self.scene.radar, self.scene.settings
@@ -247,13 +243,13 @@ class TraceJob:
                     width,
                     extra_half_length=self.extra_half_length(),
                 )
-                yield stop / n, self.block(grid, plan, data, max_order)
+                yield stop / n, self.block(rays, plan, data, max_order)
             return
         row = data.shape[0] * 2 * radar.window.n_samples * 2 * 8
-        step = int(max(1, min(MAX_LANES // grid.n_rays, MAX_GRID_BYTES // row, n)))
+        step = int(max(1, min(MAX_LANES // max(g.n_rays for g in rays), MAX_GRID_BYTES // row, n)))
         for start in range(0, n, step):
             stop = min(n, start + step)
-            yield stop / n, self.direct(grid, start, stop, data, max_order)
+            yield stop / n, self.direct(rays, start, stop, data, max_order)
 
     def phase_box(self) -> NDArray[np.float64]:
         """Bounds of the phase centres whose Doppler is kept: the lit box, and a quarter more for mirror images."""
@@ -269,7 +265,7 @@ class TraceJob:
         return max(0.0, end - far)
 
     def block(
-        self, grid: LaunchGrid, plan: BlockPlan, data: NDArray[np.complex64], max_order: int
+        self, rays: Sequence[LaunchGrid], plan: BlockPlan, data: NDArray[np.complex64], max_order: int
     ) -> TraceStatistics:
         """Trace one key pulse and synthesise its block."""
         radar = self.scene.radar
@@ -282,13 +278,14 @@ class TraceJob:
         )
         self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
         position, velocity = plan.position[None], plan.velocity[None]
-        stats = self.launch(grid, position, velocity, slice(plan.key, plan.key + 1), adder, plan.n_pulses)
+        pick = slice(plan.key, plan.key + 1)
+        stats = self.launch_all(rays, position, velocity, pick, adder, plan.n_pulses)
         data[:, plan.start : plan.stop] = synthesise(adder.grid(), plan, radar)
         self.timer.lap("synthesise")
         return stats
 
     def direct(
-        self, grid: LaunchGrid, start: int, stop: int, data: NDArray[np.complex64], max_order: int
+        self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int
     ) -> TraceStatistics:
         """Trace every pulse of ``start:stop`` in one launch."""
         radar = self.scene.radar
@@ -304,10 +301,26 @@ class TraceJob:
         )
         self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
         pick = slice(start, stop)
-        stats = self.launch(grid, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
+        stats = self.launch_all(rays, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
         data[:, pick] = finish(adder.grid(), plan, radar)
         self.timer.lap("synthesise")
         return stats
+
+    def launch_all(
+        self,
+        rays: Sequence[LaunchGrid],
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+        adder: GridAdder,
+        pulses_each: int,
+    ) -> TraceStatistics:
+        """Run one kernel for each lattice, all into the same grid."""
+        each = [self.launch(grid, position, velocity, pick, adder, pulses_each) for grid in rays]
+        total = each[0]
+        for more in each[1:]:
+            total = total.plus(replace(more, key_pulses=0))
+        return total
 
     def launch(
         self,
@@ -332,9 +345,12 @@ class TraceJob:
             azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,
         )
-        counts, state = trace(
-            self.trace_scene, grid, batch, self.plan.flags, self.kernel, radar.antenna, adder
-        )
+        flags = self.plan.flags
+        if grid.purpose == "coherent":
+            flags = replace(flags, diffuse=False)
+        elif grid.purpose == "diffuse":
+            flags = replace(flags, coherent=False)
+        counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, adder)
         dr.eval(counts.hits, counts.contributions, state, adder.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         self.timer.lap("trace")
@@ -381,23 +397,26 @@ def _check_energy(
 
 
 def _check_sampling(
-    scene: Scene, window: LaunchWindow, spacing: float, plan: EffectsPlan, notes: list[str]
+    scene: Scene, window: LaunchWindow, spacing: Mapping[Purpose, float], notes: list[str]
 ) -> None:
     """Say when rays asked for are too far apart for the resolution or for the diffuse scatterers."""
     texts = []
-    finest = min(azimuth_cell(scene), scene.radar.waveform.range_cell)
-    if plan.flags.coherent and spacing > 0.5 * finest * 1.01:
+    half_cell = 0.5 * min(azimuth_cell(scene), scene.radar.waveform.range_cell)
+    coherent = spacing.get("coherent", spacing.get("all", 0.0))
+    if coherent > 1.01 * half_cell:
         texts.append(
-            f"ray_spacing = {spacing:g} m is coarser than half a resolution cell; {0.5 * finest:.3g} m would do"
+            f"ray_spacing = {coherent:g} m is coarser than half a resolution cell; {half_cell:.3g} m would do"
         )
-    if plan.flags.diffuse:
+    diffuse = spacing.get("diffuse", 0.0)
+    wanted = diffuse_spacing(
+        replace(scene, settings=replace(scene.settings, diffuse_ray_spacing=0.0)), window
+    )
+    if diffuse > 1.5 * wanted:
         cell = scatterer_cell(scene, window.incidence)
-        wanted = FOOTPRINT_PER_CELL * cell * max(np.cos(window.incidence), 0.05)
-        if spacing > 1.5 * wanted:
-            texts.append(
-                f"ray_spacing = {spacing:g} m leaves out scatterer cells of {cell:.3g} m; "
-                f"{wanted:.3g} m would do"
-            )
+        texts.append(
+            f"diffuse_ray_spacing = {diffuse:g} m leaves out scatterer cells of {cell:.3g} m; "
+            f"{wanted:.3g} m would do"
+        )
     for text in texts:
         line = f"{scene.name}: {text}"
         notes.append(line)

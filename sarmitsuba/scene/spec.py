@@ -168,6 +168,7 @@ class TraceSettings:
         ``raster`` (one bounce)
     max_depth : most bounces; 0 = automatic
     ray_spacing : m, distance between rays in the launch plane; 0 = automatic
+    diffuse_ray_spacing : m, of the rays that find diffuse scatterers; 0 = automatic, at least ``ray_spacing``
     key_pulse_interval : pulses that share one tracing; 0 = automatic
     scatterer_cell : m, side of the cells that carry one persistent diffuse scatterer; 0 = automatic
     gridding_width : samples that one contribution is spread over
@@ -184,6 +185,7 @@ class TraceSettings:
     method: Method = "hybrid"
     max_depth: int = 0
     ray_spacing: float = 0.0
+    diffuse_ray_spacing: float = 0.0
     key_pulse_interval: int = 0
     scatterer_cell: float = 0.0
     gridding_width: int = 4

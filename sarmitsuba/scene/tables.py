@@ -329,6 +329,17 @@ INTEGRATOR = ParamTable(
         Param("max_depth", "integer or auto", 0, "most bounces", "", 0, 1000, auto=True),
         Param("ray_spacing", "float", 0.0, "between rays in the launch plane", "m", 0.0, 1e6, auto=True),
         Param(
+            "diffuse_ray_spacing",
+            "float",
+            0.0,
+            "between the rays that find diffuse scatterers; automatic: footprints as large as scatterer_cell, at "
+            "least ray_spacing",
+            "m",
+            0.0,
+            1e6,
+            auto=True,
+        ),
+        Param(
             "key_pulse_interval", "integer", 0, "pulses that share one tracing", "", 0, 10_000_000, auto=True
         ),
         Param(

@@ -1,7 +1,7 @@
 """Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ F32 = NDArray[np.float32]
 
 # irrational turn of the lattice (rad): no low-order lattice line falls along or across the window's axes
 LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
+
+
+Purpose = Literal["all", "coherent", "diffuse"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +27,7 @@ class LaunchGrid:
     turn : rad, angle of the lattice against the plane's axes
     half_x, half_y : m, half extents of the window that is to be covered at full weight
     taper : m, width of the fade-out beyond the half extents
+    purpose : returns that these rays are for; the two kinds want different densities
     """
 
     x: F32
@@ -33,6 +37,7 @@ class LaunchGrid:
     half_x: float
     half_y: float
     taper: float
+    purpose: Purpose = "all"
 
     @property
     def n_rays(self) -> int:
@@ -90,7 +95,14 @@ def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def lattice(
-    half_x: float, half_y: float, spacing: float, *, taper: float = 0.0, seed: int = 0, subset: int = 0
+    half_x: float,
+    half_y: float,
+    spacing: float,
+    *,
+    taper: float = 0.0,
+    seed: int = 0,
+    subset: int = 0,
+    purpose: Purpose = "all",
 ) -> LaunchGrid:
     """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
 
@@ -102,6 +114,7 @@ def lattice(
     half_x, half_y, spacing, taper : m
     seed : shifts the lattice at random and adds to its turn
     subset : independent lattices of one seed (halves, passes)
+    purpose : kept with the lattice
     """
     rng = np.random.default_rng([seed & 0x7FFFFFFF, subset, 0x5A12])
     shift = rng.random(2) * spacing
@@ -133,7 +146,7 @@ def lattice(
         np.concatenate(keys), kind="stable"
     )  # Morton order: neighbours share cache lines of the BVH
     return LaunchGrid(
-        np.concatenate(xs)[order], np.concatenate(ys)[order], spacing, turn, half_x, half_y, taper
+        np.concatenate(xs)[order], np.concatenate(ys)[order], spacing, turn, half_x, half_y, taper, purpose
     )
 
 

@@ -25,7 +25,7 @@ from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch
 from sarmitsuba.trace.modules import modules
-from sarmitsuba.trace.window import LaunchWindow, launch_window, ray_spacing, scatterer_cell
+from sarmitsuba.trace.window import LaunchWindow, diffuse_spacing, launch_window, ray_spacing, scatterer_cell
 
 F64 = NDArray[np.float64]
 
@@ -87,11 +87,20 @@ def sampling_of(scene: Scene, draft: EffectsPlan, window: LaunchWindow) -> Sampl
     )
     return Sampling(
         ray_spacing=spacing,
-        n_rays=int(window.area / spacing**2),
+        n_rays=_rays_a_pulse(scene, window, draft.flags, spacing),
         cell=float(scatterer_cell(scene, window.incidence)),
         box=window.box,
         key_pulses=-(-n // interval),
     )
+
+
+def _rays_a_pulse(scene: Scene, window: LaunchWindow, flags: KernelFlags, spacing: float) -> int:
+    """Rays of all lattices of one pulse."""
+    rays = window.area / spacing**2
+    if flags.diffuse and flags.coherent and scene.settings.diffuse_ray_spacing == 0:
+        rays = window.area / ray_spacing(scene, window, False, True) ** 2
+        rays += window.area / diffuse_spacing(scene, window) ** 2
+    return int(rays)
 
 
 def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.spec import Scene
-from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, frame_towards, lattice, window_of
 
 F64 = NDArray[np.float64]
 
@@ -140,20 +141,16 @@ def scatterer_cell(scene: Scene, incidence: float) -> float:
 
 
 def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: bool) -> float:
-    """Distance between rays: as asked, or what the finest need among those below gives, m.
+    """Distance between rays: as asked, or what the finest need among those present gives, m.
 
-    Diffuse cells want footprints no larger than themselves; coherent tubes want ``RAYS_PER_WAVELENGTH`` where that
-    is affordable (``FINE_RAYS``), else half a resolution cell.
+    Coherent tubes want ``RAYS_PER_WAVELENGTH`` where that is affordable (``FINE_RAYS``), else half a resolution
+    cell; diffuse cells see :func:`diffuse_spacing`.
     """
     if scene.settings.ray_spacing > 0:
         return scene.settings.ray_spacing
-    wavelength = scene.radar.waveform.wavelength
-    cosine = max(np.cos(window.incidence), 0.05)
-    needs = []
-    if diffuse:
-        needs.append(FOOTPRINT_PER_CELL * scatterer_cell(scene, window.incidence) * cosine)
+    needs = [diffuse_spacing(scene, window)] if diffuse else []
     if coherent:
-        fine = wavelength / RAYS_PER_WAVELENGTH
+        fine = scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
         if window.area / fine**2 <= FINE_RAYS:
             needs.append(fine)
         else:
@@ -162,4 +159,67 @@ def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: boo
     return float(min(needs))
 
 
-__all__ = ["LaunchWindow", "azimuth_cell", "launch_window", "ray_spacing", "scatterer_cell"]
+def diffuse_spacing(scene: Scene, window: LaunchWindow) -> float:
+    """Distance between the rays of diffuse returns: as asked, or footprints as large as the cells, m.
+
+    The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
+    on walls (over its sine).
+    """
+    if scene.settings.diffuse_ray_spacing > 0:
+        return scene.settings.diffuse_ray_spacing
+    v = scene.geometry.vertices[scene.geometry.faces]
+    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    steep = float(area[np.abs(normal[:, 2]) < 0.5 * area].sum()) > 0.01 * float(area.sum())
+    slant = np.cos(window.incidence)
+    if steep:
+        slant = min(slant, np.sin(window.incidence))
+    return float(FOOTPRINT_PER_CELL * scatterer_cell(scene, window.incidence) * max(slant, 0.2))
+
+
+def ray_lattices(
+    scene: Scene, window: LaunchWindow, flags: KernelFlags, *, subset: int = 0, n_halves: int = 1
+) -> tuple[LaunchGrid, ...]:
+    """Lattices that together sample one pulse: one for all returns, or a coarser one of its own for the diffuse.
+
+    Diffuse returns depend on their cells and hardly on the rays, so they need far fewer rays than coherent tubes.
+
+    Parameters
+    ----------
+    subset : independent sets of rays (halves, passes)
+    n_halves : the rays are shared out among that many sets of equal density
+    """
+
+    def build(spacing: float, purpose: Purpose) -> LaunchGrid:
+        return lattice(
+            window.half_x,
+            window.half_y,
+            spacing * np.sqrt(n_halves),
+            taper=window.taper,
+            seed=scene.settings.seed,
+            subset=subset,
+            purpose=purpose,
+        )
+
+    if not (flags.diffuse and flags.coherent):
+        kind: Purpose = "diffuse" if flags.diffuse else "coherent"
+        return (build(ray_spacing(scene, window, flags.diffuse, flags.coherent), kind),)
+    coherent = ray_spacing(scene, window, False, True)
+    diffuse = diffuse_spacing(scene, window)
+    if scene.settings.ray_spacing > 0 and scene.settings.diffuse_ray_spacing == 0:
+        diffuse = max(diffuse, coherent)
+    if 0.8 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
+        return (build(min(coherent, diffuse), "all"),)
+    return (build(coherent, "coherent"), build(diffuse, "diffuse"))
+
+
+__all__ = [
+    "FOOTPRINT_PER_CELL",
+    "LaunchWindow",
+    "azimuth_cell",
+    "diffuse_spacing",
+    "launch_window",
+    "ray_lattices",
+    "ray_spacing",
+    "scatterer_cell",
+]
