@@ -247,7 +247,7 @@ def _normalisation(radar: Radar, grid: ImageGrid, geometry: _Geometry, weights: 
         total = np.array([np.interp(np.arange(grid.azimuth.size), rows, line) for line in between.T]).T
     scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * weights.sum())
     # pixels that the receive window does not contain at mid-aperture hold no data
-    start = float(np.median(radar.window.start_range))
+    start = float(radar.window.start_range[radar.track.center_index])
     r = np.hypot(grid.azimuth[:, None] - 0.5 * (geometry.x[0] + geometry.x[-1]), grid.range)
     scale[(r < start) | (r > start + radar.window.extent)] = 0.0
     return np.asarray(scale / radar.amplitude_constant)

@@ -41,8 +41,9 @@ class Antenna:
         """
         if self.pattern == "isotropic":
             return 0.0 * sin_azimuth + 1.0
-        sa = np.sin(0.5 * self.azimuth_beamwidth)
-        se = np.sin(0.5 * self.elevation_beamwidth)
+        # plain floats: a NumPy scalar times a Dr.Jit array would leave the kernel
+        sa = float(np.sin(0.5 * self.azimuth_beamwidth))
+        se = float(np.sin(0.5 * self.elevation_beamwidth))
         if self.pattern == "gaussian":
             ln2 = float(np.log(2.0))
             return xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
