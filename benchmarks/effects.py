@@ -36,7 +36,7 @@ from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
 from sarmitsuba.trace.pilot import plan_scene
-from sarmitsuba.trace.window import launch_window, ray_spacing
+from sarmitsuba.trace.window import launch_window
 
 DEPTH = 8  # "everything on": where the pilot stops looking, too
 ROUNDS, QUICK_ROUNDS = 3, 1
@@ -135,7 +135,7 @@ def one_batch(job: TraceJob, grid: Any) -> float:
     job.timer = ClockTimer(time.process_time)
     radar = job.scene.radar
     data = np.zeros((len(radar.channels), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    next(job.run(grid, data, 0, {}))
+    next(job.run((grid,), data, 0, {}))
     return job.timer.seconds["trace"]
 
 
@@ -146,11 +146,6 @@ def planned_row(name: str, rounds: int, *, every_pulse: bool) -> dict[str, Any]:
     """Image error and time ratios of one scene."""
     scene = load(name)
     warm = plan_scene(scene)
-    spacing = scene.settings.ray_spacing
-    if scene.geometry.n_faces:
-        spacing = ray_spacing(scene, launch_window(scene), warm.flags.diffuse, warm.flags.coherent)
-    # the same rays for both: the difference is the plan's alone
-    scene = replace(scene, settings=replace(scene.settings, ray_spacing=spacing))
     full = everything_on(scene, warm)
     seconds: dict[str, list[float]] = {"plan": [], "all": []}
     cpu: dict[str, list[float]] = {"plan": [], "all": []}
@@ -304,7 +299,7 @@ def markdown(results: dict[str, Any]) -> str:
             "",
             "### Planned against everything on",
             "",
-            f"Everything on: every switch, {DEPTH} bounces, same rays, same key pulses. Error: energy of the "
+            f"Everything on: every switch, {DEPTH} bounces, same density of rays, same key pulses. Error: energy of the "
             "difference of the focused images over that of the image; worst pixel: over the image's root mean square.",
             "",
             "| scene | bounces | effects left out | error | worst pixel | planned | all on | ratio | all on, every "
@@ -328,8 +323,8 @@ def markdown(results: dict[str, Any]) -> str:
             "",
             "Simulating and focusing, compiled kernels; memory is the most the process held.",
             "",
-            "| scene | predicted | measured | factor | processor time, factor | predicted | measured | factor | explain "
-            "took |",
+            "| scene | predicted | measured | factor | processor time, factor | predicted | measured | factor | "
+            "explain took |",
             "|---|---|---|---|---|---|---|---|---|",
         ]
         for r in results["predictions"]:

@@ -26,8 +26,8 @@ class Sampling:
 
     Parameters
     ----------
-    ray_spacing : m
-    n_rays : of one key pulse
+    ray_spacing : m, of the rays for coherent returns, or of all where there is one lattice
+    n_rays : of one key pulse, all lattices
     cell : m, edge of the diffuse scatterers' cells
     box : (2, 3) float64, m, scene frame; the lit part of the scene
     key_pulses : pulses to trace, about

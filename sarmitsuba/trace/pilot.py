@@ -80,7 +80,8 @@ def plan_scene(
 def sampling_of(scene: Scene, draft: EffectsPlan, window: LaunchWindow) -> Sampling:
     """How the full run will sample the scene if the draft stands."""
     settings = scene.settings
-    spacing = ray_spacing(scene, window, draft.flags.diffuse, draft.flags.coherent)
+    coherent = draft.flags.coherent
+    spacing = ray_spacing(scene, window, draft.flags.diffuse and not coherent, coherent)
     n = scene.radar.track.n_pulses
     interval = {"raw": 1, "image": n, "raster": n}.get(
         settings.method, settings.key_pulse_interval or USUAL_INTERVAL
