@@ -138,7 +138,7 @@ class _Study:
         return self.deadline - time.perf_counter()
 
     def run(self, **changes: Any) -> Trial:
-        trial = run_trial(self.scene, self.base.but(**changes), self.grid, warm_up=False)
+        trial = run_trial(self.scene, self.base.but(**changes), self.grid)
         self.report("cost", self.budget - max(self.left(), 0.0), self.budget, {})
         return trial
 
@@ -230,7 +230,7 @@ def study_cost(
         }
     )
     piece, text, plain = _piece(scene, base, budget)
-    full = plain if piece is scene else run_trial(scene, base, warm_up=False)
+    full = plain if piece is scene else run_trial(scene, base)
     grid = default_grid(piece.radar, piece.image)
     study = _Study(piece, grid, base, plain, full.stages, begin + SWEEP_SHARE * budget, report, budget)
 
@@ -266,13 +266,11 @@ def study_cost(
     recommended = good[0] if good else min(candidates, key=lambda c: (c.error_db, c.seconds))
     check = {"error_db": float("nan"), "seconds": float("nan")}
     if time.perf_counter() < deadline:
-        trial = run_trial(
-            piece, Setting({**base.changes, **recommended.changes}), grid, pass_index=7, warm_up=False
-        )
+        trial = run_trial(piece, Setting({**base.changes, **recommended.changes}), grid, pass_index=7)
         check["error_db"] = trial.error_db(converged)
     if time.perf_counter() + recommended.seconds < deadline:
         whole = Setting({**base.changes, **recommended.changes})
-        check["seconds"] = run_trial(scene, whole, warm_up=False).seconds
+        check["seconds"] = run_trial(scene, whole).seconds
     return CostReport(
         rows=tuple(study.rows),
         candidates=tuple(candidates),
@@ -295,11 +293,11 @@ def _piece(scene: Scene, base: Setting, budget: float) -> tuple[Scene, str, Tria
     n = scene.radar.track.n_pulses
     steps = [(s, p) for s, p in _PIECES if p == 1.0 or n * p >= 64]
     index = next((i for i, (s, p) in enumerate(steps) if guess * s * s * p <= allowed), len(steps) - 1)
-    run_trial(crop(scene, *steps[-1]), base, warm_up=False)  # compiles
+    run_trial(crop(scene, *steps[-1]), base)  # compiles
     while True:
         share, pulses = steps[index]
         piece = scene if share >= 1.0 else crop(scene, share, pulses)
-        plain = run_trial(piece, base, warm_up=False)
+        plain = run_trial(piece, base)
         if plain.seconds <= 1.5 * allowed or index == len(steps) - 1:
             break
         fall = plain.seconds / allowed / (share**2 * pulses)

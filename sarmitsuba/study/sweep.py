@@ -18,6 +18,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.methods import simulate_image
 from sarmitsuba.scene.spec import Scene, TraceSettings
 from sarmitsuba.simulate import simulate
+from sarmitsuba.trace.modules import modules
 
 C64 = NDArray[np.complex64]
 
@@ -54,8 +55,8 @@ class Trial:
     ----------
     setting : that was run
     image : (n_azimuth, n_range) complex64, first channel, orders and halves summed
-    stages : seconds by stage, without compiling where the run was warmed up
-    compile_seconds : what the first run took beyond the next; 0 without a warm-up
+    stages : seconds by stage, without compiling
+    compile_seconds : spent on compiling kernels
     peak_bytes : growth of the resident memory at its highest; -1 where the system does not say
     facts : ``statistics`` and ``sampling`` of the simulation
     """
@@ -77,42 +78,69 @@ class Trial:
         return image_error_db(self.image, reference)
 
 
-def run_trial(
-    scene: Scene,
-    setting: Setting,
-    grid: ImageGrid | None = None,
-    *,
-    pass_index: int = 0,
-    warm_up: bool = True,
-) -> Trial:
-    """Run a setting, twice when warmed up: the first run compiles, the second is timed."""
-    first = _run(scene, setting, grid, pass_index)
-    if not warm_up:
-        return first
-    second = _run(scene, setting, grid, pass_index)
-    extra = max(0.0, first.seconds - second.seconds)
-    return replace(second, compile_seconds=extra, peak_bytes=max(first.peak_bytes, second.peak_bytes))
+def run_trial(scene: Scene, setting: Setting, grid: ImageGrid | None = None, *, pass_index: int = 0) -> Trial:
+    """Run a setting; what Dr.Jit spends on compiling is booked apart."""
+    return _run(scene, setting, grid, pass_index)
 
 
 def _run(scene: Scene, setting: Setting, grid: ImageGrid | None, pass_index: int) -> Trial:
     changed = setting.apply(scene)
     grid = grid or default_grid(scene.radar, scene.image)
+    compiled = 0.0
     with memory() as peak:
         if changed.settings.method in ("image", "raster"):
-            image = simulate_image(changed, grid=grid, pass_index=pass_index)
+            with compiling() as spent:
+                image = simulate_image(changed, grid=grid, pass_index=pass_index)
             stages = dict(image.metadata["seconds"])
+            compiled += _take(stages, spent[0], ("trace", "raster", "plan"))
         else:
-            raw = simulate(changed, pass_index=pass_index)
+            with compiling() as spent:
+                raw = simulate(changed, pass_index=pass_index)
+            stages = dict(raw.metadata["seconds"])
+            compiled += _take(stages, spent[0], ("trace", "plan", "points"))
             start = time.perf_counter()
-            image = focus(
-                raw,
-                grid,
-                method=setting.changes.get("focuser", "backprojection"),
-                interpolation=setting.changes.get("interpolation", "kernel"),
-            )
-            stages = {**raw.metadata["seconds"], "focus": time.perf_counter() - start}
+            with compiling() as spent:
+                image = focus(
+                    raw,
+                    grid,
+                    method=setting.changes.get("focuser", "backprojection"),
+                    interpolation=setting.changes.get("interpolation", "kernel"),
+                )
+            stages["focus"] = time.perf_counter() - start
+            compiled += _take(stages, spent[0], ("focus",))
     facts = {k: image.metadata.get(k, {}) for k in ("statistics", "sampling")}
-    return Trial(setting, image.total(), stages, 0.0, peak[0], facts)
+    return Trial(setting, image.total(), stages, compiled, peak[0], facts)
+
+
+@contextmanager
+def compiling() -> Iterator[list[float]]:
+    """Measure what Dr.Jit spends on compiling kernels within the block; yields ``[seconds]``."""
+    dr, _ = modules()
+    spent = [0.0]
+    flag = dr.JitFlag.KernelHistory
+    before = dr.flag(flag)
+    dr.set_flag(flag, True)
+    dr.kernel_history_clear()
+    try:
+        yield spent
+    finally:
+        history = dr.kernel_history()
+        dr.kernel_history_clear()
+        dr.set_flag(flag, before)
+        spent[0] = 1e-3 * sum(
+            float(entry.get("codegen_time", 0.0)) + float(entry.get("backend_time", 0.0)) for entry in history
+        )
+
+
+def _take(stages: dict[str, float], seconds: float, names: tuple[str, ...]) -> float:
+    """Subtract compiling from the stages that compile, the first as far as it goes, then the next."""
+    left = seconds
+    for name in names:
+        part = min(left, stages.get(name, 0.0))
+        if part > 0.0:
+            stages[name] -= part
+            left -= part
+    return seconds - left
 
 
 def mean_image(scene: Scene, setting: Setting, grid: ImageGrid, passes: int, first_pass: int = 1000) -> C64:
@@ -179,4 +207,4 @@ def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
     return replace(scene, image=image, radar=radar)
 
 
-__all__ = ["Setting", "Trial", "crop", "flush_caches", "mean_image", "memory", "run_trial"]
+__all__ = ["Setting", "Trial", "compiling", "crop", "flush_caches", "mean_image", "memory", "run_trial"]
