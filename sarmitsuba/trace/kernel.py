@@ -111,7 +111,7 @@ def trace(
     seed = dr.opaque(u32, settings.seed & 0xFFFFFFFF)
     gain = dr.opaque(f32, settings.amplitude)
     n_rays = dr.opaque(u32, grid.n_rays)
-    clearance = dr.opaque(f32, 1e-5 + 8.0 * 2.0**-24 * scene.extent)
+    clearance = dr.opaque(f32, scene.clearance)
     up = v32(*(dr.opaque(f32, x) for x in settings.up))
     po_gain = (2.0 * float(np.sqrt(np.pi))) / wavelength * gain
     range2 = dr.opaque(f32, settings.reference_range**2)
