@@ -1,0 +1,51 @@
+"""The explain command, and its prediction against a run."""
+
+import json
+import time
+
+import pytest
+
+from sarmitsuba.cli import main
+from sarmitsuba.focus import focus
+from sarmitsuba.scene.library import resolve
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.simulate import simulate
+from sarmitsuba.study.prediction import predict
+
+
+def test_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "plate", "--no-error-bars"]) == 0
+    text = capsys.readouterr().out
+    assert "one flat surface cannot reflect onto itself" in text
+    assert "predicted:" in text and "MiB" in text
+    assert "max_depth" in text and "key_pulse_interval" in text
+
+
+def test_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "dihedral", "--json", "-D", "polarisation=HH"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["plan"]["channels"] == ["HH"]
+    assert facts["prediction"]["total_seconds"] > 0.0 and facts["prediction"]["memory_bytes"] > 1e7
+    assert main(["explain", "dihedral", "--json", "--plan-only"]) == 0
+    assert "prediction" not in json.loads(capsys.readouterr().out)
+
+
+def test_unknown_scene_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "no_such_scene"]) == 2
+    assert capsys.readouterr().err.startswith("error: no_such_scene")
+
+
+def test_prediction_counts_what_the_run_does() -> None:
+    scene = load_scene(resolve("dihedral"))
+    _, prediction = predict(scene, clock=time.process_time)
+    before = time.process_time()
+    raw = simulate(scene)
+    image = focus(raw)
+    used = time.process_time() - before
+    statistics = raw.metadata["statistics"]
+    assert prediction.rays == statistics["rays"]
+    assert prediction.key_pulses == statistics["key_pulses"]
+    assert prediction.contributions == statistics["contributions"]
+    assert prediction.pixels == image.data.size
+    # tol: tenths of a second on a machine that does other things; the benchmark compares longer runs
+    assert 0.2 < prediction.total / used < 5.0

@@ -1,0 +1,229 @@
+"""The registry and each effect's rule, from static facts alone."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.effects.registry import effects
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.library import resolve
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
+
+
+@pytest.fixture(scope="module")
+def corner() -> Scene:
+    """A dihedral of perfect conductors: two bounces, isotropic beam, HH and VV."""
+    return load_scene(resolve("dihedral"))
+
+
+@pytest.fixture(scope="module")
+def ground() -> Scene:
+    """Flat rough soil."""
+    return load_scene(resolve("flat_ground"))
+
+
+def decide(scene: Scene, name: str, sampling: Sampling | None = None) -> tuple[bool, float]:
+    decision = plan_effects(scene, sampling, warn=False).decision(name)
+    assert decision is not None
+    return decision.on, decision.error_db
+
+
+def with_material(scene: Scene, **changes: object) -> Scene:
+    return replace(scene, materials=(replace(Material("m", pec=True), **changes),))  # type: ignore[arg-type]
+
+
+def switched(scene: Scene, **switches: str) -> Scene:
+    return replace(scene, settings=replace(scene.settings, effects=switches))  # type: ignore[arg-type]
+
+
+def test_every_switch_of_the_scene_file_has_an_effect() -> None:
+    names = [e.name for e in effects()]
+    assert len(set(names)) == len(names)
+    assert set(EFFECT_NAMES) <= set(names)
+    assert all(e.title and 0.0 <= e.cost < 1.0 for e in effects())
+
+
+def test_effects_set_only_fields_of_the_kernel(corner: Scene) -> None:
+    facts = Facts(corner)
+    plan = plan_effects(corner)
+    decided = {d.name: d for d in plan.decisions}
+    known = {f.name for f in fields(KernelFlags)}
+    for effect in effects():
+        for on in (False, True):
+            assert set(effect.flags(on, facts, decided)) <= known
+
+
+def test_perfect_conductors_need_no_fresnel(corner: Scene) -> None:
+    assert decide(corner, "fresnel") == (False, -np.inf)
+    on, error = decide(with_material(corner, pec=False, permittivity=5.0 - 0.5j), "fresnel")
+    assert on and error > 0.0
+    # copper is a perfect conductor to the tolerance: |1 + R| is about 2 sqrt(2 w eps0 / sigma) / cos, -53 dB at 60 deg
+    on, error = decide(with_material(corner, pec=False, permittivity=1.0 - 1e10j), "fresnel")
+    assert not on and -90.0 < error < -40.0
+
+
+def test_roughness_below_the_tolerance_is_left_out(corner: Scene) -> None:
+    k = 2 * np.pi / corner.radar.waveform.wavelength
+    for ks, expected in ((0.0, False), (0.05, False), (0.1, True), (1.0, True)):
+        on, error = decide(with_material(corner, rms_height=ks / k), "roughness")
+        assert on == expected
+        if ks:
+            assert error == pytest.approx(20 * np.log10(1 - np.exp(-2 * ks**2)))
+
+
+def test_rough_ground_returns_nothing_coherent(ground: Scene) -> None:
+    sampling = Sampling(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
+    assert decide(ground, "coherent", sampling)[0] is False
+    smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
+    assert decide(smooth, "coherent", sampling)[0] is True
+    assert plan_effects(ground, sampling).flags.tube_phase is False
+
+
+def test_beam_counts_where_it_varies(corner: Scene) -> None:
+    assert decide(corner, "antenna_pattern") == (False, -np.inf)
+    for width, expected in ((0.5, False), (1e-3, True)):  # the dihedral is 1.4 m at 10 km: 1.4e-4 rad
+        scene = replace(corner, radar=replace(corner.radar, antenna=Antenna("gaussian", 1.0, width, width)))
+        assert decide(scene, "antenna_pattern")[0] is expected
+        seen = plan_effects(scene).apply(scene)
+        assert (seen.radar.antenna.pattern == "isotropic") is not expected
+        assert seen.radar.antenna.gain == scene.radar.antenna.gain
+
+
+def test_spreading_counts_near_the_antenna(corner: Scene, ground: Scene) -> None:
+    assert decide(corner, "spreading")[0] is False
+    near = np.array([[-200.0, -200.0, 0.0], [200.0, 200.0, 0.0]])
+    assert decide(ground, "spreading", Sampling(0.2, 1, 0.4, near, 1))[0] is True
+
+
+def test_fine_tubes_need_no_phase_integral(corner: Scene) -> None:
+    wavelength = corner.radar.waveform.wavelength
+    for part, expected in ((4.5, True), (8.0, True), (60.0, False)):
+        sampling = Sampling(wavelength / part, 1, 1.0, corner.geometry.bounds, 1)
+        assert decide(corner, "tube_phase", sampling)[0] is expected
+
+
+def test_channels_follow_the_switch(corner: Scene) -> None:
+    cross = replace(corner, radar=replace(corner.radar, channels=("HH", "HV")))
+    assert plan_effects(cross).flags.channels == ("HH", "HV")
+    with pytest.warns(SarmitsubaWarning, match="cross_polarisation is off as asked"):
+        plan = plan_effects(switched(cross, cross_polarisation="off"))
+    assert plan.flags.channels == plan.apply(cross).radar.channels == ("HH",)
+    only = replace(corner, radar=replace(corner.radar, channels=("HV",)))
+    with pytest.raises(RadarError, match="leaves none of the channels HV"):
+        plan_effects(switched(only, cross_polarisation="off"))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "channels", "expected"),
+    [
+        (-np.inf, ("HH", "HV"), False),
+        (-12.0, ("HH", "HV"), True),
+        (-12.0, ("HH",), True),
+        (-50.0, ("HH",), False),
+        (-50.0, ("HH", "HV"), True),
+    ],
+)
+def test_depolarisation_needs_a_channel_that_shows_it(
+    corner: Scene, ratio: float, channels: tuple[str, ...], expected: bool
+) -> None:
+    scene = with_material(corner, diffuse_law="lambert", diffuse_level_db=-10.0, cross_polar_ratio_db=ratio)
+    scene = replace(scene, radar=replace(scene.radar, channels=channels))
+    assert decide(scene, "depolarisation")[0] is expected
+
+
+def test_only_laws_that_tell_h_from_v_are_polarised(corner: Scene) -> None:
+    lambert = with_material(corner, diffuse_law="lambert", diffuse_level_db=-10.0)
+    assert plan_effects(lambert).flags.polarised_diffuse is False
+    bragg = with_material(
+        corner,
+        pec=False,
+        permittivity=20 - 5j,
+        diffuse_law="small_perturbation",
+        rms_height=1e-3,
+        correlation_length=0.02,
+    )
+    assert plan_effects(bragg).flags.polarised_diffuse is True
+
+
+def test_a_bent_track_is_flown_unless_switched_off(corner: Scene) -> None:
+    assert decide(corner, "trajectory")[0] is False
+    track = corner.radar.track
+    bent = track.position + np.array([0.0, 0.0, 0.05]) * np.sin(np.linspace(0, 6, track.n_pulses))[:, None]
+    scene = replace(corner, radar=replace(corner.radar, track=Track(track.time, bent, track.velocity)))
+    assert decide(scene, "trajectory")[0] is True
+    with pytest.warns(SarmitsubaWarning, match="trajectory is off as asked"):
+        plan = plan_effects(switched(scene, trajectory="off"))
+    assert plan.apply(scene).radar.track.is_straight and not scene.radar.track.is_straight
+
+
+def test_noise_follows_the_temperature(corner: Scene) -> None:
+    assert decide(corner, "noise")[0] is False
+    warm = replace(corner, radar=replace(corner.radar, noise_temperature=290.0))
+    assert decide(warm, "noise")[0] is True
+    plan = plan_effects(switched(warm, noise="off"), warn=False)
+    assert plan.apply(warm).radar.noise_temperature == 0.0
+
+
+def pilot(
+    energy: list[float], peak: list[float], clutter: float = 1.0, deviation: float = 0.0
+) -> PilotResult:
+    mean = np.zeros((4, len(energy)))
+    mean[3], mean[0] = energy, energy
+    mean[1, 0] = clutter
+    peaks = np.zeros((4, len(energy)))
+    peaks[3] = peaks[0] = peak
+    return PilotResult((0,), 1, 100, 0, 0, mean, deviation * mean, np.ones(len(energy)), peaks, 1.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("energy", "peak", "clutter", "deviation", "depth"),
+    [
+        ([1, 1e-6, 0, 0], [2, 1e-4, 0, 0], 1.0, 0.0, 1),  # weak in both respects
+        ([1, 1e-2, 1e-6, 0], [2, 1e-3, 1e-4, 0], 1.0, 0.0, 2),  # energy keeps the second bounce
+        ([1, 1e-6, 1e-6, 0], [2, 1e-4, 50, 0], 1.0, 0.0, 3),  # one bright cell keeps the third
+        ([1, 9e-5, 0, 0], [2, 1e-3, 0, 0], 1.0, 0.5, 2),  # below the tolerance, but not surely
+        ([1, 1e-6, 0, 0], [2, 1e-3, 0, 0], 0.0, 0.0, 2),  # without clutter the peak is what counts
+        ([1, 1, 1, 1], [2, 2, 2, 2], 1.0, 0.0, 4),  # never enough
+    ],
+)
+def test_depth_from_a_pilot(
+    corner: Scene, energy: list[float], peak: list[float], clutter: float, deviation: float, depth: int
+) -> None:
+    plan = plan_effects(corner, pilot=pilot(energy, peak, clutter, deviation), warn=False)
+    assert plan.max_depth == depth
+    assert plan.flags.multi_bounce == (depth > 1)
+    decision = plan.decision("max_depth")
+    assert decision is not None and decision.source == "pilot"
+
+
+def test_an_explicit_depth_is_obeyed(corner: Scene, ground: Scene) -> None:
+    two = replace(corner, settings=replace(corner.settings, max_depth=2))
+    assert plan_effects(two).max_depth == 2
+    # five bounces on flat ground: the first is the last
+    five = replace(ground, settings=replace(ground.settings, max_depth=5))
+    assert plan_effects(five).max_depth == 1
+
+
+def test_summary_and_json(corner: Scene) -> None:
+    plan = plan_effects(corner).with_key_pulses(32, -40.0, asked=False)
+    assert plan.summary().startswith("max_depth 8, key_pulse_interval 32; on: coherent")
+    facts = json.loads(json.dumps(plan.as_dict()))
+    assert facts["effects"]["fresnel"] == {
+        "on": False,
+        "why": "all conductors are perfect",
+        "value": None,
+        "error_db": None,
+        "cost": facts["effects"]["fresnel"]["cost"],
+        "source": "fact",
+    }
+    # a plan without decisions, as others make it, changes nothing
+    bare = EffectsPlan(KernelFlags(), 3)
+    assert bare.apply(corner) is corner and not bare.on("noise") and "max_depth 3" in bare.summary()
