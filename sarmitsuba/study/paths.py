@@ -96,6 +96,28 @@ def square_grid(
     )
 
 
+def aimed_at(points: F64, position: F64) -> tuple[LaunchFrame, LaunchGrid]:
+    """Launch plane and rays that pass exactly through given points, as exactly as float32 can.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, m, scene frame
+    position : (3,) float64, m, antenna
+    """
+    center = points.mean(axis=0)
+    sight = center - position
+    sight /= np.linalg.norm(sight)
+    axis_y = np.cross(sight, np.roll(np.eye(3)[int(np.argmin(np.abs(sight)))], 1))
+    axis_y /= np.linalg.norm(axis_y)
+    axis_x = np.cross(axis_y, sight)
+    ray = points - position
+    on_plane = ray * (((center - position) @ sight) / (ray @ sight))[:, None] + position - center
+    x, y = (on_plane @ axis_x).astype(np.float32), (on_plane @ axis_y).astype(np.float32)
+    reach = float(max(np.abs(x).max(), np.abs(y).max()))
+    grid = LaunchGrid(x, y, 0.01 * max(reach, 1e-6), 0.0, reach, reach, 0.0)
+    return LaunchFrame(center[None], axis_x[None], axis_y[None]), grid
+
+
 def record_paths(
     geometry: Geometry,
     materials: tuple[Material, ...],
@@ -164,4 +186,4 @@ def coherent_flags(
     return KernelFlags(channels=channels, **(switches | changes))
 
 
-__all__ = ["Paths", "RecordAdder", "coherent_flags", "record_paths", "square_grid"]
+__all__ = ["Paths", "RecordAdder", "aimed_at", "coherent_flags", "record_paths", "square_grid"]

@@ -27,7 +27,7 @@ class TraceScene:
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
-    extent : largest coordinate modulus, m (bounds float32 rounding of positions)
+    bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
     mi_scene: Any
@@ -35,8 +35,13 @@ class TraceScene:
     face_info: Any
     material_table: Any
     diffuse_table: Any
-    extent: float
+    bounds: NDArray[np.float64]
     n_faces: int
+
+    @property
+    def extent(self) -> float:
+        """Largest coordinate modulus, m; bounds the float32 rounding of positions."""
+        return float(np.abs(self.bounds).max())
 
     @property
     def clearance(self) -> float:
@@ -112,7 +117,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         face_info=mi.UInt32(info.astype(np.uint32).reshape(-1)),
         material_table=mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1)),
         diffuse_table=mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1)),
-        extent=float(np.abs(corners).max()),
+        bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
     )
 

@@ -133,9 +133,7 @@ def trace(
     distance = dr.norm(leg)
     d64 = leg / distance
     d = v32(d64)
-    # re-based origin: outside the scene's bounds, but never behind the antenna
-    back = dr.minimum(distance, dr.opaque(f64, 4.0 * scene.extent) + dr.norm(start))
-    origin = v32(start - d64 * back)
+    origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, scene, mi, dr)))
 
     turn = dr.opaque(f64, grid.turn)
     ct, st = dr.cos(turn) * grid.spacing, dr.sin(turn) * grid.spacing
@@ -353,6 +351,19 @@ def trace(
 def _mixed(terms: list[Any], random: list[Any]) -> Any:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
+
+
+def _before_bounds(start: Any, d: Any, scene: TraceScene, mi: Any, dr: Any) -> Any:
+    """How far back from ``start`` along the ray the scene's bounds begin, m: float32 is most exact next to them."""
+    v64 = mi.Vector3d
+    low, high = (v64(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
+    inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
+    a, b = (low - start) * inverse, (high - start) * inverse
+    near, far = dr.minimum(a, b), dr.maximum(a, b)
+    entry = dr.maximum(dr.maximum(near.x, near.y), near.z)
+    leaving = dr.minimum(dr.minimum(far.x, far.y), far.z)
+    extent = dr.opaque(mi.Float64, scene.extent)
+    return dr.select(entry < leaving, 0.01 * extent - entry, 4.0 * extent + dr.norm(start))
 
 
 def _on_ray(landed: Any, n: Any, image: Any, d: Any, limit: Any, mi: Any, dr: Any) -> Any:
