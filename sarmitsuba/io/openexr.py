@@ -8,30 +8,31 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 
 
-def channel_name(layer: Layer) -> str:
-    """EXR layer of one plane: ``VV``, ``VV.order2``, ``VV.order2.half1``."""
-    name = layer.channel
-    if layer.order:
-        name += f".order{layer.order}"
-    if layer.half:
-        name += f".half{layer.half}"
-    return name
+def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
+    """Planes by EXR layer: ``VV``, and ``VV.order1`` ... where bounce orders are kept apart; halves are added."""
+    planes = {channel: image.total(channel) for channel in image.channels}
+    for channel in image.channels:
+        orders = {layer.order for layer in image.layers if layer.channel == channel and layer.order > 0}
+        for order in sorted(orders):
+            picks = [i for i, e in enumerate(image.layers) if (e.channel, e.order) == (channel, order)]
+            planes[f"{channel}.order{order}"] = image.data[picks].sum(axis=0, dtype=np.complex64)
+    return planes
 
 
 def write(path: Path | str, image: SarImage) -> None:
-    """Write every layer as two channels ``<name>.re`` and ``<name>.im``, m (square root of RCS)."""
+    """Write every plane as two channels ``<name>.re`` and ``<name>.im``, m (square root of RCS)."""
     channels = {}
-    for layer, plane in zip(image.layers, image.data, strict=True):
-        channels[f"{channel_name(layer)}.re"] = np.ascontiguousarray(plane.real, dtype=np.float32)
-        channels[f"{channel_name(layer)}.im"] = np.ascontiguousarray(plane.imag, dtype=np.float32)
+    for name, plane in named_planes(image).items():
+        channels[f"{name}.re"] = np.ascontiguousarray(plane.real, dtype=np.float32)
+        channels[f"{name}.im"] = np.ascontiguousarray(plane.imag, dtype=np.float32)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -60,4 +61,4 @@ def _facts(image: SarImage) -> object:
     )
 
 
-__all__ = ["channel_name", "write"]
+__all__ = ["named_planes", "write"]

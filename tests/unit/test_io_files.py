@@ -24,7 +24,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
-LAYERS = (Layer("VV", 1, 1), Layer("VV", 2, 0), Layer("HV"))
+LAYERS = (Layer("VV", 1, 1), Layer("VV", 1, 2), Layer("VV", 2), Layer("HV"))
 METADATA = {"seed": 7, "scene": "σ.xml", "times": [0.1, 1e-300], "nested": {"a": None, "b": True}}
 
 
@@ -45,7 +45,7 @@ def make_raw(n_pulses: int = 5, n_fast: int = 11) -> RawData:
         noise_temperature=290.0,
         losses=1.5,
     )
-    shape = (3, n_pulses, n_fast)
+    shape = (4, n_pulses, n_fast)
     data = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
     return RawData(data, LAYERS, "compressed", radar, METADATA)
 
@@ -61,7 +61,7 @@ def make_image(n_azimuth: int = 6, n_range: int = 9) -> SarImage:
         np.array([1.0, 0.0, 0.0]),
         0.5,
     )
-    data = rng.normal(size=(3, n_azimuth, n_range)) + 1j * rng.normal(size=(3, n_azimuth, n_range))
+    data = rng.normal(size=(4, n_azimuth, n_range)) + 1j * rng.normal(size=(4, n_azimuth, n_range))
     incidence = np.linspace(0.5, 0.6, n_range)
     return SarImage(data.astype(np.complex64), LAYERS, grid, 0.031, 0.4, 0.5, incidence, METADATA)
 
@@ -127,10 +127,12 @@ def test_exr_has_named_channels(tmp_path: Path) -> None:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
         facts = json.loads(file.header()["sarmitsuba"])
     assert set(channels) == {
-        "VV.order1.half1.re", "VV.order1.half1.im", "VV.order2.re", "VV.order2.im", "HV.re", "HV.im",
+        "VV.re", "VV.im", "VV.order1.re", "VV.order1.im", "VV.order2.re", "VV.order2.im", "HV.re", "HV.im",
     }  # fmt: skip
-    assert np.array_equal(channels["VV.order2.re"], image.data[1].real)
-    assert np.array_equal(channels["HV.im"], image.data[2].imag)
+    assert np.array_equal(channels["VV.order1.re"], (image.data[0] + image.data[1]).real)
+    assert np.array_equal(channels["VV.order2.re"], image.data[2].real)
+    assert np.array_equal(channels["VV.im"], image.data[:3].sum(axis=0).imag)
+    assert np.array_equal(channels["HV.im"], image.data[3].imag)
     assert facts["range_spacing_m"] == pytest.approx(0.7)  # tol: float rounding of a difference
 
 
