@@ -244,7 +244,7 @@ def plain_value(value: Any) -> Any:
 
 def _parser_message(text: str, path: Path) -> str:
     """One line out of Mitsuba's message: file, place, what."""
-    last = _SOURCE.sub("", text.strip().splitlines()[-1] if text.strip() else "unreadable")
+    last = _SOURCE.sub("", text.strip().split("\n")[-1] if text.strip() else "unreadable")
     position = _POSITION.search(last)
     place = f" ({position.group(1)})" if position else ""
     what = _POSITION.sub("", last)

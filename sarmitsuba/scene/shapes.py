@@ -39,6 +39,7 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "merge": (),
 }
 _MAX_NESTING = 16
+_MAX_ENTRY = 1e15  # of a transform; beyond, products of its entries overflow
 # what a reader that meets arbitrary bytes raises
 _READER_ERRORS = (
     ValueError,
@@ -206,7 +207,12 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
             )
     if depth > _MAX_NESTING:
         raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
-    matrix = outer @ _matrix(element)
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = outer @ _matrix(element)
+    if not np.abs(matrix).max() <= _MAX_ENTRY:
+        raise SceneError(
+            f"{element.where}: to_world moves or scales by more than {_MAX_ENTRY:g}; check its numbers"
+        )
     if plugin in ("instance", "merge"):
         inner = list(element.of_kind("shape"))
         if plugin == "instance":
