@@ -239,7 +239,8 @@ def study_cost(
     study.paired("phase_precision", ["single"], "double")
     interval = int(plain.facts["sampling"].get("key_pulse_interval", 1))
     n = piece.radar.track.n_pulses
-    wanted = sorted({k for k in (16, 32, 64, 128, 256, interval) if 8 < k <= n})
+    others = [k for k in (256, 128, 64, 32, 16) if k <= n and k != interval]
+    wanted = [interval, *others] if interval > 8 else others
     intervals = study.paired("key_pulse_interval", wanted, 8) if interval > 1 and n >= 16 else [interval]
     _focusers(study)
 

@@ -1,0 +1,254 @@
+"""Speed claims on Munich: hybrid against raw, its error, the kernel against bare ray queries, where the time goes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import harness
+
+SPACING = 0.25  # m between rays: 4 a metre
+DEPTH = 3
+EVERY = 16  # raw is traced on every 16th pulse; more would only repeat the same comparison
+CONVERGED_EVERY = 64  # the converged reference has four times the rays
+
+
+def thinned(scene: Any, every: int) -> Any:
+    """The scene with every so-manieth pulse of its track."""
+    from sarmitsuba.radar.antenna import Pointing
+
+    radar, pick = scene.radar, slice(every // 2, None, every)
+    track = replace(
+        radar.track,
+        time=radar.track.time[pick],
+        position=radar.track.position[pick],
+        velocity=radar.track.velocity[pick],
+    )
+    p = radar.pointing
+    pointing = Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick])
+    window = replace(radar.window, start_range=radar.window.start_range[pick])
+    return replace(scene, radar=replace(radar, track=track, pointing=pointing, window=window))
+
+
+def rough(scene: Any) -> Any:
+    """The scene with Lambert's law on every material: the dearest kernel."""
+    materials = tuple(replace(m, diffuse_law="lambert", diffuse_level_db=-10.0) for m in scene.materials)
+    return replace(scene, materials=materials)
+
+
+def run(quick: bool) -> harness.Report:
+    from sarmitsuba.image.metrics import image_error_db
+    from sarmitsuba.scene.loader import load_scene
+    from sarmitsuba.study.sweep import crop
+
+    report = harness.Report(
+        "speed",
+        "Speed",
+        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays a metre, 512 pulses, {DEPTH} bounces, one "
+        "polarisation. `as shipped`: its smooth materials; `rough`: Lambert's law of -10 dB on all. Raw is traced on every "
+        f"{EVERY}th pulse with the same rays as hybrid; its time is scaled by that number. Warm runs, medians.",
+    )
+    munich = None if quick else harness.load_munich()
+    scene = munich if munich is not None else crop(load_scene("buildings16"), 0.5, 0.25)
+    if munich is None:
+        report.notes.append(
+            "Munich is not here (quick, or sionna-rt is not installed): a part of buildings16 instead."
+        )
+    scene = harness.with_settings(scene, max_depth=DEPTH, ray_spacing=SPACING, method="hybrid")
+    cases = {"as shipped": scene}
+    if munich is not None:
+        cases["rough"] = rough(scene)
+    rounds = harness.ROUNDS_QUICK if quick else harness.ROUNDS
+    rows, shares = [], []
+    for name, case in cases.items():
+        best, few, hybrid, direct, timing = _raw_data(case, rounds)
+        pick = slice(EVERY // 2, None, EVERY)
+        error = image_error_db(hybrid.data[:, pick], direct.data)
+        stats, seconds = hybrid.metadata["statistics"], hybrid.metadata["seconds"]
+        raw_seconds = timing["raw"].median * case.radar.track.n_pulses / few.radar.track.n_pulses
+        paths = stats["rays"] / seconds["trace"]
+        added = stats["path_pulses"] / (seconds["trace"] + seconds["synthesise"])
+        rows.append(
+            [
+                name,
+                timing["hybrid"].median,
+                raw_seconds,
+                raw_seconds / timing["hybrid"].median,
+                error,
+                paths / 1e6,
+                added / 1e6,
+            ]
+        )
+        total = sum(seconds.values())
+        shares.append([name, *[f"{100 * seconds.get(s, 0.0) / total:.0f}" for s in STAGES]])
+        if name == "as shipped":
+            report.claim("raw data of 512 pulses", timing["hybrid"].median, 8.0, at_least=False, unit="s")
+            report.claim(
+                "hybrid against raw", raw_seconds / timing["hybrid"].median, 20.0, at_least=True, unit="x"
+            )
+            report.claim(
+                "error against per-pulse tracing, same rays", error, -30.0, at_least=False, unit="dB"
+            )
+            report.claim(
+                "path-pulses added a second over paths traced a second", added / paths, 10.0, at_least=True
+            )
+            report.data["timing"] = {k: vars(v) for k, v in timing.items()}
+            if not quick:
+                both = _against_converged(best)
+                report.table(
+                    f"Error against converged raw, every {CONVERGED_EVERY}th pulse, four times the rays",
+                    ["method", "error dB"],
+                    [[m, f"{e:.2f}"] for m, e in both.items()],
+                )
+                difference = abs(both["hybrid"] - both["raw"])
+                report.claim(
+                    "difference of the errors of hybrid and raw", difference, 1.0, at_least=False, unit="dB"
+                )
+    report.table(
+        "Raw data",
+        ["materials", "hybrid s", "raw s (scaled)", "ratio", "error dB", "M paths/s", "M path-pulses/s"],
+        [
+            [r[0], f"{r[1]:.2f}", f"{r[2]:.0f}", f"{r[3]:.1f}", f"{r[4]:.1f}", f"{r[5]:.1f}", f"{r[6]:.0f}"]
+            for r in rows
+        ],
+    )
+    report.table("Where the time goes, %", ["materials", *STAGES], shares)
+    report.data["rows"], report.data["shares"] = rows, shares
+    _kernel(report, cases, rounds)
+    return report
+
+
+STAGES = ("build", "plan", "launch grid", "trace", "synthesise")
+
+
+def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, harness.Timing]]:
+    from sarmitsuba.simulate import simulate
+    from sarmitsuba.trace.pilot import plan_scene
+
+    plan = plan_scene(scene)
+    # hybrid and raw must use the same scatterers and launch window, which follow from the whole aperture
+    few = harness.with_settings(thinned(scene, EVERY), method="raw", scatterer_cell=_cell(scene))
+    scene = harness.with_settings(scene, scatterer_cell=_cell(scene))
+    kept: dict[str, Any] = {}
+
+    def job(name: str, case: Any, **options: Any) -> None:
+        kept[name] = simulate(case, **options)
+
+    timing = harness.interleave(
+        {"hybrid": lambda: job("hybrid", scene), "raw": lambda: job("raw", few, plan=plan)}, rounds
+    )
+    return scene, few, kept["hybrid"], kept["raw"], timing
+
+
+def _cell(scene: Any) -> float:
+    from sarmitsuba.trace.window import launch_window, scatterer_cell
+
+    return float(scatterer_cell(scene, launch_window(scene).incidence))
+
+
+def _against_converged(scene: Any) -> dict[str, float]:
+    from sarmitsuba.image.metrics import image_error_db
+    from sarmitsuba.simulate import simulate
+
+    few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")
+    converged = simulate(harness.with_settings(few, ray_spacing=0.5 * SPACING), pass_index=5).data
+    pick = slice(CONVERGED_EVERY // 2, None, CONVERGED_EVERY)
+    return {
+        "hybrid": image_error_db(simulate(scene).data[:, pick], converged),
+        "raw": image_error_db(simulate(few).data, converged),
+    }
+
+
+class _Sink:
+    """Uses every output of the kernel, in registers only; or none of them."""
+
+    def __init__(self, wavelength: float, used: bool) -> None:
+        self.wavelength, self.used = wavelength, used
+
+    def begin(self) -> tuple[Any, ...]:
+        from sarmitsuba.trace.modules import modules
+
+        return (modules()[1].Complex2f(0.0),)
+
+    def add(
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        from sarmitsuba.trace.adders import carrier
+        from sarmitsuba.trace.modules import modules
+
+        dr, mi = modules()
+        if not self.used:
+            return state
+        value = mi.Complex2f(mi.Float(half_length) * 1e-30, mi.Float(rate) * 1e-30)
+        phasor = carrier(half_length, self.wavelength, mi, dr)
+        for a in amplitudes:
+            value = value + a * phasor
+        return (state[0] + dr.select(active, value, mi.Complex2f(0.0)),)
+
+
+def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
+    """Ratio of path rates: bare queries, the whole field, the whole field with the block adder."""
+    from sarmitsuba.echo.block import plan_block
+    from sarmitsuba.simulate import Timer, TraceJob
+    from sarmitsuba.trace.adders import BlockAdder
+    from sarmitsuba.trace.geometry import build_trace_scene
+    from sarmitsuba.trace.kernel import trace
+    from sarmitsuba.trace.launch import PulseBatch, lattice
+    from sarmitsuba.trace.modules import modules
+    from sarmitsuba.trace.pilot import plan_scene
+    from sarmitsuba.trace.window import launch_window
+
+    dr, _ = modules()
+    rows = []
+    for name, scene in cases.items():
+        radar = scene.radar
+        plan, window = plan_scene(scene), launch_window(scene)
+        flags = replace(plan.flags, antenna_pattern=False)
+        geometry = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
+        job = TraceJob(scene, replace(plan, flags=flags), window, geometry, Timer())
+        grid = lattice(window.half_x, window.half_y, SPACING, taper=window.taper, seed=0)
+        key = radar.track.center_index
+        batch = PulseBatch(
+            radar.track.position[key : key + 1], radar.track.velocity[key : key + 1], window.frame
+        )
+        n = radar.track.n_pulses
+        start = max(0, n // 2 - 64)
+        block = plan_block(radar, start, min(n, start + 128), window.center, job.phase_box(), 4)
+
+        def run(adder: Any) -> None:
+            counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, adder)
+            dr.eval(counts.hits, counts.contributions, state, getattr(adder, "memory", None))
+            dr.sync_thread()
+
+        wavelength = radar.waveform.wavelength
+        channels = len(flags.channels)
+        timing = harness.interleave(
+            {
+                "queries": lambda: run(_Sink(wavelength, False)),
+                "field": lambda: run(_Sink(wavelength, True)),
+                "field and adder": lambda: run(BlockAdder(block, 1, channels, 0, wavelength)),
+            },
+            2 * rounds,
+        )
+        rate = {k: grid.n_rays / t.low / 1e6 for k, t in timing.items()}
+        rows.append(
+            [name, *rate.values(), rate["field"] / rate["queries"], rate["field and adder"] / rate["queries"]]
+        )
+        report.data[f"kernel {name}"] = {k: vars(t) for k, t in timing.items()}
+    report.table(
+        "Path rate of one launch, M paths/s (fastest of the rounds); queries: the same rays intersected only, with the "
+        "same bounces and shadow rays",
+        ["materials", "queries", "whole field", "with block adder", "field / queries", "adder / queries"],
+        [[r[0], *[f"{v:.2f}" for v in r[1:]]] for r in rows],
+    )
+    report.claim("whole field over bare queries, path rate", rows[0][4], 0.7, at_least=True)
+
+
+if __name__ == "__main__":
+    harness.main(run)
