@@ -39,7 +39,7 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "merge": (),
 }
 _MAX_NESTING = 16
-_MAX_ENTRY = 1e15  # of a transform; beyond, products of its entries overflow
+_MAX_POINT = 1e15  # beyond, distances between points overflow
 # what a reader that meets arbitrary bytes raises
 _READER_ERRORS = (
     ValueError,
@@ -130,6 +130,8 @@ class MeshReader:
 
     def _local_sagitta(self, linear: F64) -> float:
         """Bound in the coordinates of a shape that ``linear`` maps to the world."""
+        if not np.isfinite(linear).all():
+            return self.sagitta  # refused when the mesh is checked
         scale = float(np.linalg.norm(linear, 2))
         return self.sagitta / scale if scale > 0.0 else self.sagitta
 
@@ -143,7 +145,9 @@ class MeshReader:
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
         x /= np.linalg.norm(x)
         frame = np.stack([x, np.cross(z, x), z])
-        sagitta = max(self._local_sagitta(linear @ frame[:2].T), 1e-9 * radius)
+        with np.errstate(over="ignore", invalid="ignore"):
+            across = linear @ frame[:2].T
+        sagitta = max(self._local_sagitta(across), 1e-9 * radius)
         vertices, faces = tessellate.cylinder(radius, 0.0, length, sagitta)
         return p0 + vertices @ frame, faces
 
@@ -209,10 +213,8 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
         raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = outer @ _matrix(element)
-    if not np.abs(matrix).max() <= _MAX_ENTRY:
-        raise SceneError(
-            f"{element.where}: to_world moves or scales by more than {_MAX_ENTRY:g}; check its numbers"
-        )
+    if not np.isfinite(matrix).all():
+        raise SceneError(f"{element.where}: nested to_world overflow; check their numbers")
     if plugin in ("instance", "merge"):
         inner = list(element.of_kind("shape"))
         if plugin == "instance":
@@ -248,7 +250,7 @@ def _matrix(element: Element) -> F64:
 
 def _vector(element: Element, name: str, default: F64) -> F64:
     value = element.values.get(name, default)
-    if not isinstance(value, np.ndarray) or value.shape != (3,) or not np.isfinite(value).all():
+    if not isinstance(value, np.ndarray) or value.shape != (3,) or not (np.abs(value) <= _MAX_POINT).all():
         raise SceneError(
             f'{element.where}: {name} = {one_line(value)} is not a finite point; give <point name="{name}">'
         )
