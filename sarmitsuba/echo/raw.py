@@ -1,6 +1,6 @@
 """Raw data: what the receiver recorded, with everything needed to focus it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -25,6 +25,36 @@ class Layer:
     channel: str
     order: int = 0
     half: int = 0
+
+
+def channels_of(layers: Sequence[Layer]) -> tuple[str, ...]:
+    """Channels in order of first appearance."""
+    return tuple(dict.fromkeys(layer.channel for layer in layers))
+
+
+def sum_of_channel(
+    data: NDArray[np.complex64], layers: Sequence[Layer], channel: str | None, what: str
+) -> NDArray[np.complex64]:
+    """Sum of all layers of a channel (default: the first).
+
+    Parameters
+    ----------
+    data : (n_layers, ...) complex64
+    layers : n_layers labels
+    channel : name, or None for the first
+    what : the data's name in errors
+
+    Raises
+    ------
+    DataError
+        No such channel.
+    """
+    channels = channels_of(layers)
+    name = channel or channels[0]
+    picks = [i for i, layer in enumerate(layers) if layer.channel == name]
+    if not picks:
+        raise DataError(f"{what}: no channel {name!r}; there are {', '.join(channels)}")
+    return np.asarray(data[picks].sum(axis=0, dtype=np.complex64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +96,11 @@ class RawData:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
-        return tuple(dict.fromkeys(layer.channel for layer in self.layers))
+        return channels_of(self.layers)
 
     def total(self, channel: str | None = None) -> NDArray[np.complex64]:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""
-        name = channel or self.channels[0]
-        picks = [i for i, layer in enumerate(self.layers) if layer.channel == name]
-        if not picks:
-            raise DataError(f"raw data: no channel {name!r}; there are {', '.join(self.channels)}")
-        return np.asarray(self.data[picks].sum(axis=0, dtype=np.complex64))
+        return sum_of_channel(self.data, self.layers, channel, "raw data")
 
 
-__all__ = ["Layer", "RawData"]
+__all__ = ["Layer", "RawData", "channels_of", "sum_of_channel"]

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 
 
@@ -115,15 +115,11 @@ class SarImage:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
-        return tuple(dict.fromkeys(layer.channel for layer in self.layers))
+        return channels_of(self.layers)
 
     def total(self, channel: str | None = None) -> NDArray[np.complex64]:
         """Sum of all layers of a channel (default: the first), (n_azimuth, n_range) complex64."""
-        name = channel or self.channels[0]
-        picks = [i for i, layer in enumerate(self.layers) if layer.channel == name]
-        if not picks:
-            raise DataError(f"image: no channel {name!r}; there are {', '.join(self.channels)}")
-        return np.asarray(self.data[picks].sum(axis=0, dtype=np.complex64))
+        return sum_of_channel(self.data, self.layers, channel, "image")
 
     def rcs(self, channel: str | None = None) -> NDArray[np.float64]:
         """|pixel|^2 in m^2."""
