@@ -218,8 +218,7 @@ def trace(
         s = v32(s64)
         cos_s = dr.dot(s, n)
         first = hits == 0
-        # back along the ray as well as off the facet: in a corner that is in front of the other facets too
-        leave = v32(landed) + (n - d) * clearance
+        leave = _leave(v32(landed), n, d, clearance)
         sees = active & (cos_s > 1e-7)
         if flags.visibility and flags.multi_bounce:
             shadow_ray = mi.Ray3f(leave, s)
@@ -364,6 +363,11 @@ def _before_bounds(start: Any, d: Any, scene: TraceScene, mi: Any, dr: Any) -> A
     leaving = dr.minimum(dr.minimum(far.x, far.y), far.z)
     extent = dr.opaque(mi.Float64, scene.extent)
     return dr.select(entry < leaving, 0.01 * extent - entry, 4.0 * extent + dr.norm(start))
+
+
+def _leave(p: Any, n: Any, d: Any, clearance: Any) -> Any:
+    """Where rays go on from a hit: off the facet, and back along ``d`` to be in front of a corner's other facets."""
+    return p + (n - d) * clearance
 
 
 def _on_ray(landed: Any, n: Any, image: Any, d: Any, limit: Any, mi: Any, dr: Any) -> Any:
