@@ -19,6 +19,8 @@ AZIMUTH_CELL, BANDWIDTH = 1.5, 400e6
 RANGE_CELL = 299792458.0 / (2.0 * BANDWIDTH)
 # the wave front's sagitta over the scene, x^2 / 2R, is then below 5 mm
 SLANT_RANGE = 50e3
+# half a range cell: a scatterer that is lit in part still returns from its own centre
+SCATTERER_CELL = 0.2
 HALF_CELL = 0.5 * RANGE_CELL
 WHERE = "half a range cell: edges of speckle averaged over the object's length"
 
@@ -131,12 +133,12 @@ def setups(quick: bool) -> dict[str, tuple[F64, dict[str, Any]]]:
             "right": (np.array([35.0]), {}),
             "left, squint 10 deg": (np.array([45.0]), {"look_side": "left", "squint_angle_deg": 10.0}),
         }
-    angles = np.array([20.0, 30.0, 40.0, 50.0, 60.0])
+    angles = np.array([20.0, 35.0, 50.0, 60.0])
     return {
         "right": (angles, {}),
         "left": (np.array([25.0, 45.0]), {"look_side": "left"}),
-        "right, squint 12 deg": (np.array([35.0, 50.0]), {"squint_angle_deg": 12.0}),
-        "left, squint -12 deg": (np.array([35.0, 50.0]), {"look_side": "left", "squint_angle_deg": -12.0}),
+        "right, squint 12 deg": (np.array([40.0]), {"squint_angle_deg": 12.0}),
+        "left, squint -12 deg": (np.array([30.0, 50.0]), {"look_side": "left", "squint_angle_deg": -12.0}),
     }
 
 
@@ -149,8 +151,8 @@ def incidence(scene: Scene) -> float:
 def building(quick: bool = False) -> Case:
     """Layover of a wall, roof, shadow, dihedral line and wall-ground-wall return of a building."""
     comparisons = []
-    settings = TraceSettings(max_depth=1)
-    bounces = TraceSettings(max_depth=3, keep_orders=True)
+    settings = TraceSettings(max_depth=1, scatterer_cell=SCATTERER_CELL)
+    bounces = TraceSettings(max_depth=3, keep_orders=True, scatterer_cell=SCATTERER_CELL)
     half = LENGTH / 2
     for label, (angles, sensor) in setups(quick).items():
         names = (
@@ -217,7 +219,7 @@ def building(quick: bool = False) -> Case:
 def slope(quick: bool = False) -> Case:
     """Foreshortening: slant-range length of a slope facing the radar, from flat to laid over."""
     comparisons = []
-    settings = TraceSettings(max_depth=1)
+    settings = TraceSettings(max_depth=1, scatterer_cell=SCATTERER_CELL)
     size = 16.0
     slopes = np.array([0.0, 15.0] if quick else [-15.0, 0.0, 15.0, 30.0])
     for theta in (35.0,) if quick else (25.0, 40.0, 55.0):

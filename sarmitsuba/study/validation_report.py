@@ -51,9 +51,9 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
         f"Comparisons of all topics out of tolerance: {total.n_failed}.",
         "",
         "*Deviation* is simulated minus closed form at every compared point: `median / worst` of its modulus. "
-        "Patterns are compared where the closed form lies within a stated distance of its peak (the notes below each "
-        "case say how far): in nulls a ratio in dB means nothing. The values quoted are those at the peak of the closed form "
-        "or at the place that the note names.",
+        "Patterns are compared where the closed form lies within a stated distance of its peak, which the note below "
+        "each case gives: in nulls a ratio in dB means nothing. The values quoted are those at the peak of the "
+        "closed form or at the place that the note names.",
         "",
     ]
     if facts:

@@ -19,7 +19,7 @@ LAM = targets.wavelength("X")
 SOIL = 15.0 - 3.0j
 WALL = 5.24 - 0.507j
 # ground lit through the wall, m: whole cells deep and long, since a cell lit in part returns less than its share
-DEEP, LONG = 6.0, 16.0
+DEEP, LONG = 12.0, 24.0
 
 
 def coherent_loss(quick: bool = False) -> Case:
@@ -134,13 +134,13 @@ def shared_energy(quick: bool = False) -> Case:
 def canonical_building(quick: bool = False) -> Case:
     """Wall with rough ground: single, double and triple diffuse returns, HH and VV."""
     degrees = np.array([35.0] if quick else [25.0, 35.0, 50.0])
-    looks, seeds = 128, 8 if quick else 24
+    looks, seeds = (40, 4) if quick else (64, 20)
     constant = Material("ground", permittivity=SOIL, diffuse_law="constant", diffuse_level_db=-10.0)
     # rms slope 0.2: a lobe of 11 degrees about the specular direction
     facets = Material("ground", pec=True, rms_height=0.1, correlation_length=0.7071, diffuse_law="kirchhoff")
     sigma = float(10.0 / np.log(10.0) * np.sqrt(1.0 / (looks * seeds) + 1.0 / (DEEP * LONG * seeds)))
     comparisons = []
-    for ground in (constant, facets):
+    for ground in (constant,) if quick else (constant, facets):
         power = np.array([_wall_on_ground(ground, float(np.radians(t)), looks, seeds) for t in degrees])
         for j, channel in enumerate(("HH", "VV")):
             closed = np.array([_building_closed(ground, float(np.radians(t)), channel) for t in degrees])
@@ -154,8 +154,8 @@ def canonical_building(quick: bool = False) -> Case:
                         degrees,
                         db(want),
                         db(got),
-                        tolerance=4.0 * sigma + 0.1,
-                        reason=f"4 standard errors ({sigma:.2f} dB each) and 0.1 dB of the ray count's correction",
+                        tolerance=4.0 * sigma + 0.2,
+                        reason=f"4 standard errors ({sigma:.2f} dB each) and 0.2 dB of cells lit in part",
                         shown=int(np.argmin(np.abs(degrees - 35.0))),
                     )
                 )
@@ -169,16 +169,16 @@ def canonical_building(quick: bool = False) -> Case:
         y_label="mean RCS (dBsm)",
         comparisons=tuple(comparisons),
         note=f"Concrete wall {LONG:g} m long, its image {DEEP:g} m deep on the ground; diffuse returns alone. "
-        "Ground of constant sigma0 = -10 dB, and of tilted metal facets (Kirchhoff, rms slope 0.2), whose double bounce is "
-        "its forward lobe. For dielectric facets the simulator takes the reflectivity of normal incidence.",
+        "Ground of constant sigma0 = -10 dB, and of tilted metal facets (Kirchhoff, rms slope 0.2), whose double "
+        "bounce is its forward lobe. For dielectric facets the simulator takes the reflectivity of normal incidence.",
     )
 
 
 def _wall_on_ground(ground: Material, theta: float, looks: int, seeds: int) -> F64:
     """(3, 2) mean power of bounce orders 1 to 3 in HH and VV, m^2."""
     flags = diffuse_flags(("HH", "VV"), fresnel=True, multi_bounce=True, visibility=True, diffuse_double=True)
-    # azimuths far enough apart for speckle of 16 m to change, near enough for the wall's projection to stay
-    azimuth = np.linspace(-0.06, 0.06, looks)
+    # azimuths far enough apart for speckle of 24 m to change, near enough for the wall's projection to stay
+    azimuth = np.linspace(-0.02, 0.02, looks)
     power = np.zeros((3, 2))
     for seed in range(seeds):
         result = monostatic_rcs(

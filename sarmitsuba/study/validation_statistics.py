@@ -1,9 +1,12 @@
 """Speckle of a focused image: distributions, correlation, looks."""
 
+from functools import cache
+
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focus import focus
 from sarmitsuba.focus.windows import parse_window
 from sarmitsuba.image.sar_image import SarImage
@@ -21,22 +24,30 @@ CONFIDENCE, CRITICAL = 0.999, 1.9495
 # cells an axis: 0.88^2 of their square are kept, 1.1e5 in the full run
 CELLS_QUICK, CELLS = 360.0, 400.0
 SEED = 5
+# unweighted resolution cell on both axes, m
+CELL = 1.0
 
 
-def ground_image(quick: bool, window: str = "rectangular", seed: int = SEED) -> SarImage:
+@cache
+def ground_image(quick: bool, window: str = "rectangular") -> SarImage:
     """Flat ground in a slant-range image of two pixels a resolution cell on both axes."""
-    cell = 1.0
+    raw = _ground_echoes(quick)
+    return focus(raw, request=raw.metadata["image"], range_window=window, azimuth_window=window)
+
+
+@cache
+def _ground_echoes(quick: bool) -> RawData:
+    """Echoes of the ground, traced once for all cases."""
     scene = ground_scene(
         40.0,
-        cell,
+        CELL,
         20e3,
         LEVEL_DB,
         n_cells=CELLS_QUICK if quick else CELLS,
-        pixel_spacing_azimuth=0.5 * cell,
-        pixel_spacing_range=0.5 * cell,
+        pixel_spacing_azimuth=0.5 * CELL,
+        pixel_spacing_range=0.5 * CELL,
     )
-    raw = simulate(scene, seed=seed)
-    return focus(raw, request=scene.image, range_window=window, azimuth_window=window)
+    return simulate(scene, seed=SEED)
 
 
 def amplitude(image: SarImage) -> C128:
@@ -133,8 +144,8 @@ def correlation(quick: bool = False) -> Case:
         image = ground_image(quick, window)
         z = amplitude(image)
         cells = {
-            "azimuth": (0, image.grid.azimuth_spacing, _unweighted(image)[0]),
-            "range": (1, image.grid.range_spacing, _unweighted(image)[1]),
+            "azimuth": (0, image.grid.azimuth_spacing, CELL),
+            "range": (1, image.grid.range_spacing, CELL),
         }
         for name, (axis, spacing, cell) in cells.items():
             lags = np.arange(9)
@@ -168,11 +179,6 @@ def correlation(quick: bool = False) -> Case:
         comparisons=tuple(comparisons),
         note="Pixels half a cell apart.",
     )
-
-
-def _unweighted(image: SarImage) -> tuple[float, float]:
-    """Resolution cells without window, m: as the scene was built (1 m on both axes)."""
-    return 1.0, 1.0
 
 
 def _window_correlation(window: str, lag: F64) -> F64:

@@ -1,0 +1,21 @@
+"""Geometry and radiometry of focused images: quick runs of the validation page's cases."""
+
+import pytest
+
+from sarmitsuba.study import validation_geometry, validation_radiometry
+from sarmitsuba.study.validation import CaseEntry
+
+FAST = ("slope", "received_power", "traced_rcs", "point_rcs")
+CASES = validation_geometry.CASES + validation_radiometry.CASES
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # rays chosen by the case
+@pytest.mark.parametrize(
+    "entry",
+    [pytest.param(e, marks=() if e.name in FAST else pytest.mark.slow) for e in CASES],
+    ids=lambda e: e.name,
+)
+def test_case(entry: CaseEntry) -> None:
+    """Every comparison within its own tolerance, whose reason the case states."""
+    case = entry.build(True)
+    assert case.passed, case.failures()
