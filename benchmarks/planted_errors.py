@@ -1,0 +1,246 @@
+"""Plant one error at a time into the running simulator and show which validation case catches it.
+
+Nothing is changed on disk: functions of the kernel, the adders and the focuser are replaced in this process only.
+Every case is run unharmed first. Exit status 1 when a case fails unharmed or an error gets through all of its cases.
+"""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.study import (
+    validation_canonical,
+    validation_corners,
+    validation_diffuse,
+    validation_materials,
+    validation_radiometry,
+    validation_rough,
+)
+from sarmitsuba.study.validation import Case
+from sarmitsuba.trace.backend import ensure_backend
+
+CASES: dict[str, Callable[[bool], Case]] = {
+    "plate": validation_canonical.plate,
+    "sphere": validation_canonical.sphere,
+    "dihedral": validation_corners.dihedral,
+    "rolled_dihedral": validation_corners.rolled_dihedral,
+    "corner_peaks": validation_corners.corner_peaks,
+    "wall_ground": validation_materials.wall_ground,
+    "fresnel_kernel": validation_materials.fresnel_kernel,
+    "coherent_loss": validation_rough.coherent_loss,
+    "canonical_building": validation_rough.canonical_building,
+    "diffuse_level": validation_diffuse.diffuse_level,
+    "traced_rcs": validation_radiometry.traced_rcs,
+    "received_power": validation_radiometry.received_power,
+}
+
+
+@contextmanager
+def _replaced(owner: Any, name: str, make: Callable[[Any], Any]) -> Iterator[None]:
+    """Replace ``owner.name`` by ``make(original)``."""
+    with patch.object(owner, name, make(getattr(owner, name))):
+        yield
+
+
+def dropped_factor_two() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import field
+
+    # half of the 2 n x H of physical optics
+    return _replaced(
+        field, "po_current_pec", lambda f: lambda *a, **k: tuple(part * 0.5 for part in f(*a, **k))
+    )
+
+
+def flipped_phase_sign() -> AbstractContextManager[None]:
+    import drjit as dr
+
+    from sarmitsuba.trace import adders
+
+    return _replaced(adders, "carrier", lambda f: lambda *a: dr.conj(f(*a)))
+
+
+def one_way_phase() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import adders
+
+    # exp(-j 2 pi R / lambda): the way back is forgotten
+    return _replaced(adders, "carrier", lambda f: lambda x, w, mi, dr: f(x, 2.0 * w, mi, dr))
+
+
+def float32_phase() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import adders
+
+    # lengths to the antenna, not differences, in single precision
+    def make(f: Any) -> Any:
+        return lambda self, state, order, pulse, half, *rest: f(
+            self, state, order, pulse, _single(half), *rest
+        )
+
+    return _all(
+        _replaced(adders.SumAdder, "add", make),
+        _replaced(adders.DirectAdder, "add", make),
+        _replaced(adders.BlockAdder, "add", make),
+    )
+
+
+def _single(x: Any) -> Any:
+    import mitsuba as mi
+
+    return mi.Float64(mi.Float(x))
+
+
+def wrong_reciprocity() -> AbstractContextManager[None]:
+    from sarmitsuba.trace.diffuse_operator import DiffuseOperator
+
+    # of every two calls the second asks for the reversed path: it returns nothing
+    def make(f: Any) -> Any:
+        def between(self: Any, q: Any, e: Any) -> Any:
+            values = f(self, q, e)
+            if not (self.flags.diffuse_double and self.flags.multi_bounce) or getattr(self, "retro", False):
+                return values
+            self.calls = getattr(self, "calls", 0) + 1
+            return values if self.calls % 2 else [v * 0.0 for v in values]
+
+        return between
+
+    def retro(f: Any) -> Any:
+        def between_fields(self: Any, q: Any, e: Any) -> Any:
+            self.retro = True
+            try:
+                return f(self, q, e)
+            finally:
+                self.retro = False
+
+        return between_fields
+
+    return _all(
+        _replaced(DiffuseOperator, "between", make), _replaced(DiffuseOperator, "between_fields", retro)
+    )
+
+
+def missing_cosine() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import field
+
+    # dS = dOmega L^2 instead of dOmega L^2 / cos: as if the current were cos times too weak
+    def make(f: Any) -> Any:
+        def current(e: Any, d: Any, n: Any, dr: Any) -> Any:
+            c = -dr.dot(d, n)
+            return tuple(part * c for part in f(e, d, n, dr))
+
+        return current
+
+    return _replaced(field, "po_current_pec", make)
+
+
+def no_tube_phase() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import tube
+
+    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, dr: 1.0)
+
+
+def swapped_fresnel() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import field
+
+    return _replaced(field, "fresnel", lambda f: lambda *a: tuple(reversed(f(*a))))
+
+
+def wrong_reflection_sign() -> AbstractContextManager[None]:
+    from sarmitsuba.trace import field
+
+    # E -> E - 2 (E . n) n, as sound or a mirror's TM wave: the dihedral loses its HH - VV phase
+    def make(f: Any) -> Any:
+        return lambda e, n, dr: (e[0] - n * (2.0 * dr.dot(e[0], n)), e[1] - n * (2.0 * dr.dot(e[1], n)))
+
+    return _replaced(field, "reflect_field_pec", make)
+
+
+def lambert_without_cosine() -> AbstractContextManager[None]:
+    from sarmitsuba.scene import diffuse
+
+    return _replaced(diffuse, "lambert_sigma0", lambda f: lambda theta, albedo: 4.0 * albedo * np.cos(theta))
+
+
+def forgotten_loss() -> AbstractContextManager[None]:
+    from sarmitsuba.radar.radar import Radar
+
+    def make(f: Any) -> Any:
+        return property(lambda self: f.fget(self) * np.sqrt(self.losses))
+
+    return _replaced(Radar, "amplitude_constant", make)
+
+
+@contextmanager
+def _all(*contexts: AbstractContextManager[None]) -> Iterator[None]:
+    from contextlib import ExitStack
+
+    with ExitStack() as stack:
+        for context in contexts:
+            stack.enter_context(context)
+        yield
+
+
+# error -> how to plant it, cases that look at that physics
+PLANTED: dict[str, tuple[Callable[[], AbstractContextManager[None]], tuple[str, ...]]] = {
+    "dropped factor 2 (PO current)": (dropped_factor_two, ("plate", "corner_peaks")),
+    "flipped phase sign": (flipped_phase_sign, ("plate", "dihedral")),
+    "one-way phase": (one_way_phase, ("plate",)),
+    "float32 path lengths": (float32_phase, ("plate", "traced_rcs")),
+    "wrong reciprocity (reversed path left out)": (wrong_reciprocity, ("canonical_building",)),
+    "missing 1 / cos (tube footprint)": (missing_cosine, ("plate", "dihedral")),
+    "missing cos (Lambert's law)": (lambert_without_cosine, ("diffuse_level",)),
+    "no phase integral over the tube": (no_tube_phase, ("plate", "sphere")),
+    "TE and TM swapped": (swapped_fresnel, ("fresnel_kernel", "wall_ground")),
+    "sign of the reflected field": (wrong_reflection_sign, ("dihedral", "rolled_dihedral")),
+    "losses left out of the radar equation": (forgotten_loss, ("received_power",)),
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--only", nargs="+", metavar="WORD", help="errors whose name holds one of these words"
+    )
+    args = parser.parse_args()
+    warnings.simplefilter("ignore", SarmitsubaWarning)
+    ensure_backend()
+    planted = {
+        name: entry
+        for name, entry in PLANTED.items()
+        if not args.only or any(word in name for word in args.only)
+    }
+    bad = 0
+    for case in sorted({c for _, cases in planted.values() for c in cases}):
+        result = CASES[case](True)
+        if not result.passed:
+            bad += 1
+            print(f"unharmed: {result.failures()}")
+    print(
+        "unharmed: every case within its tolerance" if not bad else f"unharmed: {bad} cases out of tolerance"
+    )
+    print("\n| planted error | caught by (worst deviation, tolerance) | not seen by |\n|---|---|---|")
+    for name, (plant, cases) in planted.items():
+        caught, missed = [], []
+        for case in cases:
+            with plant():
+                result = CASES[case](True)
+            failed = [c for c in result.comparisons if not c.passed]
+            if failed:
+                worst = max(failed, key=lambda c: c.worst / c.tolerance)
+                caught.append(
+                    f"{case} [{worst.label}] ({worst.worst:.3g}, {worst.tolerance:.2g} {worst.unit})"
+                )
+            else:
+                missed.append(case)
+        bad += not caught
+        print(f"| {name} | {'; '.join(caught) or '**nothing**'} | {', '.join(missed) or '-'} |", flush=True)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
