@@ -22,6 +22,8 @@ F64 = NDArray[np.float64]
 
 # Permittivity that stands for a perfect conductor where a formula needs a number: |R| = 1 to 1e-6
 _CONDUCTOR = 1.0 - 1.0e12j
+# Rms slopes between which geometrical optics is evaluated: a mirror below, nothing comes back above
+_SLOPES = (1e-6, 1e6)
 # Largest k s of the integral-equation series; its length grows with (k s)^2 and its meaning ends near 3
 _LARGEST_IEM_ROUGHNESS = 100.0
 
@@ -156,8 +158,9 @@ def geometrical_optics_sigma0(theta: F64, normal_reflectivity: float, slope: flo
     Sensing, volume II (1982), chapter 12.
     """
     c = np.maximum(np.cos(theta), 1e-12)
-    exponent = -((np.sin(theta) / c) ** 2) / (2.0 * slope**2) - 4.0 * np.log(c)
-    return np.asarray(normal_reflectivity * np.exp(exponent) / (2.0 * slope**2))
+    m2 = float(np.clip(slope, *_SLOPES)) ** 2
+    exponent = -((np.sin(theta) / c) ** 2) / (2.0 * m2) - 4.0 * np.log(c)
+    return np.asarray(normal_reflectivity * np.exp(exponent) / (2.0 * m2))
 
 
 def small_perturbation_sigma0(
@@ -295,7 +298,7 @@ def _small_perturbation(material: Material, wavelength: float, theta: F64) -> _L
 def _iem(material: Material, wavelength: float, theta: F64) -> _Law:
     length = _correlation_length(material)
     k, s = 2.0 * np.pi / wavelength, material.rms_height
-    if s == 0.0:
+    if k * s < 1e-12:  # returns less than -240 dB
         return none(theta)
     if k * s > _LARGEST_IEM_ROUGHNESS:
         raise SceneError(

@@ -12,6 +12,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.scene import tables
 from sarmitsuba.scene.assemble import Surface, assemble, trace_settings, warn_once
+from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.library import resolve, resolve_radar
 from sarmitsuba.scene.materials import (
     ADAPTER_BSDFS,
@@ -114,9 +115,19 @@ class MaterialBook:
                 file = where.partition(":")[0]
                 bsdf = Element("bsdf", "diffuse", "", f"{file}: default bsdf", Path(), {})
             material = self._material(bsdf, bsdf.id or f"{bsdf.plugin}_{len(self.materials) + 1}", 0)
+            self._check_law(material, where.partition(":")[0])
             self._index[key] = len(self.materials)
             self.materials.append(material)
         return self._index[key]
+
+    def _check_law(self, material: Material, file: str) -> None:
+        """Say when a diffuse law is used outside its domain of validity."""
+        try:
+            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency)
+        except SceneError as error:
+            raise SceneError(f"{file}: {error}") from None
+        for note in table.notes:
+            warn_once(self.notes, f"{file}: {note}")
 
     def _material(self, bsdf: Element, name: str, depth: int) -> Material:
         plugin, where = bsdf.plugin, bsdf.where
