@@ -188,7 +188,7 @@ def _all(*contexts: AbstractContextManager[None]) -> Iterator[None]:
 # error -> how to plant it, cases that look at that physics
 PLANTED: dict[str, tuple[Callable[[], AbstractContextManager[None]], tuple[str, ...]]] = {
     "dropped factor 2 (PO current)": (dropped_factor_two, ("plate", "corner_peaks")),
-    "flipped phase sign": (flipped_phase_sign, ("plate", "dihedral")),
+    "flipped phase sign": (flipped_phase_sign, ("plate", "dihedral", "traced_rcs")),
     "one-way phase": (one_way_phase, ("plate",)),
     "float32 path lengths": (float32_phase, ("plate", "traced_rcs")),
     "wrong reciprocity (reversed path left out)": (wrong_reciprocity, ("canonical_building",)),

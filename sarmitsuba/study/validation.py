@@ -156,6 +156,7 @@ def all_cases() -> tuple[CaseEntry, ...]:
         validation_corners,
         validation_diffuse,
         validation_geometry,
+        validation_ground,
         validation_materials,
         validation_radiometry,
         validation_rough,
@@ -170,6 +171,7 @@ def all_cases() -> tuple[CaseEntry, ...]:
         validation_rough,
         validation_geometry,
         validation_radiometry,
+        validation_ground,
         validation_statistics,
     )
     return tuple(entry for module in modules for entry in module.CASES)

@@ -13,7 +13,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.simulate import simulate
 from sarmitsuba.study import theory
 from sarmitsuba.study.validation import Case, CaseEntry, Comparison
-from sarmitsuba.study.validation_radiometry import ground_scene
+from sarmitsuba.study.validation_ground import ground_scene
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

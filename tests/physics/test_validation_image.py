@@ -2,11 +2,11 @@
 
 import pytest
 
-from sarmitsuba.study import validation_geometry, validation_radiometry
+from sarmitsuba.study import validation_geometry, validation_ground, validation_radiometry
 from sarmitsuba.study.validation import CaseEntry
 
 FAST = ("slope", "received_power", "traced_rcs", "point_rcs")
-CASES = validation_geometry.CASES + validation_radiometry.CASES
+CASES = validation_geometry.CASES + validation_radiometry.CASES + validation_ground.CASES
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # rays chosen by the case
