@@ -212,10 +212,13 @@ class Preview:
                 scene, job.window, self.plan.flags, subset=subset, n_halves=n_halves
             )
             self.timer.lap("launch grid")
-        grid = adder.look
-        return job.launch_all(
-            self._rays[subset], grid.position[None], grid.velocity[None], slice(0, 1), adder, 1
-        )
+        look = adder.look
+        total = TraceStatistics()
+        for rays in self._rays[subset]:
+            total = total.plus(
+                job.launch(rays, look.position[None], look.velocity[None], slice(0, 1), adder, 1)
+            )
+        return total
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""

@@ -187,14 +187,16 @@ def ray_lattices(
     Parameters
     ----------
     subset : independent sets of rays (halves, passes)
-    n_halves : the rays are shared out among that many sets of equal density
+    n_halves : the coherent rays are shared out among that many sets of equal density; every set has all its diffuse
+        rays, because footprints wider than a cell would leave cells out
     """
+    sparser = float(np.sqrt(n_halves))
 
     def build(spacing: float, purpose: Purpose) -> LaunchGrid:
         return lattice(
             window.half_x,
             window.half_y,
-            spacing * np.sqrt(n_halves),
+            spacing,
             taper=window.taper,
             seed=scene.settings.seed,
             subset=subset,
@@ -203,11 +205,12 @@ def ray_lattices(
 
     if not (flags.diffuse and flags.coherent):
         kind: Purpose = "diffuse" if flags.diffuse else "coherent"
-        return (build(ray_spacing(scene, window, flags.diffuse, flags.coherent), kind),)
-    coherent = ray_spacing(scene, window, False, True)
+        spacing = ray_spacing(scene, window, flags.diffuse, flags.coherent)
+        return (build(spacing if flags.diffuse else sparser * spacing, kind),)
+    coherent = sparser * ray_spacing(scene, window, False, True)
     diffuse = diffuse_spacing(scene, window)
     if scene.settings.ray_spacing > 0 and scene.settings.diffuse_ray_spacing == 0:
-        diffuse = max(diffuse, coherent)
+        diffuse = max(diffuse, coherent / sparser)
     if 0.8 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
         return (build(min(coherent, diffuse), "all"),)
     return (build(coherent, "coherent"), build(diffuse, "diffuse"))
