@@ -252,7 +252,12 @@ def test_munich_loads_unchanged() -> None:
     path = Path(next(iter(spec.submodule_search_locations))) / "rt" / "scenes" / "munich" / "munich.xml"
     if not path.is_file():
         pytest.skip("this sionna-rt carries no Munich scene")
-    scene = load_scene(path, radar="airborne_x")
+    with pytest.warns(SarmitsubaWarning, match="gets an rms height of 1 mm") as said:
+        scene = load_scene(path, radar="airborne_x")
+    assert len(said) == 1
+    smooth = load_scene(path, radar="airborne_x", parameters={"sar_path.default_rms_height": "0"})
+    assert {m.rms_height for m in scene.materials} == {1e-3}
+    assert {m.rms_height for m in smooth.materials} == {0.0}
     assert scene.geometry.n_faces > 30_000
     assert {m.name for m in scene.materials} >= {"marble", "metal", "brick", "wood", "concrete"}
     assert len(scene.geometry.mesh_names) > 2000

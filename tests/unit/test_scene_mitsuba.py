@@ -24,7 +24,8 @@ MIXED = """<scene version="3.0.0">
 <shape type="cylinder"><point name="p0" x="-4" y="0" z="0"/><point name="p1" x="-3" y="1" z="2"/>
 <float name="radius" value="0.3"/><ref id="steel"/></shape>
 <shape type="disk"><transform name="to_world"><translate y="-6"/></transform>
-<bsdf type="itu-radio-material" id="stone"><string name="type" value="marble"/></bsdf></shape>
+<bsdf type="itu-radio-material" id="stone"><string name="type" value="marble"/>
+<float name="scattering_coefficient" value="0.2"/></bsdf></shape>
 <shape type="rectangle"><bsdf type="radio-material" id="soil"><float name="relative_permittivity" value="4"/>
 <float name="scattering_coefficient" value="0.3"/></bsdf></shape>
 <shape type="cube"><transform name="to_world"><translate x="9"/></transform><ref id="steel"/></shape>
