@@ -17,7 +17,12 @@ def target(vertices: list[list[float]], faces: list[list[int]]) -> Geometry:
     n = len(faces)
     zero = np.zeros(n, dtype=np.int32)
     return Geometry(
-        np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32), zero, zero, ("t",), np.array([0, n])
+        np.array(vertices, dtype=np.float64),
+        np.array(faces, dtype=np.int32),
+        zero,
+        zero,
+        ("t",),
+        np.array([0, n]),
     )
 
 
