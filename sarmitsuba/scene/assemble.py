@@ -118,7 +118,8 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
     vertices, faces, material, group, counts, notes = [], [], [], [], [], []
     n_vertices = n_groups = 0
     for surface in surfaces:
-        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices)
+        # NaN and infinity are counted by the mesh check
+        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices[np.isfinite(surface.vertices)])
         try:
             v, f, repaired = clean_mesh(surface.name, surface.vertices, surface.faces)
         except SceneError as error:
@@ -149,7 +150,6 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
 
 
 def _check_size(what: str, coordinates: F64) -> None:
-    # comparisons with NaN are false: those are left to the mesh check
     if (np.abs(coordinates) > MAX_COORDINATE).any():
         largest = float(np.nanmax(np.abs(coordinates)))
         raise SceneError(

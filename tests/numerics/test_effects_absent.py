@@ -51,7 +51,8 @@ def tiny() -> Scene:
         antenna=Antenna("gaussian", 1.0, 1e-3, 1e-3),
         noise_temperature=290.0,
     )
-    settings = replace(scene.settings, ray_spacing=0.03, scatterer_cell=0.3)
+    # one lattice for all returns, so that one kernel holds all effects
+    settings = replace(scene.settings, ray_spacing=0.03, diffuse_ray_spacing=0.03, scatterer_cell=0.3)
     return replace(scene, radar=radar, materials=(ROUGH,), settings=settings)
 
 

@@ -97,7 +97,7 @@ def test_map_coordinates_change_nothing(row, tmp_path: Path, way: str) -> None:
 
 def echo(center: np.ndarray, ground: tuple[np.ndarray, np.ndarray]) -> complex:
     """Coherent sum of the paths of a 2 m corner at ``center`` on a given ground, lit in a 5 m window."""
-    wall = parallelogram(center + [0.0, -1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0])
+    wall = parallelogram(center - np.array([0.0, 1.0, 0.0]), [0.0, 2.0, 0.0], [0.0, 0.0, 2.0])
     scene = geometry([ground, wall])
     look = np.array([1.0, 0.0, 1.2]) / np.linalg.norm([1.0, 0.0, 1.2])
     antenna = center + 1e5 * look

@@ -1,4 +1,4 @@
-"""Fresnel reflection where formulas lose digits: grazing, normal, Brewster and critical angles, extreme permittivity."""
+"""Fresnel reflection where formulas lose digits: grazing, normal, Brewster and critical angles, extreme materials."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -31,7 +31,14 @@ def tilted_sheet(size: float, n: int = 20) -> Geometry:
     i, j = (k.ravel() for k in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
     a = i * (n + 1) + j
     return geometry(
-        [(v, np.concatenate([np.column_stack([a, a + n + 1, a + n + 2]), np.column_stack([a, a + n + 2, a + 1])]))]
+        [
+            (
+                v,
+                np.concatenate(
+                    [np.column_stack([a, a + n + 1, a + n + 2]), np.column_stack([a, a + n + 2, a + 1])]
+                ),
+            )
+        ]
     )
 
 
@@ -79,7 +86,9 @@ def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
             for points in points_on_seams(sheet):
                 antenna = 1e4 * size * look
                 frame, grid = aimed_at(points, antenna)
-                hits = record_paths(sheet, PEC, antenna, frame, grid, FREQUENCY, max_depth=3, scene=built).hits
+                hits = record_paths(
+                    sheet, PEC, antenna, frame, grid, FREQUENCY, max_depth=3, scene=built
+                ).hits
                 lost += int((hits == 0).sum())
                 twice += int((hits > 1).sum())
                 naive += lost_by_default_embree(sheet, points, look)
@@ -92,7 +101,13 @@ def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
         naive=100.0 * naive / aimed,
         remedy="robust intersection, a second try beside a ray that finds nothing",
     )
-    row("the same: counted twice", 100.0 * twice / aimed, 0.0, "%", remedy="rays start off the facet they leave")
+    row(
+        "the same: counted twice",
+        100.0 * twice / aimed,
+        0.0,
+        "%",
+        remedy="rays start off the facet they leave",
+    )
 
 
 def test_rays_into_a_corner_line_bounce_twice(row, monkeypatch) -> None:
@@ -118,9 +133,7 @@ def test_rays_into_a_corner_line_bounce_twice(row, monkeypatch) -> None:
             for look in map(unit, ([1, 0, 1], [1, 0.3, 0.7], [2, 0.1, 1], [0.3, -0.2, 1])):
                 antenna = o + 1e4 * size * look
                 frame, grid = aimed_at(points, antenna)
-                paths = record_paths(
-                    target, PEC, antenna, frame, grid, FREQUENCY, max_depth=4, scene=built
-                )
+                paths = record_paths(target, PEC, antenna, frame, grid, FREQUENCY, max_depth=4, scene=built)
                 # every ray has its first and its second return, and no other
                 wrong += int((paths.seen != np.array([1, 1, 0, 0], dtype=bool)[:, None]).any(axis=0).sum())
                 total += points.shape[0]
