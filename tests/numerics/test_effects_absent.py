@@ -84,16 +84,15 @@ def kernel_size(dr: Any, scene: Scene, flags: KernelFlags) -> int:
 
 
 def test_every_effect_switched_off_shrinks_the_kernel(tiny: Scene, history: Any) -> None:
-    full = KernelFlags(channels=tiny.radar.channels, polarised_diffuse=False, taper=False)
-    size = kernel_size(history, tiny, full)
+    one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))  # smaller kernels compile sooner
+    full = KernelFlags(channels=("HH",), polarised_diffuse=False, taper=False)
+    size = kernel_size(history, one, full)
     table = {"everything": size}
     for name in SWITCHES:
-        table[name] = kernel_size(history, tiny, replace(full, **{name: False}))
+        table[name] = kernel_size(history, one, replace(full, **{name: False}))
     print("\n".join(f"{name:16s} {lines:6d} {lines - size:6d}" for name, lines in table.items()))
     assert all(lines < size for name, lines in table.items() if name != "everything"), table
-    # one channel less, too
-    one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))
-    assert kernel_size(history, one, replace(full, channels=("HH",))) < size
+    assert kernel_size(history, tiny, replace(full, channels=tiny.radar.channels)) > size  # a channel more
 
 
 def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any) -> None:

@@ -46,31 +46,36 @@ def fan_of_slivers(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_slivers_zero_area_and_duplicate_faces(row) -> None:
-    """A plate of 20 000 slivers, with degenerate faces, copies and flipped copies, returns what two triangles do.
+    """A plate of 3 000 slivers, with flat faces, copies and flipped copies, returns what two triangles do.
 
-    Naive way: normals of zero-area faces are 0 / 0, and one ray that hits one makes the whole sum NaN.
+    Naive way: the flat faces' normals are 0 / 0. Embree never reports such a face, so that the echo survives, but
+    every table made from normals (smooth groups, edges of the pilot) holds NaN.
     """
     truth = amplitude(*PLATE)
-    v, f = fan_of_slivers(20_000)
+    v, f = fan_of_slivers(3000)
     rng = np.random.default_rng(0)
     flat = np.stack([rng.integers(0, len(v), 500)] * 2 + [rng.integers(0, len(v), 500)], axis=1)
-    dirty = np.concatenate([f, flat, f[:5000, [1, 2, 0]], f[5000:9000, ::-1]])
+    dirty = np.concatenate([f, flat, f[:1000, [1, 2, 0]], f[1000:1900, ::-1]])
     dirty = dirty[rng.permutation(len(dirty))]
     cleaned, kept, notes = clean_mesh("plate", v, dirty)
     assert len(kept) == len(f)
     assert notes[0] == f'mesh "plate": removed 500 of {len(dirty)} faces without area'
-    assert "9000 duplicate faces" in notes[1] and "flipped copies" in notes[1]
-    cross = np.cross(v[dirty[:, 1]] - v[dirty[:, 0]], v[dirty[:, 2]] - v[dirty[:, 0]])
-    naive = int((np.linalg.norm(cross, axis=1) == 0).sum())
-    assert naive == 500  # faces whose normal would be NaN
-    # tol: float32 edges of slivers 50 micrometres high
+    assert "1900 duplicate faces" in notes[1] and "flipped copies" in notes[1]
+
+    def without_normal(v: np.ndarray, f: np.ndarray) -> float:
+        cross = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
+        return 100.0 * float(np.mean(np.linalg.norm(cross, axis=1) == 0))
+
     row(
-        "plate of 20 000 slivers, 500 flat and 9 000 double faces: change of its echo",
-        change(amplitude(cleaned, kept), truth),
-        1e-3,
-        naive=float("nan"),
-        remedy="flat and double faces removed with a note; robust intersection",
+        "plate of 3 000 slivers, 500 flat and 1 900 double faces: faces whose normal is NaN",
+        without_normal(cleaned, kept),
+        0.0,
+        "%",
+        naive=without_normal(v, dirty),
+        remedy="flat and double faces removed, with a note of mesh and count",
     )
+    # tol: float32 edges of slivers 0.3 mm high
+    row("the same: change of its echo", change(amplitude(cleaned, kept), truth), 1e-3)
 
 
 def test_flipped_faces_and_non_manifold_edges(row) -> None:
