@@ -55,18 +55,21 @@ class Comparison:
     @property
     def deviation(self) -> F64:
         """(n,) float64, simulated minus theory; nan where not compared."""
-        return np.where(self.compared, self.simulated - self.theory, np.nan)
+        out = np.full(self.theory.shape, np.nan)
+        keep = self.compared
+        out[keep] = self.simulated[keep] - self.theory[keep]
+        return out
 
     @property
     def worst(self) -> float:
         """Largest modulus of the deviation; infinite when a compared value is not a number."""
-        d = np.abs((self.simulated - self.theory)[self.compared])
+        d = np.abs(self.deviation[self.compared])
         return float(np.max(d)) if d.size and np.isfinite(d).all() else float("inf")
 
     @property
     def median(self) -> float:
         """Median modulus of the deviation."""
-        d = np.abs((self.simulated - self.theory)[self.compared])
+        d = np.abs(self.deviation[self.compared])
         return float(np.median(d)) if d.size and np.isfinite(d).all() else float("inf")
 
     @property
@@ -180,7 +183,7 @@ def all_cases() -> tuple[CaseEntry, ...]:
 def summarise(cases: Sequence[Case]) -> Summary:
     """Median and worst deviation over every compared point of the canonical cases."""
     canonical = [c for case in cases for c in case.comparisons if c.canonical]
-    deviations = [np.abs((c.simulated - c.theory)[c.compared]) for c in canonical]
+    deviations = [np.abs(c.deviation[c.compared]) for c in canonical]
     d = np.concatenate(deviations) if deviations else np.zeros(0)
     failed = sum(not c.passed for case in cases for c in case.comparisons)
     return Summary(
