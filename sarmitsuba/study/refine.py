@@ -224,9 +224,13 @@ def refine(
         if file:
             passes.save(file)
 
+    if image is None:
+        image = focus(raw, grid, **windows)
+        error = max(estimate_error(image.data, image.layers, pixels=False).error_db)
+        passes.history[-1] = (passes.seconds, float(error))
     if noisy:
-        raw, image = add_noise(raw, seed=scene.settings.seed), None
-    image = image or focus(raw, grid, **windows)
+        raw = add_noise(raw, seed=scene.settings.seed)
+        image = focus(raw, grid, **windows)
     met = target < 0.0 and error <= target
     facts = {
         "passes": passes.count,

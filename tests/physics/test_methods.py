@@ -1,0 +1,126 @@
+"""The image-domain methods against the focused image of raw data: place, calibration, phase, statistics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sarmitsuba.focus import default_grid, focus
+from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.methods import Preview, simulate_image
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.spec import PointTarget, Scene
+from sarmitsuba.simulate import simulate
+from sarmitsuba.study.sweep import crop
+
+
+def points_only(**parameters: str) -> Scene:
+    """Three ideal points of different RCS, phase and height, off the pixels."""
+    scene = load_scene("point", parameters=parameters)
+    middle = scene.points[0].position
+    points = (
+        PointTarget("a", middle, 1.0, 0.0),
+        PointTarget("b", middle + np.array([3.13, -4.41, 0.0]), 4.0, 1.0),
+        PointTarget("c", middle + np.array([-4.21, 3.17, 3.0]), 0.25, -2.0),
+    )
+    return replace(scene, points=points)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "windows"),
+    [
+        ({}, {}),
+        ({}, {"range_window": "hamming", "azimuth_window": "taylor"}),
+        ({"range_film.image_grid": "ground"}, {}),
+        ({"sar_antenna.squint_angle_deg": "8", "sar_antenna.mode": "spotlight"}, {}),
+    ],
+    ids=["slant", "windows", "ground", "squint"],
+)
+def test_points_match_the_focused_image(parameters: dict[str, str], windows: dict[str, str]) -> None:
+    # Rationale: for points the only approximations of `image` are one look for the aperture and a finite image: peaks
+    # agree in value and phase, and the side lobes to the wrap-around of their tails.
+    scene = points_only(**parameters)
+    exact = simulate_image(scene, method="hybrid", **windows)
+    quick = simulate_image(scene, method="image", **windows)
+    a, b = exact.total(), quick.total()
+    peak = np.unravel_index(np.abs(a).argmax(), a.shape)
+    # tol: wrap-around of the side lobes of a grid that ends 24 cells beyond the image, 0.3 %
+    assert abs(b[peak] / a[peak] - 1.0) < 0.02
+    # tol: the same over all pixels; squint adds the change of the response over the image
+    assert image_error_db(b, a) < -25.0
+    assert quick.azimuth_resolution_cell == pytest.approx(exact.azimuth_resolution_cell, rel=1e-6)
+    assert np.array_equal(quick.grid.range, exact.grid.range)
+
+
+def test_patterned_stripmap_uses_closest_approach() -> None:
+    # Rationale: with a beam fixed to the track every pixel has an aperture of its own, about its own broadside.
+    scene = points_only(
+        **{
+            "sar_antenna.pattern": "gaussian",
+            "sar_antenna.azimuth_beamwidth_deg": "0.8",
+            "sar_antenna.elevation_beamwidth_deg": "20",
+        }
+    )
+    grid = default_grid(scene.radar, scene.image)
+    preview = Preview(scene, grid)
+    assert preview.look.grid.zero_doppler
+    a = simulate_image(scene, method="hybrid", grid=grid).total()
+    b = preview.image().total()
+    peak = np.unravel_index(np.abs(a).argmax(), a.shape)
+    # tol: wrap-around of side lobes, and the aperture's weights taken at the image's centre
+    assert abs(b[peak] / a[peak] - 1.0) < 0.03
+
+
+def test_dihedral_double_bounce_has_the_same_value_and_phase() -> None:
+    scene = load_scene("dihedral")
+    raw = simulate(scene)
+    grid = default_grid(scene.radar, scene.image)
+    a, b = focus(raw, grid), simulate_image(scene, method="image", grid=grid)
+    for channel in a.channels:
+        x, y = a.total(channel), b.total(channel)
+        peak = np.unravel_index(np.abs(x).argmax(), x.shape)
+        # tol: the same rays; block synthesis (-40 dB) and side-lobe wrap
+        assert abs(y[peak] / x[peak] - 1.0) < 0.015
+
+
+def test_tower_agrees_in_clutter_layover_and_orders() -> None:
+    # Rationale: cells keep their scatterers, so even the speckle is the same; what differs is how the view changes
+    # over the aperture.
+    scene = crop(load_scene("tower"), 0.4, 0.1)
+    scene = replace(scene, settings=replace(scene.settings, keep_orders=True, max_depth=2))
+    a, b = (simulate_image(scene, method=m) for m in ("hybrid", "image"))
+    assert a.layers == b.layers
+    assert image_error_db(b.total(), a.total()) < -20.0
+    for x, y in zip(a.data, b.data, strict=True):
+        # tol: view changes over the aperture, and the window's faded edge
+        assert image_error_db(y, x) < -14.0
+
+
+def test_raster_has_the_clutter_level_and_speckle_of_flat_ground() -> None:
+    # Rationale: the expected intensity of flat ground is sigma0 times the cell, and one look has mean = std.
+    scene = load_scene("flat_ground")
+    image = simulate_image(scene, method="raster")
+    inner = image.sigma0()[12:-12, 12:-12]
+    looks = (
+        inner.size
+        * (image.grid.azimuth_spacing / image.azimuth_resolution_cell)
+        * (image.grid.range_spacing / image.range_resolution_cell)
+    )
+    sigma = 1.0 / np.sqrt(looks)
+    # tol: 4 sigma of speckle, and 0.1 dB for sampling the surface
+    assert abs(inner.mean() / 0.1 - 1.0) < 4.0 * sigma + 0.025
+    # tol: 4 sigma; the std of an exponential's sample std is about sqrt(2) sigma
+    assert abs(inner.std() / inner.mean() - 1.0) < 8.0 * sigma
+
+
+def test_preview_repeats_itself_and_passes_differ() -> None:
+    scene = crop(load_scene("tower"), 0.2, 0.05)
+    preview = Preview(scene)
+    first, again, other = (
+        preview.image().total(),
+        preview.image().total(),
+        preview.image(pass_index=1).total(),
+    )
+    # tol: float32 sums in whatever order threads finish
+    assert image_error_db(again, first) < -90.0
+    assert -90.0 < image_error_db(other, first) < -10.0

@@ -1,0 +1,60 @@
+"""Error bars from halves: pure arithmetic on made-up planes."""
+
+import numpy as np
+import pytest
+
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.errors import DataError
+from sarmitsuba.study.error_bars import estimate_error, has_halves
+
+
+def halves(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:
+    """Two stored halves of a random image, each half of truth + independent noise of rms ``error``."""
+    rng = np.random.default_rng(seed)
+
+    def noise() -> np.ndarray:
+        return (rng.standard_normal((128, 128)) + 1j * rng.standard_normal((128, 128))) / np.sqrt(2.0)
+
+    truth = noise()
+    data = np.stack([0.5 * (truth + error * noise()), 0.5 * (truth + error * noise())]).astype(np.complex64)
+    return data, (Layer("VV", 0, 1), Layer("VV", 0, 2)), truth
+
+
+@pytest.mark.parametrize("error", [0.3, 0.03])
+def test_estimate_is_the_error_of_the_mean(error: float) -> None:
+    data, layers, truth = halves(error)
+    bars = estimate_error(data, layers)
+    true = np.sum(np.abs(data.sum(axis=0) - truth) ** 2) / np.sum(np.abs(truth) ** 2)
+    # tol: Monte Carlo, two chi-square sums of 2 * 16384 terms each, and the noise in the denominator (0.2 dB at 0.3)
+    assert abs(bars.error_db[0] - 10 * np.log10(true)) < 0.3
+    # tol: theory, noise / sqrt(2); Monte Carlo as above
+    assert abs(bars.error_db[0] - 20 * np.log10(error / np.sqrt(2))) < 0.3
+    assert bars.confidence_db[0] < 0.1
+
+
+def test_map_has_the_local_error() -> None:
+    data, layers, _ = halves(0.1)
+    data[0, :, 64:] = data[1, :, 64:]  # right half: no difference, no error
+    bars = estimate_error(data, layers)
+    assert bars.per_pixel.shape == (1, 128, 128)
+    # tol: mean over 64 x 128 pixels of a 25-pixel rms: 3 % bias and spread
+    assert np.mean(bars.per_pixel[0, :, :60]) == pytest.approx(0.1 / np.sqrt(2), rel=0.06)
+    assert np.all(bars.per_pixel[0, :, 68:] < 1e-6)
+
+
+def test_orders_are_summed_and_channels_kept_apart() -> None:
+    data, _, _ = halves(0.1)
+    zero = np.zeros_like(data[0])
+    layers = tuple(Layer(c, o, h) for h in (1, 2) for o in (1, 2) for c in ("HH", "VV"))
+    planes = np.stack([data[0], zero, zero, data[0], data[1], zero, zero, data[1]])
+    bars = estimate_error(planes, layers, pixels=False)
+    assert bars.channels == ("HH", "VV")
+    assert bars.error_db[0] == pytest.approx(bars.error_db[1])
+    assert set(bars.as_dict()) == {"HH", "VV"}
+
+
+def test_without_halves_there_is_one_clear_line() -> None:
+    data, _, _ = halves(0.1)
+    assert not has_halves((Layer("VV"),))
+    with pytest.raises(DataError, match="keep_halves"):
+        estimate_error(data, (Layer("VV", 1), Layer("VV", 2)))

@@ -1,0 +1,71 @@
+"""Passes: state on disk, resuming, and what stops them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.study.refine import fingerprint, refine
+from sarmitsuba.study.sweep import crop
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    whole = crop(load_scene("tower"), 0.2, 0.03)
+    return replace(whole, settings=replace(whole.settings, ray_spacing=0.3, max_depth=2))
+
+
+def test_needs_a_target_or_a_limit(scene: Scene) -> None:
+    with pytest.raises(DataError, match="target_error_db"):
+        refine(scene)
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) -> None:
+    state = tmp_path / "passes.npz"
+    seen = []
+
+    def progress(stage: str, done: float, total: float, info: object, /) -> None:
+        seen.append((stage, done, total, info))
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        refine(scene, target_error_db=-90.0, time_limit=600.0, state=state, max_passes=3, progress=progress)
+    assert state.exists() and "dB error" in seen[0][3] and "dB wanted" in seen[0][3]
+    resumed = refine(scene, target_error_db=-90.0, time_limit=600.0, state=state, max_passes=3)
+    assert resumed.passes == 3 and len(resumed.history) == 3 and not resumed.met
+    straight = refine(scene, target_error_db=-90.0, time_limit=600.0, max_passes=3)
+    # tol: float32 sums in whatever order threads finish
+    error = np.linalg.norm(resumed.raw.data - straight.raw.data) / np.linalg.norm(straight.raw.data)
+    assert error < 1e-5
+    assert resumed.image.metadata["sampling_error"]["VV"]["error_db"] == pytest.approx(
+        resumed.error_db, abs=0.1
+    )
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+def test_more_passes_are_better_and_a_met_target_ends_them(scene: Scene) -> None:
+    one = refine(scene, time_limit=1e-3)
+    assert one.passes == 1
+    more = refine(scene, target_error_db=one.error_db - 2.5, time_limit=600.0)
+    assert more.met and 1 < more.passes <= 4
+    assert more.error_db <= one.error_db - 2.5
+
+
+def test_state_of_another_scene_is_refused(scene: Scene, tmp_path: Path) -> None:
+    state = tmp_path / "passes.npz"
+    np.savez(state, data=np.zeros(1), facts=np.frombuffer(b'{"fingerprint": "x"}', dtype=np.uint8))
+    with pytest.raises(DataError, match="passes"):
+        refine(scene, time_limit=1.0, state=state)
+
+
+def test_fingerprint_sees_what_matters(scene: Scene) -> None:
+    other = replace(scene, settings=replace(scene.settings, ray_spacing=0.31))
+    wanted = replace(scene, settings=replace(scene.settings, target_error_db=-30.0, time_limit=9.0))
+    assert fingerprint(scene) != fingerprint(other)
+    assert fingerprint(scene) == fingerprint(wanted)
