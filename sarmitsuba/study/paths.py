@@ -42,18 +42,27 @@ class Paths:
 
 
 class RecordAdder:
-    """Keeps the half length and the amplitude of the first channel of orders 1 ... ``max_order`` of each lane."""
+    """Writes half length and amplitude of the first channel of every lane's orders 1 ... ``max_order`` to memory.
 
-    def __init__(self, max_order: int) -> None:
-        self.max_order = max_order
+    Attributes
+    ----------
+    half_length : Dr.Jit float64, order after order, m; NaN where nothing came
+    amplitude : Dr.Jit float32, the same with re and im
+    """
+
+    def __init__(self, max_order: int, n_lanes: int) -> None:
+        dr, mi = modules()
+
+        self.max_order, self.n_lanes = max_order, n_lanes
+        self.half_length = dr.full(mi.Float64, float("nan"), max_order * n_lanes)
+        self.amplitude = dr.zeros(mi.Float, 2 * max_order * n_lanes)
+        dr.eval(self.half_length, self.amplitude)
 
     def begin(self) -> tuple[Any, ...]:
-        """NaN lengths and zero amplitudes."""
-        _, mi = modules()
+        """Number of this lane."""
+        dr, mi = modules()
 
-        return tuple(
-            x for _ in range(self.max_order) for x in (mi.Float64(float("nan")), mi.Complex2f(0.0, 0.0))
-        )
+        return (dr.arange(mi.UInt32, self.n_lanes),)
 
     def add(
         self,
@@ -66,14 +75,14 @@ class RecordAdder:
         active: Any,
     ) -> tuple[Any, ...]:
         """Store; see :class:`sarmitsuba.trace.kernel.Adder`. Orders above the highest are dropped."""
-        dr, _ = modules()
+        dr, mi = modules()
 
-        out = list(state)
-        for o in range(self.max_order):
-            mine = active & (order == o + 1)
-            out[2 * o] = dr.select(mine, half_length, out[2 * o])
-            out[2 * o + 1] = dr.select(mine, amplitudes[0], out[2 * o + 1])
-        return tuple(out)
+        kept = active & (order <= dr.opaque(mi.UInt32, self.max_order))
+        place = (order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
+        dr.scatter(self.half_length, half_length, place, kept)
+        dr.scatter(self.amplitude, amplitudes[0].real, 2 * place, kept)
+        dr.scatter(self.amplitude, amplitudes[0].imag, 2 * place + 1, kept)
+        return state
 
 
 def square_grid(
@@ -160,12 +169,11 @@ def record_paths(
     settings = KernelSettings(wavelength, max_depth, cell=1.0, seed=0, amplitude=1.0, reference_range=1.0)
     antenna = np.asarray(position, dtype=np.float64).reshape(1, 3)
     batch = PulseBatch(antenna, np.zeros((1, 3)), frame)
-    adder = RecordAdder(max_depth)
+    adder = RecordAdder(max_depth, grid.n_rays)
     counts, state = trace(scene, grid, batch, flags, settings, Antenna(), adder)
-    dr.eval(counts.hits, state)
-    lengths = np.stack([np.asarray(state[2 * o].numpy()) for o in range(max_depth)])
-    values = [state[2 * o + 1] for o in range(max_depth)]
-    amplitude = np.stack([v.real.numpy() + 1j * v.imag.numpy() for v in values]).astype(np.complex64)
+    dr.eval(counts.hits, state, adder.half_length, adder.amplitude)
+    lengths = adder.half_length.numpy().reshape(max_depth, grid.n_rays)
+    amplitude = adder.amplitude.numpy().view(np.complex64).reshape(max_depth, grid.n_rays)
     return Paths(lengths, amplitude, np.asarray(counts.hits.numpy()))
 
 

@@ -34,9 +34,11 @@ def cross_left(v: Vector, x: ComplexVector, dr: Any) -> ComplexVector:
 def polarisation_basis(u: Vector, up: Vector, dr: Any) -> tuple[Vector, Vector]:
     """Horizontal and vertical unit vectors of the antenna for the look direction ``u`` (antenna to scene).
 
-    ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive.
+    ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive. A ray
+    exactly along ``up``, where both mean nothing, takes another axis in its place.
     """
-    h = dr.normalize(dr.cross(u, up))
+    spare = dr.normalize(dr.cross(u, type(u)(up.z, up.x, up.y)))
+    h = _unit_or(dr.cross(u, up), spare, dr)
     return h, dr.cross(h, u)
 
 

@@ -221,7 +221,8 @@ def trace(
         leave = _leave(v32(landed), n, d, clearance)
         sees = active & (cos_s > 1e-7)
         if flags.visibility and flags.multi_bounce:
-            shadow_ray = mi.Ray3f(leave, s)
+            # no farther than the antenna, which may hang within the scene
+            shadow_ray = mi.Ray3f(leave, s, f32(length_back), 0.0, [])
             blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
             sees &= first | ~blocked
         hits = dr.select(active, hits + 1, hits)

@@ -86,7 +86,13 @@ def visible(
     d = (-leg / distance[:, None]).astype(np.float32)
     n = d.shape[0]
     origin = np.broadcast_to(position.astype(np.float32), (n, 3))
-    ray: Any = mi.Ray3f(mi.Point3f(np.ascontiguousarray(origin.T)), mi.Vector3f(np.ascontiguousarray(d.T)))
+    ray: Any = mi.Ray3f(
+        mi.Point3f(np.ascontiguousarray(origin.T)),
+        mi.Vector3f(np.ascontiguousarray(d.T)),
+        mi.Float(distance.astype(np.float32)),
+        0.0,
+        [],
+    )
     return 1.0 - np.asarray(trace_scene.mi_scene.ray_test(ray), dtype=np.float64)
 
 

@@ -52,7 +52,9 @@ def tiny() -> Scene:
         noise_temperature=290.0,
     )
     # one lattice for all returns, so that one kernel holds all effects
-    settings = replace(scene.settings, ray_spacing=0.03, diffuse_ray_spacing=0.03, scatterer_cell=0.3, gridding_width=2)
+    settings = replace(
+        scene.settings, ray_spacing=0.03, diffuse_ray_spacing=0.03, scatterer_cell=0.3, gridding_width=2
+    )
     return replace(scene, radar=radar, materials=(ROUGH,), settings=settings)
 
 
