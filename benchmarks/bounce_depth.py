@@ -20,7 +20,7 @@ def scenes(quick: bool) -> dict[str, Any]:
     city = None if quick else harness.load_munich()
     if city is not None:
         found["Munich"] = city
-    return {n: crop(s, 0.3 if quick else 1.0, 0.1 if quick else PULSES[n]) for n, s in found.items()}
+    return {n: crop(s, 0.2 if quick else 1.0, 0.03 if quick else PULSES[n]) for n, s in found.items()}
 
 
 def orders(scene: Any) -> np.ndarray:
@@ -48,9 +48,12 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "bounce_depth",
         "Bounce depth",
-        f"Error of the image that stops after d bounces against all {DEEPEST}, from one run that keeps the bounces apart "
-        "(same rays, so ray sampling does not mask the bounces). `changed` is the share of pixels that bounce d changes "
-        "by more than 1 dB. Seconds are of a run of its own with that depth, simulation only, without compiling, on the "
+        f"Error of the image that stops after d bounces against all {DEEPEST}, from one run that keeps the "
+        "bounces apart "
+        "(same rays, so ray sampling does not mask the bounces). `changed` is the share of pixels that "
+        "bounce d changes "
+        "by more than 1 dB. Seconds are of a run of its own with that depth, simulation only, without "
+        "compiling, on the "
         "middle part of the aperture. Beyond a depth at which no path is left the error is zero.",
     )
     figure, (left, right) = harness.new_figure(10.0, 4.4, 2)

@@ -14,7 +14,8 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "buildings",
         "Number of buildings",
-        "Boxes on 400 m x 400 m, 1 m resolution, the same rays and pulses for all: what a scene's size costs by itself. "
+        "Boxes on 400 m x 400 m, 1 m resolution, the same rays and pulses for all: what a scene's size "
+        "costs by itself. "
         "`trace` is the bounce loop; seconds are medians, without compiling.",
     )
     counts = (1, 16) if quick else (1, 4, 16, 64, 256, 1024)

@@ -25,7 +25,8 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "cost_check",
         "Recommended settings",
-        f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} s and {target:g} dB wanted; swept on {found.piece}. "
+        f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} s and {target:g} dB wanted; "
+        f"swept on {found.piece}. "
         f"Errors against {found.reference}; the recommendation is then run itself.",
     )
     lines = [line.strip("| ").split(" | ") for line in table(found)]

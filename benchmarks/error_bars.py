@@ -3,8 +3,8 @@
 import harness
 import numpy as np
 
-FACTORS = (0.71, 1.0, 1.41, 2.0)  # of the automatic ray spacing
-REFERENCE = 0.35
+FACTORS = (0.5, 0.71, 1.0, 1.41)  # of the automatic ray spacing
+REFERENCE = 0.3
 
 
 def run(quick: bool) -> harness.Report:
@@ -12,10 +12,11 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.methods import simulate_image
     from sarmitsuba.scene.loader import load_scene
+    from sarmitsuba.study.cost import Rays
     from sarmitsuba.study.error_bars import estimate_error
     from sarmitsuba.study.sweep import Setting, crop, mean_image
     from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
+    from sarmitsuba.trace.window import launch_window, scatterer_cell
 
     report = harness.Report(
         "error_bars",
@@ -33,15 +34,15 @@ def run(quick: bool) -> harness.Report:
     for name, share in pieces.items():
         whole = load_scene(name)
         plan, window = plan_scene(whole), launch_window(whole)
-        spacing = ray_spacing(whole, window, plan.flags.diffuse, plan.flags.coherent)
+        rays = Rays.of(whole, plan)
         cell = scatterer_cell(whole, window.incidence)
         for method in ("image",) if quick else ("image", "hybrid"):
             scene = crop(whole, share, 0.1)
             grid = default_grid(scene.radar, scene.image)
             base = Setting({"method": method, "scatterer_cell": cell})
-            reference = mean_image(scene, base.but(ray_spacing=REFERENCE * spacing), grid, 1 if quick else 3)
+            reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else 3)
             for factor in FACTORS[1:3] if quick else FACTORS:
-                setting = base.but(ray_spacing=factor * spacing, keep_halves=True)
+                setting = base.but(**rays.at(factor), keep_halves=True)
                 image = simulate_image(setting.apply(scene), grid=grid)
                 bars = estimate_error(image.data, image.layers, pixels=False)
                 true = image_error_db(image.total(), reference)

@@ -12,15 +12,16 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "gridding",
         "Width of the spreading kernel",
-        "Raw data gridded with kernels of w cells, focused, against kernels of 8 cells (-137 dB by theory) with the same "
+        "Raw data gridded with kernels of w cells, focused, against kernels of 8 cells (-137 dB by "
+        "theory) with the same "
         "rays and the same adder; `theory` is the kernel's own rms error over the used band, twice for the two axes of "
         "the block adder.",
     )
     scene = crop(load_scene("tower"), 0.4, 0.05)
     grid = default_grid(scene.radar, scene.image)
     figure, axes = harness.new_figure()
-    widths = (2, 4) if quick else (2, 3, 4, 5, 6, 7)
-    for method, dims in (("raw", 1), ("hybrid", 2)):
+    widths = (4,) if quick else (2, 3, 4, 5, 6, 7)
+    for method, dims in (("hybrid", 2),) if quick else (("raw", 1), ("hybrid", 2)):
         # one block, so that all widths share its geometry
         base = Setting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
         best = run_trial(scene, base.but(gridding_width=8), grid)

@@ -143,7 +143,8 @@ class Report:
                 sign = ">=" if c["at_least"] else "<="
                 verdict = "met" if c["met"] else "**not met**"
                 lines.append(
-                    f"| {c['text']} | {_cell(c['value'])} {c['unit']} | {sign} {_cell(c['bound'])} {c['unit']} | {verdict} |"
+                    f"| {c['text']} | {_cell(c['value'])} {c['unit']} | {sign} {_cell(c['bound'])} "
+                    f"{c['unit']} | {verdict} |"
                 )
             lines.append("")
         for name in self.figures:

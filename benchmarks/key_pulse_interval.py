@@ -16,7 +16,9 @@ def run(quick: bool) -> harness.Report:
         "Image of `hybrid` with a key pulse every K pulses against `raw`, which traces every pulse with the same rays. "
         "Seconds: simulation only, without compiling. K = 1 is `raw` itself.",
     )
-    pieces: dict[str, Any] = {"tower": crop(load_scene("tower"), 0.4, 0.1 if not quick else 0.05)}
+    pieces: dict[str, Any] = {
+        "tower": crop(load_scene("tower"), 0.2 if quick else 0.4, 0.025 if quick else 0.1)
+    }
     if not quick:
         city = harness.load_munich()
         if city is not None:

@@ -23,24 +23,28 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "methods",
         "Methods",
-        "Sixteen buildings, four ways to the same image grid. `error`: complex image against converged raw (mean of two "
-        f"`raw` runs with lattices of their own and twice the rays). `intensity`: the same of intensities averaged over "
+        "Sixteen buildings, four ways to the same image grid. `error`: complex image against converged "
+        "raw (mean of two "
+        "`raw` runs with lattices of their own and twice the rays). `intensity`: the same of intensities "
+        "averaged over "
         f"{LOOKS} x {LOOKS} pixels, which is all an incoherent method can be judged by; its speckle alone makes "
         "about -10 dB. "
-        f"The aperture is the middle {100 * APERTURE:g} % of the pulses; `whole aperture` is measured, for raw extrapolated "
+        f"The aperture is the middle {100 * APERTURE:g} % of the pulses; `whole aperture` is measured, for "
+        "raw extrapolated "
         "by the number of pulses. Seconds include focusing and exclude compiling.",
     )
     whole = load_scene("buildings16")
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
+    from sarmitsuba.study.cost import Rays
     from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
+    from sarmitsuba.trace.window import launch_window, scatterer_cell
 
     window, plan = launch_window(whole), plan_scene(whole)
-    spacing = ray_spacing(whole, window, plan.flags.diffuse, plan.flags.coherent)
-    base = Setting({"scatterer_cell": scatterer_cell(whole, window.incidence), "ray_spacing": spacing})
-    dense = base.but(method="raw", ray_spacing=spacing / np.sqrt(2.0))
+    rays = Rays.of(whole, plan)
+    base = Setting({"scatterer_cell": scatterer_cell(whole, window.incidence), **rays.at(1.0)})
+    dense = base.but(method="raw", **rays.at(0.5**0.5))
     reference = mean_image(scene, dense, grid, 1 if quick else 2)
 
     rows = []

@@ -15,7 +15,7 @@ def run(quick: bool) -> harness.Report:
         "data themselves, which the caller keeps: it must not grow with the pulses.",
     )
     rows = []
-    counts = (512, 1024) if quick else (1024, 2048, 4096, 8192)
+    counts = (512,) if quick else (1024, 2048, 4096, 8192)
     for n in counts:
         scene = load_scene("tower", parameters={"sar_antenna.n_pulses": str(n)})
         scene = crop(scene, 0.5)

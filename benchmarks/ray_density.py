@@ -10,9 +10,10 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.focus import default_grid
     from sarmitsuba.scene.loader import load_scene
+    from sarmitsuba.study.cost import Rays
     from sarmitsuba.study.sweep import Setting, crop, mean_image, run_trial
     from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
+    from sarmitsuba.trace.window import launch_window, scatterer_cell
 
     report = harness.Report(
         "ray_density",
@@ -30,18 +31,18 @@ def run(quick: bool) -> harness.Report:
         whole = load_scene(name)
         plan = plan_scene(whole)
         window = launch_window(whole)
-        spacing = ray_spacing(whole, window, plan.flags.diffuse, plan.flags.coherent)
+        rays = Rays.of(whole, plan)
         scene = crop(whole, share, pulses)
         grid = default_grid(scene.radar, scene.image)
         # in metres, from the whole aperture: a piece of it resolves less and would get larger cells
         base = Setting({"method": "hybrid", "scatterer_cell": scatterer_cell(whole, window.incidence)})
-        reference = mean_image(scene, base.but(ray_spacing=REFERENCE * spacing), grid, 1 if quick else 2)
+        reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else 2)
         rows = []
         for factor in FACTORS[1:4] if quick else FACTORS:
-            trial = run_trial(scene, base.but(ray_spacing=factor * spacing), grid)
-            rays = trial.facts["sampling"].get("rays_per_key_pulse", 0)
+            trial = run_trial(scene, base.but(**rays.at(factor)), grid)
+            count = trial.facts["sampling"].get("rays_per_key_pulse", 0)
             seconds = trial.seconds - trial.stages["focus"]
-            rows.append([factor, factor * spacing, rays, trial.error_db(reference), seconds])
+            rows.append([factor, factor * rays.coherent, count, trial.error_db(reference), seconds])
         report.table(
             name,
             ["factor", "spacing m", "rays a key pulse", "error dB", "seconds"],

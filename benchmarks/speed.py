@@ -43,8 +43,10 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "speed",
         "Speed",
-        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays a metre, 512 pulses, {DEPTH} bounces, one "
-        "polarisation. `as shipped`: its smooth materials; `rough`: Lambert's law of -10 dB on all. Raw is traced on every "
+        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays a metre, 512 pulses, "
+        f"{DEPTH} bounces, one "
+        "polarisation. `as shipped`: its smooth materials; `rough`: Lambert's law of -10 dB on all. Raw "
+        "is traced on every "
         f"{EVERY}th pulse with the same rays as hybrid; its time is scaled by that number. Warm runs, medians.",
     )
     munich = None if quick else harness.load_munich()
@@ -194,49 +196,10 @@ class _Sink:
 
 def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
     """Ratio of path rates: bare queries, the whole field, the whole field with the block adder."""
-    from sarmitsuba.echo.block import plan_block
-    from sarmitsuba.simulate import Timer, TraceJob
-    from sarmitsuba.trace.adders import BlockAdder
-    from sarmitsuba.trace.geometry import build_trace_scene
-    from sarmitsuba.trace.kernel import trace
-    from sarmitsuba.trace.launch import PulseBatch, lattice
-    from sarmitsuba.trace.modules import modules
-    from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window
-
-    dr, _ = modules()
     rows = []
     for name, scene in cases.items():
-        radar = scene.radar
-        plan, window = plan_scene(scene), launch_window(scene)
-        flags = replace(plan.flags, antenna_pattern=False)
-        geometry = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
-        job = TraceJob(scene, replace(plan, flags=flags), window, geometry, Timer())
-        grid = lattice(window.half_x, window.half_y, SPACING, taper=window.taper, seed=0)
-        key = radar.track.center_index
-        batch = PulseBatch(
-            radar.track.position[key : key + 1], radar.track.velocity[key : key + 1], window.frame
-        )
-        n = radar.track.n_pulses
-        start = max(0, n // 2 - 64)
-        block = plan_block(radar, start, min(n, start + 128), window.center, job.phase_box(), 4)
-
-        def run(adder: Any) -> None:
-            counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, adder)
-            dr.eval(counts.hits, counts.contributions, state, getattr(adder, "memory", None))
-            dr.sync_thread()
-
-        wavelength = radar.waveform.wavelength
-        channels = len(flags.channels)
-        timing = harness.interleave(
-            {
-                "queries": lambda: run(_Sink(wavelength, False)),
-                "field": lambda: run(_Sink(wavelength, True)),
-                "field and adder": lambda: run(BlockAdder(block, 1, channels, 0, wavelength)),
-            },
-            2 * rounds,
-        )
-        rate = {k: grid.n_rays / t.low / 1e6 for k, t in timing.items()}
+        timing, n_rays = _rates(scene, 2 * rounds)
+        rate = {k: n_rays / t.low / 1e6 for k, t in timing.items()}
         rows.append(
             [name, *rate.values(), rate["field"] / rate["queries"], rate["field and adder"] / rate["queries"]]
         )
@@ -248,6 +211,48 @@ def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
         [[r[0], *[f"{v:.2f}" for v in r[1:]]] for r in rows],
     )
     report.claim("whole field over bare queries, path rate", rows[0][4], 0.7, at_least=True)
+
+
+def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
+    """Seconds of one launch, for three adders; its number of rays."""
+    from sarmitsuba.echo.block import plan_block
+    from sarmitsuba.simulate import Timer, TraceJob
+    from sarmitsuba.trace.adders import BlockAdder
+    from sarmitsuba.trace.geometry import build_trace_scene
+    from sarmitsuba.trace.kernel import trace
+    from sarmitsuba.trace.launch import PulseBatch, lattice
+    from sarmitsuba.trace.modules import modules
+    from sarmitsuba.trace.pilot import plan_scene
+    from sarmitsuba.trace.window import launch_window
+
+    dr, _ = modules()
+    radar = scene.radar
+    plan, window = plan_scene(scene), launch_window(scene)
+    flags = replace(plan.flags, antenna_pattern=False)
+    geometry = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
+    job = TraceJob(scene, replace(plan, flags=flags), window, geometry, Timer())
+    grid = lattice(window.half_x, window.half_y, SPACING, taper=window.taper, seed=0)
+    key = radar.track.center_index
+    batch = PulseBatch(radar.track.position[key : key + 1], radar.track.velocity[key : key + 1], window.frame)
+    n = radar.track.n_pulses
+    start = max(0, n // 2 - 64)
+    block = plan_block(radar, start, min(n, start + 128), window.center, job.phase_box(), 4)
+
+    def run(adder: Any) -> None:
+        counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, adder)
+        dr.eval(counts.hits, counts.contributions, state, getattr(adder, "memory", None))
+        dr.sync_thread()
+
+    wavelength, channels = radar.waveform.wavelength, len(flags.channels)
+    timing = harness.interleave(
+        {
+            "queries": lambda: run(_Sink(wavelength, False)),
+            "field": lambda: run(_Sink(wavelength, True)),
+            "field and adder": lambda: run(BlockAdder(block, 1, channels, 0, wavelength)),
+        },
+        rounds,
+    )
+    return timing, grid.n_rays
 
 
 if __name__ == "__main__":

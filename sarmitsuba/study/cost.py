@@ -17,7 +17,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.study.sweep import Setting, Trial, crop, mean_image, run_trial
 from sarmitsuba.trace.pilot import plan_scene
-from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
+from sarmitsuba.trace.window import diffuse_spacing, launch_window, ray_spacing, scatterer_cell
 
 # deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
@@ -38,6 +38,26 @@ _PIECES = (
     (0.25, 0.25),
     (0.15, 0.25),
 )
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Automatic distances between rays, m; ``diffuse`` is 0 where nothing scatters diffusely."""
+
+    coherent: float
+    diffuse: float
+
+    @staticmethod
+    def of(scene: Scene, plan: EffectsPlan) -> "Rays":
+        """What the whole scene would be sampled with."""
+        window = launch_window(scene)
+        diffuse = diffuse_spacing(scene, window) if plan.flags.diffuse else 0.0
+        return Rays(ray_spacing(scene, window, not plan.flags.coherent, plan.flags.coherent), diffuse)
+
+    def at(self, factor: float) -> dict[str, float]:
+        """Settings of this many times the automatic distances."""
+        out = {"ray_spacing": factor * self.coherent}
+        return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
 
 
 @dataclass(frozen=True)
@@ -218,14 +238,14 @@ def study_cost(
     report = progress or silent
     plan = plan_scene(scene)
     # in metres, so that a piece of the aperture, which resolves less, is sampled as the whole scene is
-    spacing = _auto_spacing(scene, plan)
+    rays = Rays.of(scene, plan)
     base = Setting(
         {
             "method": "hybrid",
             "max_depth": plan.max_depth,
             "keep_orders": False,
             "keep_halves": False,
-            "ray_spacing": spacing,
+            **rays.at(1.0),
             "scatterer_cell": scatterer_cell(scene, launch_window(scene).incidence),
         }
     )
@@ -244,24 +264,26 @@ def study_cost(
     intervals = study.paired("key_pulse_interval", wanted, 8) if interval > 1 and n >= 16 else [interval]
     _focusers(study)
 
-    dense = base.but(ray_spacing=0.5 * spacing, max_depth=REFERENCE_DEPTH, gridding_width=6)
+    dense = base.but(**rays.at(0.5), max_depth=REFERENCE_DEPTH, gridding_width=6)
     converged = mean_image(piece, dense, grid, 2)
     reference = (
-        f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * spacing:.3g} m, {REFERENCE_DEPTH} bounces, "
+        f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * rays.coherent:.3g} m, "
+        f"{REFERENCE_DEPTH} bounces, "
         f"gridding_width 6"
     )
     spacings = []
     for factor in (0.71, 1.0, 1.41, 2.0, 2.83):
-        trial = study.run(ray_spacing=factor * spacing, max_depth=REFERENCE_DEPTH)
-        study.note("ray_spacing", factor * spacing, trial, trial.error_db(converged))
+        spacing = factor * rays.coherent
+        trial = study.run(**rays.at(factor), max_depth=REFERENCE_DEPTH)
+        study.note("ray_spacing", spacing, trial, trial.error_db(converged))
         # the table's time is that of the plain depth
-        study.ratios["ray_spacing", factor * spacing] = _without_depth(study, factor * spacing)
-        spacings.append(factor * spacing)
+        study.ratios["ray_spacing", spacing] = _without_depth(study, spacing)
+        spacings.append(spacing)
     _cells(study, plan)
-    _methods(study, converged, spacing)
+    _methods(study, converged, rays)
     _raw_row(study, plain)
 
-    candidates = _combine(study, spacings, depths, widths, intervals)
+    candidates = _combine(study, rays, spacings, depths, widths, intervals)
     front = _pareto(candidates)
     good = [c for c in front if c.error_db <= target_error_db]
     recommended = good[0] if good else min(candidates, key=lambda c: (c.error_db, c.seconds))
@@ -323,10 +345,6 @@ def _guess_seconds(scene: Scene) -> float:
     return window.area / spacing**2 * max(1.0, n / 64.0) / 1e6 + pixels * n / 3e8
 
 
-def _auto_spacing(scene: Scene, plan: EffectsPlan) -> float:
-    return ray_spacing(scene, launch_window(scene), plan.flags.diffuse, plan.flags.coherent)
-
-
 def _without_depth(study: _Study, spacing: float) -> dict[str, float]:
     """Time ratio of a spacing alone: its run at the reference's depth, over the plain spacing at that depth."""
     deep = study.ratios.get(("max_depth", REFERENCE_DEPTH), {})
@@ -368,7 +386,7 @@ def _cells(study: _Study, plan: EffectsPlan) -> None:
         study.note("scatterer_cell", factor * cell, trial, FLOOR_DB, f"mean level {change:+.2f} dB")
 
 
-def _methods(study: _Study, converged: NDArray[Any], spacing: float) -> None:
+def _methods(study: _Study, converged: NDArray[Any], rays: Rays) -> None:
     for name in ("raster", "image"):
         try:
             trial = study.run(method=name)
@@ -377,9 +395,12 @@ def _methods(study: _Study, converged: NDArray[Any], spacing: float) -> None:
         study.note("method", name, trial, trial.error_db(converged))
         if name == "image":
             for factor in (1.41, 2.0):
-                coarse = study.run(method=name, ray_spacing=factor * spacing)
+                coarse = study.run(method=name, **rays.at(factor))
                 study.note(
-                    "method", f"image, ray_spacing {factor * spacing:.3g}", coarse, coarse.error_db(converged)
+                    "method",
+                    f"image, ray_spacing {factor * rays.coherent:.4g}",
+                    coarse,
+                    coarse.error_db(converged),
                 )
 
 
@@ -396,7 +417,12 @@ def _raw_row(study: _Study, plain: Trial) -> None:
 
 
 def _combine(
-    study: _Study, spacings: list[float], depths: list[int], widths: list[int], intervals: list[int]
+    study: _Study,
+    rays: Rays,
+    spacings: list[float],
+    depths: list[int],
+    widths: list[int],
+    intervals: list[int],
 ) -> list[Candidate]:
     """Every combination of the swept values, error energies added, stage ratios multiplied."""
 
@@ -434,14 +460,16 @@ def _combine(
                 plain = (plain_ratio.get(key) or {}).get(stage, 1.0)
                 ratio *= own if key not in plain_ratio or plain <= 0.0 else own / plain
             seconds += study.full_stage(stage) * ratio
-        out.append(Candidate({**picks, "method": "hybrid"}, 10.0 * float(np.log10(total)), seconds))
+        changes = {**picks, **rays.at(spacing / rays.coherent), "method": "hybrid"}
+        out.append(Candidate(changes, 10.0 * float(np.log10(total)), seconds))
     for (parameter, value), error in study.errors.items():
         if parameter == "method" and str(value).startswith("image"):
             row = next(r for r in study.rows if r.parameter == "method" and r.value == value)
             _, _, text = str(value).partition("ray_spacing ")
-            changes: dict[str, Any] = {"method": "image", "max_depth": study.base.changes["max_depth"]}
-            changes["ray_spacing"] = float(text) if text else study.base.changes["ray_spacing"]
-            out.append(Candidate(changes, error, row.full_seconds))
+            factor = float(text) / rays.coherent if text else 1.0
+            depth = study.base.changes["max_depth"]
+            image = {"method": "image", "max_depth": depth, **rays.at(factor)}
+            out.append(Candidate(image, error, row.full_seconds))
     return out
 
 
