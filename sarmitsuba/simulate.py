@@ -245,7 +245,7 @@ class TraceJob:
                 )
                 yield stop / n, self.block(rays, plan, data, max_order)
             return
-        row = data.shape[0] * 2 * radar.window.n_samples * 2 * 8
+        row = data.shape[0] * 2 * radar.window.n_samples * 2 * 16
         step = int(max(1, min(MAX_LANES // max(g.n_rays for g in rays), MAX_GRID_BYTES // row, n)))
         for start in range(0, n, step):
             stop = min(n, start + step)
@@ -276,7 +276,7 @@ class TraceJob:
             max_order,
             radar.waveform.wavelength,
         )
-        self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
+        self.largest_grid = max(self.largest_grid, adder.n_bytes)
         position, velocity = plan.position[None], plan.velocity[None]
         pick = slice(plan.key, plan.key + 1)
         stats = self.launch_all(rays, position, velocity, pick, adder, plan.n_pulses)
@@ -299,7 +299,7 @@ class TraceJob:
             max_order,
             radar.waveform.wavelength,
         )
-        self.largest_grid = max(self.largest_grid, 4 * len(adder.memory))
+        self.largest_grid = max(self.largest_grid, adder.n_bytes)
         pick = slice(start, stop)
         stats = self.launch_all(rays, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
         data[:, pick] = finish(adder.grid(), plan, radar)

@@ -64,9 +64,10 @@ class SumAdder:
 
 
 class GridAdder:
-    """Spreads contributions onto complex grids with a non-uniform FFT kernel, in single precision.
+    """Spreads contributions onto complex grids with a non-uniform FFT kernel, summed in float64.
 
-    Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
+    The million equal contributions of a plate at normal incidence, added one by one in float32, are 0.4 % (-48 dB)
+    off; in float64 the sum is exact to float32 whatever its order, and costs no more time. Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
     a copy of its own and the copies are summed at the end of the launch: packet adds without atomics, an order of
     magnitude faster than atomic ones.
 
@@ -79,7 +80,7 @@ class GridAdder:
 
     Attributes
     ----------
-    memory : Dr.Jit float32, flat: slot, row, column, channel (padded to a power of two), re and im
+    memory : Dr.Jit float64, flat: slot, row, column, channel (padded to a power of two), re and im
     """
 
     def __init__(
@@ -92,16 +93,20 @@ class GridAdder:
         self.padded = 1 << (n_channels - 1).bit_length()
         self.max_order = max_order
         self.wavelength = wavelength
-        self.memory = dr.zeros(mi.Float, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
-        on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
-        self.mode = dr.ReduceMode.Expand if on_cpu else dr.ReduceMode.Auto
-        self.packet = (mi.Vector2f, mi.Vector4f, mi.ArrayXf)[min(self.padded.bit_length() - 1, 2)]
+        self.memory = dr.zeros(mi.Float64, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
+        self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
+        self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
     def begin(self) -> tuple[Any, ...]:
         """Contributions of this lane that fell outside the receive window."""
         _, mi = modules()
 
         return (mi.UInt32(0),)
+
+    @property
+    def n_bytes(self) -> int:
+        """Size of the memory, bytes (on the CPU every thread has a copy during the launch)."""
+        return 8 * len(self.memory)
 
     def slot(self, order: Any) -> Any:
         """Slot of an order (uint32)."""
@@ -113,11 +118,15 @@ class GridAdder:
 
     def scatter(self, cell: Any, values: Sequence[Any], weight: Any, active: Any) -> None:
         """Add one weighted complex value per channel to one cell."""
-        dr, _ = modules()
+        dr, mi = modules()
 
-        parts = [part * weight for v in values for part in (v.real, v.imag)]
-        parts += [0.0] * (2 * self.padded - len(parts))
-        dr.scatter_add(self.memory, self.packet(*parts), cell, active, mode=self.mode)
+        parts = [mi.Float64(part * weight) for v in values for part in (v.real, v.imag)]
+        if self.on_cpu:
+            parts += [mi.Float64(0.0)] * (2 * self.padded - len(parts))
+            dr.scatter_add(self.memory, self.packet(*parts), cell, active, mode=dr.ReduceMode.Expand)
+            return
+        for i, part in enumerate(parts):
+            dr.scatter_add(self.memory, part, cell * (2 * self.padded) + i, active)
 
     def add(
         self,
@@ -136,8 +145,8 @@ class GridAdder:
         """(n_slots * n_channels, n_rows, n_columns) complex64 after the launch, channels fastest in the first axis."""
         s, m, n = self.shape
         used = self.memory.numpy()[: 2 * self.padded * s * m * n]
-        cells = used.view(np.complex64).reshape(s, m, n, self.padded)[..., : self.n_channels]
-        return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n))
+        cells = used.view(np.complex128).reshape(s, m, n, self.padded)[..., : self.n_channels]
+        return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n), dtype=np.complex64)
 
 
 def _rounded(n: int) -> int:
