@@ -67,7 +67,9 @@ class GridAdder:
     """Spreads contributions onto complex grids with a non-uniform FFT kernel, summed in float64.
 
     The million equal contributions of a plate at normal incidence, added one by one in float32, are 0.4 % (-48 dB)
-    off; in float64 the sum is exact to float32 whatever its order, and costs no more time. Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
+    off; in float64 the sum is exact to float32 whatever its order, and costs no more time.
+
+    Cells hold all channels side by side, so that one packet add serves them all. On the CPU every thread adds into
     a copy of its own and the copies are summed at the end of the launch: packet adds without atomics, an order of
     magnitude faster than atomic ones.
 
