@@ -91,9 +91,12 @@ class ShapeFacts:
         if self.n_faces == 0:
             return False
         pick = np.unique(np.linspace(0, self.n_faces - 1, min(self.n_faces, 64)).round().astype(int))
-        offset = np.einsum("ij,ij->i", self.normals[pick], self.vertices[self.faces[pick, 0]])
-        height = self.normals[pick] @ self._hull.T - offset[:, None]
-        return bool(((height.min(axis=1) >= -self.slack) | (height.max(axis=1) <= self.slack)).all())
+        for few in (pick[:: max(1, len(pick) // 4)], pick):
+            offset = np.einsum("ij,ij->i", self.normals[few], self.vertices[self.faces[few, 0]])
+            height = np.einsum("ij,kj->ik", self.normals[few], self.points) - offset[:, None]
+            if not ((height.min(axis=1) >= -self.slack) | (height.max(axis=1) <= self.slack)).all():
+                return False
+        return True
 
     @cached_property
     def _sides(self) -> tuple[F64, F64, F64, F64] | None:
@@ -146,24 +149,33 @@ class ShapeFacts:
 
     @cached_property
     def convex_body(self) -> bool:
-        """One closed piece that is its own convex hull, with the antenna outside.
+        """One closed convex piece with the antenna outside.
 
-        A closed surface within a hull that has the hull's volume and area is the hull; so no pair of faces needs
-        to be looked at.
+        Seen from its middle every face shows its back and all of them together cover the sphere of directions once:
+        the surface is star-shaped. No edge is concave: a star-shaped surface then is convex at every vertex too, and a
+        closed surface that is convex everywhere near is convex (Tietze and Nakajima).
         """
         if not self._one_sided or not self.closed or self.n_components != 1:
             return False
-        try:
-            hull = ConvexHull(self.points)
-        except QhullError:
+        middle = self.points.mean(axis=0)
+        a, b, c = (self.vertices[self.faces[:, i]] - middle for i in range(3))
+        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+        outward = np.sign(triple)
+        if (outward == 0).any() or abs(outward.sum()) != self.n_faces:
             return False
-        a, b, c = (self.vertices[self.faces[:, i]] - self.points[0] for i in range(3))
-        volume = abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())) / 6.0
-        same = (
-            abs(volume / hull.volume - 1.0) < 1e-9 and abs(float(self.areas.sum()) / hull.area - 1.0) < 1e-9
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        dots = [np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (a, c), (b, c))]
+        solid = 2.0 * np.arctan2(np.abs(triple), la * lb * lc + dots[0] * lc + dots[1] * lb + dots[2] * la)
+        if abs(float(solid.sum()) / (4.0 * np.pi) - 1.0) > 1e-6:
+            return False
+        (first, second), centres = self._edges[0].T, self.vertices[self.faces].mean(axis=1)
+        normals = self.normals * outward[:, None]
+        if (np.einsum("ij,ij->i", normals[first], centres[second] - centres[first]) > self.slack).any():
+            return False
+        corner = self.vertices[self.faces[:, 0]]
+        return all(
+            bool((np.einsum("ij,ij->i", normals, p - corner) > self.slack).any()) for p in self.antenna
         )
-        height = self.antenna @ hull.equations[:, :3].T + hull.equations[:, 3]
-        return bool(same and (height.max(axis=1) > self.slack).all())
 
     @cached_property
     def open_sight(self) -> bool:
