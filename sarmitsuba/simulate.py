@@ -26,18 +26,22 @@ from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.points import add_points
 from sarmitsuba.trace.window import (
+    RAYS_PER_WAVELENGTH,
     LaunchWindow,
     azimuth_cell,
     diffuse_spacing,
     launch_window,
     ray_lattices,
     scatterer_cell,
+    share_of_small_facets,
 )
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
 # bytes of one adder grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
+# share of the surface in facets smaller than the rays' spacing that is worth a warning
+SMALL_FACETS = 0.01
 # error of a block of pulses against the exact sum that is accepted without being asked, dB
 BLOCK_ERROR_DB = -40.0
 
@@ -407,6 +411,15 @@ def _check_sampling(
         texts.append(
             f"ray_spacing = {coherent:g} m is coarser than half a resolution cell; {half_cell:.3g} m would do"
         )
+    fine = scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
+    asked = scene.settings.ray_spacing > 0
+    if asked and coherent > 1.01 * fine:
+        share = share_of_small_facets(scene.geometry, coherent)
+        if share > SMALL_FACETS:
+            texts.append(
+                f"ray_spacing = {coherent:g} m is coarser than the facets of curved surfaces, {100 * share:.0f} % of "
+                f"the area; their coherent return wants {RAYS_PER_WAVELENGTH:g} rays a wavelength: {fine:.3g} m"
+            )
     diffuse = spacing.get("diffuse", 0.0)
     wanted = diffuse_spacing(
         replace(scene, settings=replace(scene.settings, diffuse_ray_spacing=0.0)), window

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.spec import Geometry, Scene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, frame_towards, lattice, window_of
 
 F64 = NDArray[np.float64]
@@ -117,6 +117,29 @@ def launch_window(scene: Scene) -> LaunchWindow:
     return LaunchWindow(box, center, frame, float(half[0]), float(half[1]), taper, incidence)
 
 
+def share_of_small_facets(geometry: Geometry, spacing: float) -> float:
+    """Share of the surface in smooth pieces' facets narrower than the rays' spacing: what tubes cannot resolve.
+
+    Single flat facets of any size telescope to their rims; it is the small facets of curved surfaces that need
+    several rays each. Flat pieces cut into small triangles count as one facet.
+    """
+    v, f = geometry.vertices, geometry.faces
+    a, b = v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]]
+    normal = np.cross(a, b)
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(2.0 * area, 1e-300)[:, None]
+    group = geometry.face_group
+    n = int(group.max()) + 1
+    total = np.bincount(group, area, n)
+    mean = np.stack([np.bincount(group, area * normal[:, i], n) for i in range(3)], axis=1)
+    # a flat group's mean normal has length one
+    curved = np.linalg.norm(mean, axis=1) < (1.0 - 1e-6) * total
+    longest = np.sqrt(np.maximum.reduce([(e * e).sum(axis=1) for e in (a, b, a - b)]))
+    narrow = 2.0 * area < spacing * np.maximum(longest, 1e-300)
+    small = narrow & curved[group]
+    return float(area[small].sum() / max(area.sum(), 1e-300))
+
+
 def azimuth_cell(scene: Scene) -> float:
     """Azimuth resolution cell lambda / (2 theta) of the whole aperture at the image centre, m."""
     track = scene.radar.track
@@ -218,6 +241,7 @@ def ray_lattices(
 
 __all__ = [
     "FOOTPRINT_PER_CELL",
+    "RAYS_PER_WAVELENGTH",
     "LaunchWindow",
     "azimuth_cell",
     "diffuse_spacing",
@@ -225,4 +249,5 @@ __all__ = [
     "ray_lattices",
     "ray_spacing",
     "scatterer_cell",
+    "share_of_small_facets",
 ]
