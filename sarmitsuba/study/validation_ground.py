@@ -1,9 +1,11 @@
 """Mean sigma0 of diffuse ground, end to end: from traced echoes to calibrated pixels."""
 
-from typing import Any
+import warnings
+from typing import Any, Literal
 
 import numpy as np
 
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.spec import Material, Scene, TraceSettings
 from sarmitsuba.study import validation_targets as targets
 from sarmitsuba.study.validation import Case, CaseEntry, Comparison, db
@@ -13,18 +15,20 @@ from sarmitsuba.study.validation_radiometry import METHODS, WINDOWS, bandwidth
 
 def ground_sigma0(quick: bool = False) -> Case:
     """Mean sigma0 of diffuse ground over look angle, resolution, range, window and focuser."""
-    level = -10.0
+    level, n_cells = -10.0, 128.0 if quick else 192.0
     base: dict[str, Any] = {
         "look": 35.0,
         "cell": 1.0,
         "range": 10e3,
         "window": "rectangular",
         "method": METHODS[0],
+        "rays": 0.0,
     }
     sweeps: dict[str, tuple[str, list[Any]]] = {
         "look angle (deg)": ("look", [35.0] if quick else [20.0, 35.0, 50.0, 60.0]),
         "log10(cell / m)": ("cell", [0.3, 3.0] if quick else [0.1, 0.3, 1.0, 3.0, 10.0]),
         "log10(range / m)": ("range", [700e3] if quick else [1e3, 10e3, 100e3, 1000e3]),
+        "ray spacing over scatterer cell": ("rays", [1.3] if quick else [0.3, 0.6, 1.0, 1.3, 1.6]),
         "window": ("window", ["hamming"] if quick else list(WINDOWS)),
         "focuser (0 backprojection, 1 omega-k)": ("method", [METHODS[1]] if quick else list(METHODS)),
     }
@@ -32,7 +36,7 @@ def ground_sigma0(quick: bool = False) -> Case:
     for label, (name, values) in sweeps.items():
         got, errors = [], []
         for value in values:
-            mean, error = _ground_level(**(base | {name: value}), level=level)
+            mean, error = _ground_level(**(base | {name: value}), level=level, n_cells=n_cells)
             got.append(mean)
             errors.append(error)
         numbers = [float(i) if isinstance(v, str) else float(v) for i, v in enumerate(values)]
@@ -58,15 +62,30 @@ def ground_sigma0(quick: bool = False) -> Case:
         x_label="see the legend",
         y_label="sigma0 (dB)",
         comparisons=tuple(comparisons),
-        note="X band; about 128 x 128 resolution cells, 4 rays a scatterer cell, mean over the inner three quarters.",
+        note=f"X band; {n_cells:g} x {n_cells:g} resolution cells, mean over the inner three quarters; "
+        "rays as the simulator spaces them, except in the series over ray spacing.",
     )
 
 
 def _ground_level(
-    *, look: float, cell: float, range: float, window: str, method: str, level: float
+    *,
+    look: float,
+    cell: float,
+    range: float,
+    window: str,
+    method: Literal["backprojection", "omega_k"],
+    rays: float,
+    level: float,
+    n_cells: float,
 ) -> tuple[float, float]:
     """Mean sigma0 of an image of flat ground and its standard error, dB."""
-    image = chain(ground_scene(look, cell, range, level), window=window, method=method)  # type: ignore[arg-type]
+    scatterer = 0.95 * cell
+    settings = TraceSettings(max_depth=1, scatterer_cell=scatterer, ray_spacing=rays * scatterer)
+    scene = ground_scene(look, cell, range, level, n_cells, settings=settings)
+    with warnings.catch_warnings():
+        # rays coarser than the cells are one of the things looked at
+        warnings.simplefilter("ignore", SarmitsubaWarning)
+        image = chain(scene, window=window, method=method)
     sigma0 = image.sigma0()
     n_a, n_r = sigma0.shape
     inner = sigma0[n_a // 8 : -(n_a // 8), n_r // 8 : -(n_r // 8)]
