@@ -283,6 +283,7 @@ class TraceJob:
         self.largest_grid = max(self.largest_grid, adder.n_bytes)
         position, velocity = plan.position[None], plan.velocity[None]
         pick = slice(plan.key, plan.key + 1)
+        adder.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, position, velocity, pick, adder, plan.n_pulses)
         data[:, plan.start : plan.stop] = synthesise(adder.grid(), plan, radar)
         self.timer.lap("synthesise")
@@ -305,6 +306,7 @@ class TraceJob:
         )
         self.largest_grid = max(self.largest_grid, adder.n_bytes)
         pick = slice(start, stop)
+        adder.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
         data[:, pick] = finish(adder.grid(), plan, radar)
         self.timer.lap("synthesise")

@@ -97,7 +97,29 @@ class GridAdder:
         self.wavelength = wavelength
         self.memory = dr.zeros(mi.Float64, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
         self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
+        self.window: tuple[Any, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
+
+    def watch(self, start_range: NDArray[np.float64], extent: float) -> None:
+        """Count what falls outside the receive window, though its tails are kept.
+
+        Parameters
+        ----------
+        start_range : (n_pulses,) of the launch, m; extent : length of the window, m
+        """
+        _, mi = modules()
+
+        self.window = (mi.Float64(start_range), extent)
+
+    def outside(self, pulse: Any, half_length: Any, active: Any) -> Any:
+        """True for contributions outside the receive window, where one is watched."""
+        dr, mi = modules()
+
+        if self.window is None:
+            return mi.Bool(False)
+        start, extent = self.window
+        r = half_length - dr.gather(mi.Float64, start, pulse, active)
+        return (r < 0.0) | (r > dr.opaque(mi.Float64, extent))
 
     def begin(self) -> tuple[Any, ...]:
         """Contributions of this lane that fell outside the receive window."""
@@ -197,7 +219,8 @@ class BlockAdder(GridAdder):
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
-        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+        lost = active & (~inside | self.outside(pulse, half_length, active))
+        return (dr.select(lost, state[0] + 1, state[0]),)
 
 
 class DirectAdder(GridAdder):
@@ -236,7 +259,8 @@ class DirectAdder(GridAdder):
         base = (self.slot(order) * n_pulses + pulse) * n_range + ix
         for i, wi in enumerate(wx):
             self.scatter(base + i, values, wi, inside)
-        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+        lost = active & (~inside | self.outside(pulse, half_length, active))
+        return (dr.select(lost, state[0] + 1, state[0]),)
 
 
 def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[Any, list[Any], Any]:
