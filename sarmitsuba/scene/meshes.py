@@ -64,7 +64,7 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     if not f.size:
         raise SceneError(f'mesh "{name}": all {n_given} faces have zero area; check its scale and to_world')
 
-    first, n_same, n_flipped = _unique_faces(_weld(v), f)
+    first, n_same, n_flipped = _unique_faces(weld(v), f)
     if n_same + n_flipped:
         n_copies = f"{n_same + n_flipped} duplicate faces of {n_given}"
         notes.append(f'mesh "{name}": removed {n_copies} ({n_flipped} flipped copies)')
@@ -105,7 +105,7 @@ def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0
     if n_f == 0:
         return np.zeros(0, dtype=np.int32)
     normal = _unit_normals(v, f)
-    ids = _weld(v)[f]
+    ids = weld(v)[f]
     start = ids.ravel()
     end = np.roll(ids, -1, axis=1).ravel()
     forward = start < end
@@ -195,7 +195,7 @@ def _unit_normals(v: F64, f: I64) -> F64:
     return np.asarray(cross / np.where(norm > 0.0, norm, 1.0))
 
 
-def _weld(v: F64) -> I64:
+def weld(v: F64) -> I64:
     """(n_v,) int64 label of every position, equal for vertices at exactly the same place.
 
     Labels depend on the positions alone, not on the order of the vertices: the rank of a 64-bit hash of the
@@ -235,4 +235,4 @@ def _unique_faces(weld: I64, f: I64) -> tuple[I64, int, int]:
     return np.sort(starts), int(copy.sum()) - n_flipped, n_flipped
 
 
-__all__ = ["clean_mesh", "smooth_groups", "write_ply"]
+__all__ = ["clean_mesh", "smooth_groups", "weld", "write_ply"]

@@ -10,6 +10,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.spec import Geometry, Material
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.sides import facet_sides
 
 DIFFUSE_NODES = 256
 
@@ -23,6 +24,7 @@ class TraceScene:
     mi_scene : ``mi.Scene`` holding one mesh
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
+    side_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.trace.sides`
     face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -32,6 +34,7 @@ class TraceScene:
 
     mi_scene: Any
     face_table: Any
+    side_table: Any
     face_info: Any
     material_table: Any
     diffuse_table: Any
@@ -114,6 +117,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     return TraceScene(
         mi_scene=mi_scene,
         face_table=mi.Float64(packed.reshape(-1)),
+        side_table=mi.Float(facet_sides(np.stack([v0, v1, v2], axis=1)).reshape(-1)),
         face_info=mi.UInt32(info.astype(np.uint32).reshape(-1)),
         material_table=mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1)),
         diffuse_table=mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1)),

