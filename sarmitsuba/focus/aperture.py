@@ -75,9 +75,11 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     """
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
-    u = look_directions(radar, point)[:, :2]
-    turn = np.abs(u[:, 0] * np.gradient(u[:, 1]) - u[:, 1] * np.gradient(u[:, 0]))
+    u, weights = _by_direction(look_directions(radar, point)[:, :2], weights)
     seen = weights > 0.0
+    turn = np.zeros(1)
+    if u.shape[0] > 1:
+        turn = np.abs(u[:, 0] * np.gradient(u[:, 1]) - u[:, 1] * np.gradient(u[:, 0]))
     if not seen.any() or turn[seen].min() < 1e-15:
         raise DataError(
             "focus: the line of sight to the image's centre does not turn, or no pulse illuminates it; "
@@ -90,6 +92,17 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     band = float(np.mean(V**2 / f) / (np.mean(V) ** 2 * wave.bandwidth))
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
     return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2
+
+
+def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
+    """Horizontal lines of sight in the order of their angle, pulses from one and the same direction merged.
+
+    A radar that stands still, or flies back and forth, samples the same spectrum again: its weights add.
+    """
+    angle = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
+    order = np.argsort(angle, kind="stable")
+    new = np.concatenate([[True], np.diff(angle[order]) > 1e-12])
+    return u[order][new], np.asarray(np.bincount(np.cumsum(new) - 1, weights[order]))
 
 
 def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
