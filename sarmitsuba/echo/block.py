@@ -351,6 +351,8 @@ def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockP
     bend = plan.curvature.of_rate(rate).T - plan.curvature.slope * rate[:, None] * plan.tau
     drift = rate[:, None] * plan.tau + bend  # m, (n_rate, K)
     walk = per_bin * (drift - middle * plan.tau)  # rad per bin
+    # what the rate is multiplied with at each pulse: its time, where the track keeps to its line
+    lever = (drift[-1] - drift[0]) / (rate[-1] - rate[0]) if plan.n_rate > 1 else plan.tau
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
     # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
     half = min(max(1, int(0.25 / max(float(np.abs(walk).max()), 1e-9))), 128)
@@ -368,7 +370,7 @@ def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockP
         value = product[..., 3 * n_pulses :]
         for order in (2, 1, 0):
             value = value * q + product[..., order * n_pulses : (order + 1) * n_pulses]
-        value *= _frequency_weight(m, center, middle, per_bin, plan, radar)
+        value *= _frequency_weight(m, center, middle, per_bin, lever, plan, radar)
         out[:, :, m % n] = np.swapaxes(value, 1, 2)
 
     parallel_map(batch, range(-count, count + 1, 2 * half + 1))
@@ -376,7 +378,7 @@ def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockP
 
 
 def _frequency_weight(
-    m: Any, center: int, middle: float, per_bin: float, plan: BlockPlan, radar: Radar
+    m: Any, center: int, middle: float, per_bin: float, lever: F64, plan: BlockPlan, radar: Radar
 ) -> C64:
     """Everything that depends on frequency and pulse only, (n_m, K): kernels, roll-off, guard, mean walk."""
     n = plan.n_inner
@@ -388,7 +390,7 @@ def _frequency_weight(
     # cycles per rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)
     nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
-    cycles = per_bin * plan.rate_step * plan.tau / (2.0 * np.pi)
+    cycles = per_bin * plan.rate_step * lever / (2.0 * np.pi)
     at_nodes = 1.0 / plan.rate_kernel.transform((carrier_bins + center + nodes)[:, None] * cycles)
     u = (m - center)[:, None] / nodes[2]
     by_rate = (

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.threads import one_blas_thread
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -135,8 +136,12 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
     basis = np.concatenate(
         [x[None] ** np.arange(_RANGE_DEGREE + 1)[:, None], y[None] ** np.arange(1, _RATE_DEGREE + 1)[:, None]]
     )
-    coefficients, *_ = np.linalg.lstsq(basis.T, residual, rcond=1e-9)
-    model = basis.T @ coefficients
+    with one_blas_thread():  # small products: threads would only wait for each other
+        # normal equations of a few scaled monomials: ten times quicker than an SVD of all samples, and the pseudo-
+        # inverse drops what a flat box cannot tell apart
+        normal = np.linalg.pinv(basis @ basis.T, rcond=1e-13, hermitian=True)
+        coefficients = normal @ (basis @ residual)
+        model = basis.T @ coefficients
     # the correction is exact at the carrier and to first order across the band: mean of (k_f a)^4 / 4
     wavenumber = 4.0 * np.pi / SPEED_OF_LIGHT
     at_carrier = wavenumber * radar.waveform.center_frequency * (residual - model)

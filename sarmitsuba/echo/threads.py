@@ -1,8 +1,9 @@
 """Many small matrix products at once: own threads, each with a single-threaded BLAS."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
@@ -21,14 +22,24 @@ def parallel_map(function: Callable[[int], None], arguments: Iterable[int]) -> N
     one thread on an idle machine (18 ms against 30 for a block of 64 pulses) and ten times slower on a busy
     one. So BLAS is held to one thread (where ``threadpoolctl`` is there to do it) and the calls are spread.
     """
-    controller = _controller()
-    if controller is None:
+    if _controller() is None:
         for argument in arguments:
             function(argument)
         return
-    with controller.limit(limits=1, user_api="blas"), ThreadPoolExecutor(n_threads()) as pool:
+    with one_blas_thread(), ThreadPoolExecutor(n_threads()) as pool:
         for future in [pool.submit(function, argument) for argument in arguments]:
             future.result()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread meanwhile; without ``threadpoolctl`` nothing changes."""
+    controller = _controller()
+    if controller is None:
+        yield
+        return
+    with controller.limit(limits=1, user_api="blas"):
+        yield
 
 
 @lru_cache(maxsize=1)
@@ -40,4 +51,4 @@ def _controller() -> Any:
     return ThreadpoolController()
 
 
-__all__ = ["n_threads", "parallel_map"]
+__all__ = ["n_threads", "one_blas_thread", "parallel_map"]

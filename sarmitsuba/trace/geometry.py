@@ -116,14 +116,23 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     )
     return TraceScene(
         mi_scene=mi_scene,
-        face_table=mi.Float64(packed.reshape(-1)),
-        side_table=mi.Float(facet_sides(np.stack([v0, v1, v2], axis=1)).reshape(-1)),
-        face_info=mi.UInt32(info.astype(np.uint32).reshape(-1)),
-        material_table=mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1)),
-        diffuse_table=mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1)),
+        face_table=_owned(mi.Float64(packed.reshape(-1))),
+        side_table=_owned(mi.Float(facet_sides(np.stack([v0, v1, v2], axis=1)).reshape(-1))),
+        face_info=_owned(mi.UInt32(info.astype(np.uint32).reshape(-1))),
+        material_table=_owned(mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1))),
+        diffuse_table=_owned(mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1))),
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
     )
+
+
+def _owned(values: Any) -> Any:
+    """Copy in memory of Dr.Jit's own: aligned, where NumPy's may not be, and then other kernels would be compiled."""
+    dr, mi = modules()
+    copy = dr.empty(type(values), len(values))
+    dr.scatter(copy, values, dr.arange(mi.UInt32, len(values)))
+    dr.eval(copy)
+    return copy
 
 
 def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -137,7 +137,8 @@ def trace(
     origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, scene, mi, dr)))
 
     turn = dr.opaque(f64, grid.turn)
-    ct, st = dr.cos(turn) * grid.spacing, dr.sin(turn) * grid.spacing
+    spacing = dr.opaque(f64, grid.spacing)
+    ct, st = dr.cos(turn) * spacing, dr.sin(turn) * spacing
     edge_a = v32(axis_x * ct + axis_y * st)
     edge_b = v32(axis_y * ct - axis_x * st)
     edge_a -= d * dr.dot(edge_a, d)
