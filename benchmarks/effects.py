@@ -154,7 +154,7 @@ def one_batch(job: TraceJob, block: BlockPlan, grid: Any) -> float:
 # ---- planned against everything on
 
 
-def planned_row(name: str, rounds: int, *, every_pulse: bool) -> dict[str, Any]:
+def planned_row(name: str, rounds: int) -> dict[str, Any]:
     """Image error and time ratios of one scene."""
     scene = load(name)
     warm = plan_scene(scene)
@@ -204,7 +204,7 @@ def planned_row(name: str, rounds: int, *, every_pulse: bool) -> dict[str, Any]:
         "plan_share": pilot / (least["plan"] + focusing),
         "stages": {k: round(v, 4) for k, v in stages.items()},
     }
-    if every_pulse and scene.geometry.n_faces:
+    if rounds > QUICK_ROUNDS and scene.geometry.n_faces:
         raw_scene = replace(scene, settings=replace(scene.settings, method="raw"))
         _, prediction = predict(raw_scene, plan=full, clock=time.process_time)
         total = sum(v for k, v in prediction.seconds.items() if k != "focus")
@@ -348,12 +348,22 @@ def markdown(results: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def store(results: dict[str, Any], folder: Path | None) -> None:
+    """Write what there is so far."""
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "effects.json").write_text(json.dumps(results, indent=2), encoding="utf-8")
+        (folder / "effects.md").write_text(markdown(results), encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes, or munich (default: all)")
     parser.add_argument("--quick", action="store_true", help="one round, no prediction, no kernel table")
     parser.add_argument("--only", choices=("kernels", "plans", "predictions"), help="one of the parts")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md")
+    parser.add_argument(
+        "--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md, adding to those there"
+    )
     parser.add_argument("--docs", action="store_true", help="put the tables into docs/effects.md")
     parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--predict", action="store_true", help=argparse.SUPPRESS)
@@ -365,24 +375,24 @@ def main() -> None:
     names = args.scenes or [e.name for e in list_scenes()] + (["munich"] if munich() else [])
     rounds = QUICK_ROUNDS if args.quick else ROUNDS
     parts = [args.only] if args.only else ["plans"] if args.quick else ["kernels", "plans", "predictions"]
-    results: dict[str, Any] = {
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, "
-        f"Python {platform.python_version()}",
-        "kernels": kernel_table(COST_ROUNDS) if "kernels" in parts else [],
-        "plans": [],
-        "predictions": [],
-    }
+    results: dict[str, Any] = {"kernels": [], "plans": [], "predictions": []}
+    if args.out and (args.out / "effects.json").exists():  # parts and scenes not run now stay
+        results = json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
+    results["machine"] = (
+        f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, Python {platform.python_version()}"
+    )
+    if "kernels" in parts:
+        results["kernels"] = kernel_table(COST_ROUNDS)
+        store(results, args.out)
     for name in names:
-        if "plans" in parts:
-            results["plans"].append(planned_row(name, rounds, every_pulse=not args.quick))
-        if "predictions" in parts:
-            results["predictions"].append(prediction_row(name, rounds))
+        for part, measure in (("plans", planned_row), ("predictions", prediction_row)):
+            if part in parts:
+                row = measure(name, rounds)
+                kept = [r for r in results[part] if r["scene"] != name]
+                results[part] = sorted([*kept, row], key=lambda r: (r["scene"] == "munich", r["scene"]))
+                store(results, args.out)
     text = markdown(results)
     print(text)
-    if args.out:
-        args.out.mkdir(parents=True, exist_ok=True)
-        (args.out / "effects.json").write_text(json.dumps(results, indent=2), encoding="utf-8")
-        (args.out / "effects.md").write_text(text, encoding="utf-8")
     if args.docs:
         head = DOCS.read_text(encoding="utf-8").split("<!-- generated: benchmarks/effects.py --docs -->")[0]
         DOCS.write_text(f"{head}<!-- generated: benchmarks/effects.py --docs -->\n\n{text}", encoding="utf-8")
