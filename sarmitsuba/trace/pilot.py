@@ -8,7 +8,7 @@ the rim of a patch on a smooth plain would return what the plain does not.
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -364,9 +364,7 @@ def _trace(
     names += ["retro"] if flags.diffuse and flags.diffuse_double else []
     n = patches.n_random + patches.n_features
     adder = _PatchAdder(n, len(names), radar.waveform.wavelength, reference)
-    # an opaque spacing: the next scene's pilot is the same kernel
-    grid = replace(patches.grid, spacing=dr.opaque(mi.Float64, patches.grid.spacing))
-    _, state = trace(trace_scene, grid, batch, flags, settings, radar.antenna, adder)
+    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, adder)
     dr.eval(state, adder.memory)
     sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
