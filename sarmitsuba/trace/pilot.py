@@ -336,7 +336,7 @@ def _trace(
     patches: _Patches,
 ) -> F64:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
-    dr, mi = modules()
+    dr, _ = modules()
     radar = scene.radar
     pick = slice(pulse, pulse + 1)
     patterned = flags.antenna_pattern
