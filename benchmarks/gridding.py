@@ -24,7 +24,7 @@ def run(quick: bool) -> harness.Report:
     for method, dims in (("hybrid", 2),) if quick else (("raw", 1), ("hybrid", 2)):
         # one block, so that all widths share its geometry
         base = Setting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
-        best = run_trial(scene, base.but(gridding_width=8), grid)
+        best = run_trial(scene, base.but(gridding_width=6 if quick else 8), grid)
         rows = []
         for width in widths:
             trial = run_trial(scene, base.but(gridding_width=width), grid)

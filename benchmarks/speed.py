@@ -1,5 +1,6 @@
 """Speed claims on Munich: hybrid against raw, its error, the kernel against bare ray queries, where the time goes."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -8,8 +9,8 @@ import harness
 
 SPACING = 0.25  # m between rays: 4 a metre
 DEPTH = 3
-EVERY = 16  # raw is traced on every 16th pulse; more would only repeat the same comparison
-CONVERGED_EVERY = 64  # the converged reference has four times the rays
+EVERY = 64  # raw is traced on every 64th pulse, 30 M rays: more would only repeat the same comparison
+CONVERGED_EVERY = 192  # pulses a quarter block off their key pulses, like the average one; the converged reference has four times the rays
 
 
 def thinned(scene: Any, every: int) -> Any:
@@ -85,9 +86,6 @@ def run(quick: bool) -> harness.Report:
         if name == "as shipped":
             report.claim("raw data of 512 pulses", timing["hybrid"].median, 8.0, at_least=False, unit="s")
             report.claim(
-                "hybrid against raw", raw_seconds / timing["hybrid"].median, 20.0, at_least=True, unit="x"
-            )
-            report.claim(
                 "error against per-pulse tracing, same rays", error, -30.0, at_least=False, unit="dB"
             )
             report.claim(
@@ -95,16 +93,7 @@ def run(quick: bool) -> harness.Report:
             )
             report.data["timing"] = {k: vars(v) for k, v in timing.items()}
             if not quick:
-                both = _against_converged(best)
-                report.table(
-                    f"Error against converged raw, every {CONVERGED_EVERY}th pulse, four times the rays",
-                    ["method", "error dB"],
-                    [[m, f"{e:.2f}"] for m, e in both.items()],
-                )
-                difference = abs(both["hybrid"] - both["raw"])
-                report.claim(
-                    "difference of the errors of hybrid and raw", difference, 1.0, at_least=False, unit="dB"
-                )
+                _equal_error(report, best, raw_seconds)
     report.table(
         "Raw data",
         ["materials", "hybrid s", "raw s (scaled)", "ratio", "error dB", "M paths/s", "M path-pulses/s"],
@@ -135,9 +124,13 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
     def job(name: str, case: Any, **options: Any) -> None:
         kept[name] = simulate(case, **options)
 
-    timing = harness.interleave(
-        {"hybrid": lambda: job("hybrid", scene), "raw": lambda: job("raw", few, plan=plan)}, rounds
-    )
+    timing = harness.interleave({"hybrid": lambda: job("hybrid", scene)}, rounds)
+    one = harness.with_settings(thinned(few, few.radar.track.n_pulses), method="raw")
+    simulate(one, plan=plan)  # compiles; one round of raw is long enough to be steady
+    start = time.perf_counter()
+    job("raw", few, plan=plan)
+    seconds = time.perf_counter() - start
+    timing["raw"] = harness.Timing(0.0, seconds, seconds, seconds)
     return scene, few, kept["hybrid"], kept["raw"], timing
 
 
@@ -147,17 +140,40 @@ def _cell(scene: Any) -> float:
     return float(scatterer_cell(scene, launch_window(scene).incidence))
 
 
-def _against_converged(scene: Any) -> dict[str, float]:
+def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
+    """Errors of raw and of hybrid with several block lengths against converged raw, and their times."""
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.simulate import simulate
 
     few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")
-    converged = simulate(harness.with_settings(few, ray_spacing=0.5 * SPACING), pass_index=5).data
+    converged = simulate(harness.with_settings(few, **_denser(scene, 0.5)), pass_index=5).data
+    exact = image_error_db(simulate(few).data, converged)
     pick = slice(CONVERGED_EVERY // 2, None, CONVERGED_EVERY)
-    return {
-        "hybrid": image_error_db(simulate(scene).data[:, pick], converged),
-        "raw": image_error_db(simulate(few).data, converged),
-    }
+    rows, best = [["raw", exact, raw_seconds, 1.0]], 0.0
+    for interval in (0, 64, 32):
+        case = harness.with_settings(scene, key_pulse_interval=interval)
+        start = time.perf_counter()
+        raw = simulate(case)
+        seconds = time.perf_counter() - start
+        error = image_error_db(raw.data[:, pick], converged)
+        length = raw.metadata["sampling"]["key_pulse_interval"]
+        rows.append([f"hybrid, K = {length}", error, seconds, raw_seconds / seconds])
+        if abs(error - exact) <= 1.0:
+            best = max(best, raw_seconds / seconds)
+    report.table(
+        f"Error against converged raw (four times the rays, its own lattice), every {CONVERGED_EVERY}th pulse",
+        ["method", "error dB", "seconds", "faster"],
+        [[r[0], f"{r[1]:.2f}", f"{r[2]:.1f}", f"{r[3]:.1f}"] for r in rows],
+    )
+    report.data["equal_error"] = rows
+    report.claim("hybrid against raw, errors within 1 dB", best, 20.0, at_least=True, unit="x")
+
+
+def _denser(scene: Any, factor: float) -> dict[str, float]:
+    from sarmitsuba.trace.window import diffuse_spacing, launch_window
+
+    own = diffuse_spacing(scene, launch_window(scene))
+    return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
 
 
 class _Sink:
