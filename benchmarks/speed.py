@@ -10,7 +10,8 @@ import harness
 SPACING = 0.25  # m between rays: 4 a metre
 DEPTH = 3
 EVERY = 64  # raw is traced on every 64th pulse, 30 M rays: more would only repeat the same comparison
-CONVERGED_EVERY = 192  # pulses a quarter block off their key pulses, like the average one; the converged reference has four times the rays
+# pulses a quarter block off their key pulses, like the average one; the reference has four times the rays
+CONVERGED_EVERY = 192
 
 
 def thinned(scene: Any, every: int) -> Any:
