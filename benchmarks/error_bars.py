@@ -12,7 +12,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.methods import simulate_image
     from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.cost import Rays
+    from sarmitsuba.study.cost_report import Rays
     from sarmitsuba.study.error_bars import estimate_error
     from sarmitsuba.study.sweep import Setting, crop, mean_image
     from sarmitsuba.trace.pilot import plan_scene

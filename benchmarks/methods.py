@@ -37,7 +37,7 @@ def run(quick: bool) -> harness.Report:
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
-    from sarmitsuba.study.cost import Rays
+    from sarmitsuba.study.cost_report import Rays
     from sarmitsuba.trace.pilot import plan_scene
     from sarmitsuba.trace.window import launch_window, scatterer_cell
 

@@ -10,7 +10,7 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.focus import default_grid
     from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.cost import Rays
+    from sarmitsuba.study.cost_report import Rays
     from sarmitsuba.study.sweep import Setting, crop, mean_image, run_trial
     from sarmitsuba.trace.pilot import plan_scene
     from sarmitsuba.trace.window import launch_window, scatterer_cell

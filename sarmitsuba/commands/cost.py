@@ -7,7 +7,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.explain import definition
 
 if TYPE_CHECKING:
-    from sarmitsuba.study.cost import CostReport
+    from sarmitsuba.study.cost_report import CostReport
 
 NAME = "cost"
 HELP = "measure what accuracy costs on a scene and recommend a setting"
