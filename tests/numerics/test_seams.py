@@ -10,7 +10,7 @@ from sarmitsuba.study.paths import aimed_at, record_paths, square_grid
 from sarmitsuba.study.rcs import monostatic_rcs
 from sarmitsuba.study.theory_rcs import plate_amplitude
 from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram, plate
-from sarmitsuba.trace import kernel
+from sarmitsuba.trace import kernel, tube
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.modules import modules
@@ -155,7 +155,8 @@ def test_rays_into_a_corner_line_bounce_twice(row, monkeypatch) -> None:
 def test_lattice_makes_no_false_lobes(row, monkeypatch, angle_deg: float) -> None:
     """A 1 m plate's pattern across an edge and across a corner, 2 to 75 degrees, against physical optics.
 
-    Naive way: a launch lattice along the edges: whole rows of rays enter and leave the plate at once.
+    Naive way: whole tubes, on a launch lattice along the edges, so that rows of rays enter and leave the plate at
+    once: -44 dB of its peak. A turned lattice alone gains 10 dB; tubes that end at the plate's sides 45.
     """
     theta = np.radians(np.linspace(2.0, 75.0, 90))
     u, v = np.sin(theta) * np.cos(np.radians(angle_deg)), np.sin(theta) * np.sin(np.radians(angle_deg))
@@ -168,14 +169,16 @@ def test_lattice_makes_no_false_lobes(row, monkeypatch, angle_deg: float) -> Non
         return float(20 * np.log10(np.abs(result.amplitude[:, 0, 0] - theory).max() / peak))
 
     ours, naive = worst_lobe(), None
+    monkeypatch.setattr(rcs, "lattice", lambda x, y, spacing, **_: square_grid(x, y, spacing))
+    aligned = worst_lobe()
     if angle_deg == 0.0:
-        monkeypatch.setattr(rcs, "lattice", lambda x, y, spacing, **_: square_grid(x, y, spacing))
+        monkeypatch.setattr(tube, "limited", lambda extent, *_: extent)
         naive = worst_lobe()
     row(
         f"false lobes of a plate, {angle_deg:.0f} degrees across its edge, below its peak",
-        ours,
+        max(ours, aligned),
         -50.0,
         "dB",
         naive=naive,
-        remedy="lattice turned by an irrational angle",
+        remedy="tubes end at the facet's sides; lattice turned by an irrational angle",
     )
