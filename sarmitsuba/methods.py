@@ -143,7 +143,9 @@ class Preview:
     def look(self) -> Look:
         """Plan of the one look."""
         if self._look is None:
-            width = max(2, self.scene.settings.gridding_width)
+            # a cell less each way than raw data want: adding is most of the time, and -44 dB is below what one look
+            # leaves out
+            width = max(2, self.scene.settings.gridding_width - 1)
             self._look = plan_look(
                 self.scene.radar,
                 self.grid,
