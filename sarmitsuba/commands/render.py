@@ -205,6 +205,11 @@ def _image_only(
             f"method {method} makes an image without raw data; leave out --no-focus and --raw, "
             "or take --method hybrid"
         )
+    if scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0:
+        raise DataError(
+            f"method {method} makes one pass; leave out target_error_db and time_limit (--target-error, "
+            "--time-limit), or take --method hybrid"
+        )
     with watch.stage("simulate"):
         image = simulate_image(
             scene, range_window=args.window, azimuth_window=args.window, progress=console.progress
