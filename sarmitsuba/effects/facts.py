@@ -17,6 +17,9 @@ TOLERANCE_DB = -40.0
 # one look of speckle. Without clutter the tolerance applies, below the peak
 CELL_BELOW_CLUTTER_DB = -20.0
 
+# about what it takes to prove a closed body convex
+PROOF_SECONDS_PER_FACE = 2.5e-6
+
 KINDS = ("coherent", "diffuse", "retro")
 
 
@@ -148,8 +151,13 @@ class Facts:
         """What the visible geometry proves."""
         if self.known_shape is not None:
             return self.known_shape
+        return self.shape_within(np.inf)
+
+    def shape_within(self, seconds: float) -> ShapeFacts:
+        """The same, without proofs where they would take longer than that."""
         visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
-        return ShapeFacts(self.scene.geometry, visible, self.antenna)
+        thorough = PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
+        return ShapeFacts(self.scene.geometry, visible, self.antenna, thorough=thorough)
 
     @cached_property
     def antenna(self) -> F64:

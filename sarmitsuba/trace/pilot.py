@@ -45,6 +45,8 @@ SHORTEST_RUN = 2.0
 RAYS_PER_SECOND = 5e6
 SAMPLES_PER_SECOND = 2e6  # range-compressed samples synthesised
 PIXEL_PULSES_PER_SECOND = 4e8
+# share of a run that proofs from the geometry may take
+PROOF_SHARE = 0.05
 # key pulses share about this many pulses when nothing else is known
 USUAL_INTERVAL = 100
 # a feature that so many random patches meet needs none of its own
@@ -64,9 +66,10 @@ def plan_scene(
     """
     if scene.geometry.n_faces == 0:
         return plan_effects(scene)
-    shape = Facts(scene).shape
-    draft = plan_effects(scene, shape=shape, warn=False)
     window = launch_window(scene)
+    seconds = run_seconds(scene, sampling_of(scene, None, window))
+    shape = Facts(scene).shape_within(PROOF_SHARE * seconds)
+    draft = plan_effects(scene, shape=shape, warn=False)
     sampling = sampling_of(scene, draft, window)
     depth = draft.decision("max_depth")
     decided = depth is not None and depth.source == "fact" and not depth.on
@@ -77,18 +80,20 @@ def plan_scene(
     return plan_effects(scene, sampling, result, shape=shape)
 
 
-def sampling_of(scene: Scene, draft: EffectsPlan, window: LaunchWindow) -> Sampling:
-    """How the full run will sample the scene if the draft stands."""
+def sampling_of(scene: Scene, draft: EffectsPlan | None, window: LaunchWindow) -> Sampling:
+    """How the full run will sample the scene if the draft stands, or with all returns where there is none yet."""
     settings = scene.settings
-    coherent = draft.flags.coherent
-    spacing = ray_spacing(scene, window, draft.flags.diffuse and not coherent, coherent)
+    flags = (
+        draft.flags if draft else KernelFlags(diffuse=any(m.diffuse_law != "none" for m in scene.materials))
+    )
+    spacing = ray_spacing(scene, window, flags.diffuse and not flags.coherent, flags.coherent)
     n = scene.radar.track.n_pulses
     interval = {"raw": 1, "image": n, "raster": n}.get(
         settings.method, settings.key_pulse_interval or USUAL_INTERVAL
     )
     return Sampling(
         ray_spacing=spacing,
-        n_rays=_rays_a_pulse(scene, window, draft.flags, spacing),
+        n_rays=_rays_a_pulse(scene, window, flags, spacing),
         cell=float(scatterer_cell(scene, window.incidence)),
         box=window.box,
         key_pulses=-(-n // interval),
@@ -104,17 +109,21 @@ def _rays_a_pulse(scene: Scene, window: LaunchWindow, flags: KernelFlags, spacin
     return int(rays)
 
 
-def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:
-    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
+def run_seconds(scene: Scene, sampling: Sampling) -> float:
+    """About what simulating and focusing takes on two cores, s; `explain` predicts it properly."""
     radar, image = scene.radar, scene.image
-    cell = radar.waveform.range_cell
-    pixels = image.extent_azimuth * image.extent_range / max(sampling.cell * cell, 1e-9) * 2.0
-    seconds = (
+    pixel = sampling.cell * radar.waveform.range_cell
+    pixels = image.extent_azimuth * image.extent_range / max(pixel, 1e-9) * 2.0
+    return float(
         sampling.n_rays * sampling.key_pulses / RAYS_PER_SECOND
         + radar.track.n_pulses * radar.window.n_samples * len(radar.channels) / SAMPLES_PER_SECOND
         + pixels * radar.track.n_pulses * len(radar.channels) / PIXEL_PULSES_PER_SECOND
     )
-    return seconds >= SHORTEST_RUN or scene.settings.keep_orders
+
+
+def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:
+    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
+    return run_seconds(scene, sampling) >= SHORTEST_RUN or scene.settings.keep_orders
 
 
 @dataclass(frozen=True, eq=False)
