@@ -74,7 +74,8 @@ class CellFrame:
     def _shares(self, place: Any, width: Any) -> tuple[tuple[Any, Any], Any]:
         """Overlap of a box about ``place`` (0..1) with its cell and the nearer neighbour; step to the latter."""
         dr = self.dr
-        width = dr.clip(width, 1e-3, 1.0)
+        # too wide a tube has no neighbours to fill up what it would leave of a cell: it counts for one cell whole
+        width = dr.select(width > 1.0, 1e-3, dr.maximum(width, 1e-3))
         low = place < 0.5
         other = dr.maximum(0.5 * width - dr.select(low, place, 1.0 - place), 0.0) / width
         return (1.0 - other, other), dr.select(low, -1.0, 1.0)

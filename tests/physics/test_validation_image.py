@@ -6,16 +6,11 @@ from sarmitsuba.study import validation_geometry, validation_ground, validation_
 from sarmitsuba.study.validation import CaseEntry
 
 FAST = ("slope", "received_power", "traced_rcs", "point_rcs")
-# known and reported: see the page
-FAILING = {"ground_rays": "clutter is too dark where rays lie further apart than scatterer cells"}
 CASES = validation_geometry.CASES + validation_radiometry.CASES + validation_ground.CASES
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:
-    found = [] if entry.name in FAST else [pytest.mark.slow]
-    if entry.name in FAILING:
-        found.append(pytest.mark.xfail(reason=FAILING[entry.name], strict=False))
-    return found
+    return [] if entry.name in FAST else [pytest.mark.slow]
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # rays chosen by the case
