@@ -22,7 +22,7 @@ class Coherent(Effect):
     name = "coherent"
     title = "coherent return of smooth surfaces"
     rank = 20
-    cost = 0.09
+    cost = 0.06
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

@@ -18,6 +18,7 @@ class CrossPolarisation(Effect):
     name = "cross_polarisation"
     title = "cross-polar channels"
     rank = 70
+    cost = 0.12
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

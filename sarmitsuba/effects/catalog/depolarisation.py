@@ -19,7 +19,7 @@ class Depolarisation(Effect):
     name = "depolarisation"
     title = "cross-polar diffuse return"
     rank = 80
-    cost = 0.02
+    cost = 0.03
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

@@ -17,7 +17,7 @@ class Diffuse(Effect):
     name = "diffuse"
     title = "diffuse scattering"
     rank = 10
-    cost = 0.56
+    cost = 0.65
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

@@ -19,7 +19,7 @@ class DiffuseDouble(Effect):
     name = "diffuse_double"
     title = "reciprocal and retro diffuse paths"
     rank = 60
-    cost = 0.28
+    cost = 0.26
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

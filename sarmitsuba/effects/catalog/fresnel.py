@@ -18,7 +18,7 @@ class Fresnel(Effect):
     name = "fresnel"
     title = "Fresnel coefficients"
     rank = 30
-    cost = 0.02
+    cost = 0.04
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

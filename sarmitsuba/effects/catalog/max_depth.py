@@ -19,7 +19,7 @@ class MaxDepth(Effect):
     name = "max_depth"
     title = "bounces beyond the first"
     rank = 0
-    cost = 0.60
+    cost = 0.56
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

@@ -16,6 +16,7 @@ class Roughness(Effect):
     name = "roughness"
     title = "coherent loss by roughness"
     rank = 40
+    cost = 0.03
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""

@@ -15,7 +15,6 @@ class Visibility(Effect):
     name = "visibility"
     title = "shadow rays"
     rank = 110
-    cost = 0.03
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""
