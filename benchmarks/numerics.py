@@ -58,12 +58,8 @@ Shapes of a scene file are cut to a sagitta of λ/512, which implies such facets
 
 ## Not met
 
-- **Divergence behind curved mirrors.** A ray tube leaves a facet as if the facet were a flat mirror: its neighbours on
-  a curved surface spread, it does not. A return whose *last* reflector is curved (plate, then sphere) is right, because
-  the closing integral runs over the curved surface. A return that goes on from a curved surface (sphere, then plate) is
-  too weak by the square root of the beam's spread: 4 to 18 dB for a sphere of 10 to 20 wavelengths radius 1.1 to 3
-  radii above a plate. The sum of both ways, which reciprocity makes equal, is then 2 to 5 dB low. It needs the facets'
-  curvature in the kernel (a tube's edges would change direction at a reflection as well as be mirrored).
+- **Caustics of concave mirrors.** Tubes spread and shrink with the curvature of the surfaces that they leave, but the
+  phase that a wave gains where its rays cross is not added.
 - **Overlapping coplanar walls of different materials** give the same image whatever the order of the faces, but which
   of the two materials a ray sees still changes from patch to patch.
 - **Scenes within 5 km of their origin** are not re-centred: 1 km off, the edges that float32 moves change an image by
@@ -115,7 +111,7 @@ def page(collector: Collector) -> str:
         for line in lines:
             unit = line["unit"]
             parts.append(
-                f"| {line['case']} | {figure(line.get('naive'), unit)} | {figure(line['ours'], unit)} "
+                f"| {line['case'].replace('|', chr(92) + '|')} | {figure(line.get('naive'), unit)} | {figure(line['ours'], unit)} "
                 f"| {figure(line['bound'], unit)} | {line['remedy']} |\n"
             )
     parts.append(TAIL)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.trace.curvature import facet_curvature
 from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.sides import facet_sides
 
@@ -29,6 +30,7 @@ class TraceScene:
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
+    curvature_table : (8 n_faces,) float32 of :func:`sarmitsuba.trace.curvature.facet_curvature`, None in a flat scene
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -40,6 +42,7 @@ class TraceScene:
     diffuse_table: Any
     bounds: NDArray[np.float64]
     n_faces: int
+    curvature_table: Any = None
 
     @property
     def extent(self) -> float:
@@ -114,6 +117,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     info = np.stack(
         [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1
     )
+    curvature = facet_curvature(np.stack([v0, v1, v2], axis=1), geometry.face_group[rows_kept], wavelength)
     return TraceScene(
         mi_scene=mi_scene,
         face_table=_owned(mi.Float64(packed.reshape(-1))),
@@ -123,6 +127,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         diffuse_table=_owned(mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1))),
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
+        curvature_table=None
+        if curvature is None
+        else _owned(mi.Float(curvature.astype(np.float32).reshape(-1))),
     )
 
 

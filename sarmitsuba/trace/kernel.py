@@ -5,8 +5,8 @@ persistent diffuse scatterer it falls on closes as well. A path behind mirrors i
 ("unfolded") antenna, which is carried in float64 and mirrored exactly in each facet's plane: lengths depend on
 where a ray hits, never on the rounding of how it got there.
 
-What this does not do: transmission, edge and surface-wave diffraction, mirror images of curved surfaces other than
-by their facets, and diffuse-to-diffuse bounces.
+What this does not do: transmission, edge and surface-wave diffraction, the phase shift at caustics of concave
+mirrors, and diffuse-to-diffuse bounces.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ import numpy as np
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.trace import field, scatterers, tube
+from sarmitsuba.trace import curvature, field, scatterers, tube
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.diffuse_operator import DiffuseOperator, texture
 from sarmitsuba.trace.geometry import TraceScene
@@ -117,6 +117,8 @@ def trace(
     po_gain = (2.0 * float(np.sqrt(np.pi))) / wavelength * gain
     range2 = dr.opaque(f32, settings.reference_range**2)
 
+    curved = flags.multi_bounce and scene.curvature_table is not None
+
     # ---- launch
     lane = dr.arange(u32, grid.n_rays * pulses.n_pulses)
     pulse = lane // n_rays
@@ -168,7 +170,8 @@ def trace(
         d64,                            # ray direction, mirrored exactly like the antenna
         antenna_p,                      # antenna, mirrored through the chain so far
         antenna_v,                      # its velocity, mirrored likewise
-        edge_a, edge_b,                 # tube cross-section at the start's distance
+        edge_a, edge_b,                 # tube cross-section at the start, behind curved mirrors at the last hit
+        (edge_a * inverse_start, edge_b * inverse_start, distance) if curved else (),  # its growth from there on
         tube.unlimited(f32).fields(),   # how far the facets hit so far let the tube reach
         e0,                             # field of each tracked transmit polarisation, unit at launch
         u32(0),                         # contributions so far
@@ -188,6 +191,7 @@ def trace(
         image_v: Any,
         ea: Any,
         eb: Any,
+        spread: Any,
         reach: Any,
         e: Any,
         n_added: Any,
@@ -202,7 +206,7 @@ def trace(
         pi = dr.select(lost, scene.mi_scene.ray_intersect_preliminary(ray, coherent=False, active=lost), pi)
         active = active & pi.is_valid()
         face = pi.prim_index
-        landed, n64, corner = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
+        landed, n64, corner, centroid = _hit_point(scene, face, pi.prim_uv, active, mi, dr)
         info = dr.gather(mi.Vector2u, scene.face_info, face, active)
 
         # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
@@ -211,7 +215,8 @@ def trace(
         leg = p - image
         length = dr.norm(leg)
         d64 = leg / length
-        n64 = dr.select(dr.dot(d64, n64) > 0.0, -n64, n64)
+        behind = dr.dot(d64, n64) > 0.0
+        n64 = dr.select(behind, -n64, n64)
         n = v32(n64)
         d = v32(d64)
         cos_i = dr.maximum(-dr.dot(d, n), 1e-7)
@@ -233,8 +238,12 @@ def trace(
 
         # ---- the tube on this facet
         growth = f32(length) * inverse_start
-        u = tube.footprint(ea, d, n, cos_i, dr) * growth
-        v = tube.footprint(eb, d, n, cos_i, dr) * growth
+        cross_a, cross_b = ea * growth, eb * growth
+        if curved:
+            way = f32(length - spread[2])
+            cross_a, cross_b = ea + spread[0] * way, eb + spread[1] * way
+        u = tube.footprint(cross_a, d, n, cos_i, dr)
+        v = tube.footprint(cross_b, d, n, cos_i, dr)
         sides = [dr.gather(mi.Vector4f, scene.side_table, face * N_SIDES + i, active) for i in range(N_SIDES)]
         extent = tube.limited(tube.Extent(*reach), sides, v32(p - corner), u, v, dr)
         piece = tube.patch(extent, dr)
@@ -244,6 +253,13 @@ def trace(
             loss_retro = f32(1.0 / (length * length))
         else:
             loss = loss_retro = dr.rcp(range2)
+        if curved:
+            # a tube keeps its power: spread more than a sphere's it carries less field over more area
+            wider = dr.norm(dr.cross(cross_a, cross_b)) / (tube_area * dr.square(growth))
+            area *= wider
+            squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
+            loss *= squeezed
+            loss_retro *= dr.square(squeezed)
         half = (
             0.5 * (length + length_back)
             if flags.double_phase
@@ -273,7 +289,7 @@ def trace(
         if flags.coherent:
             wave = d - s
             factor = po_gain * area * loss * home
-            spread = (
+            filled = (
                 tube.phase_integral(-k * wave, u, v, piece, dr, c32) if flags.tube_phase else piece.area()
             )
             if flags.roughness:
@@ -285,7 +301,7 @@ def trace(
                     c = field.po_receive(e[i], e_out[i], d, d_out, n, s, q, dr, c32)
                 else:
                     c = field.dot(field.po_current_pec(e[i], d, n, dr), q, dr, c32)
-                coherent.append(c * factor * spread)
+                coherent.append(c * factor * filled)
             n_added = dr.select(sees, n_added + 1, n_added)
             added = adder.add(added, hits, pulse, half, rate, coherent, sees)
 
@@ -340,20 +356,49 @@ def trace(
 
         # ---- reflect
         if not flags.multi_bounce:
-            return (mi.Bool(False) & active, hits, o, d64, image, image_v, ea, eb, reach, e, n_added, added)
+            active = mi.Bool(False) & active
+            return (active, hits, o, d64, image, image_v, ea, eb, spread, reach, e, n_added, added)
+        if curved:
+            # the surface's own normal at the hit, where it does not send the ray into the facet
+            bend = curvature.turned(scene.curvature_table, face, active, dr.select(behind, -1.0, 1.0), dr, mi)
+            smooth = dr.normalize(n64 + v64(bend(v32(p - centroid))))
+            over = d64 - smooth * (2.0 * dr.dot(d64, smooth))
+            n64 = dr.select((dr.dot(d64, smooth) < 0.0) & (dr.dot(over, n64) > 1e-3), smooth, n64)
+            n = v32(n64)
+            d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
+            if flags.fresnel:
+                h = field.incidence_basis(d, n, dr, mi)
+                r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, n), 1e-7), c32(mat.x, mat.y), dr)
+                e_out = tuple(field.reflect_field(x, d, d_out, h, r_te, r_tm, dr, c32) for x in e)
+            else:
+                e_out = tuple(field.reflect_field_pec(x, n, dr) for x in e)
+            turn_a, turn_b = bend(u), bend(v)
+            spread = (
+                _mirrored_step(spread[0], turn_a, d, n, dr),
+                _mirrored_step(spread[1], turn_b, d, n, dr),
+                length,
+            )
+            ea, eb = u - d_out * dr.dot(u, d_out), v - d_out * dr.dot(v, d_out)
+        else:
+            ea = ea - n * (2.0 * dr.dot(ea, n))
+            eb = eb - n * (2.0 * dr.dot(eb, n))
         if flags.roughness:
             kept = dr.exp(-2.0 * dr.square(k * mat.z * cos_i))
             e_out = tuple((x[0] * kept, x[1] * kept) for x in e_out)
         image = image - n64 * (2.0 * dr.dot(image - p, n64))
         image_v = image_v - n64 * (2.0 * dr.dot(image_v, n64))
         d64 = d64 - n64 * (2.0 * dr.dot(d64, n64))
-        ea = ea - n * (2.0 * dr.dot(ea, n))
-        eb = eb - n * (2.0 * dr.dot(eb, n))
         active = active & (hits < max_depth)
-        return (active, hits, leave, d64, image, image_v, ea, eb, extent.fields(), e_out, n_added, added)
+        reach = extent.fields()
+        return (active, hits, leave, d64, image, image_v, ea, eb, spread, reach, e_out, n_added, added)
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
-    return TraceCounts(final[1], final[10]), final[11]
+    return TraceCounts(final[1], final[11]), final[12]
+
+
+def _mirrored_step(step: Any, turn: Any, d: Any, n: Any, dr: Any) -> Any:
+    """Difference ``step`` of a tube's directions after a mirror whose normal differs by ``turn`` over the tube."""
+    return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, turn))) - turn * (2.0 * dr.dot(d, n))
 
 
 def _mixed(terms: list[Any], random: list[Any]) -> Any:
@@ -390,8 +435,8 @@ def _on_ray(landed: Any, n: Any, image: Any, d: Any, limit: Any, mi: Any, dr: An
     return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
 
 
-def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, Any, Any]:
-    """Point from the barycentric coordinates on the float64 triangle, its unit normal and its vertex 0."""
+def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: Any) -> tuple[Any, ...]:
+    """Point from the barycentric coordinates on the float64 triangle, its unit normal, vertex 0 and centroid."""
     row = face * 3
     array4 = dr.float64_array_t(mi.Vector4f)
     a = dr.gather(array4, scene.face_table, row, active)
@@ -400,7 +445,8 @@ def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: 
     u, v = mi.Float64(uv.x), mi.Float64(uv.y)
     corner = mi.Vector3d(a[0], a[1], a[2])
     p = corner + mi.Vector3d(b[0], b[1], b[2]) * u + mi.Vector3d(c[0], c[1], c[2]) * v
-    return p, mi.Vector3d(a[3], b[3], c[3]), corner
+    centroid = corner + (mi.Vector3d(b[0], b[1], b[2]) + mi.Vector3d(c[0], c[1], c[2])) / 3.0
+    return p, mi.Vector3d(a[3], b[3], c[3]), corner, centroid
 
 
 __all__ = ["Adder", "KernelSettings", "TraceCounts", "trace"]

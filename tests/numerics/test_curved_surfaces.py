@@ -6,10 +6,15 @@ import pytest
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.loader import SAGITTA_OVER_WAVELENGTH
 from sarmitsuba.scene.tessellate import cylinder, sphere
+from sarmitsuba.study.paths import record_paths
 from sarmitsuba.study.rcs import monostatic_rcs
 from sarmitsuba.study.theory_mie import sphere_po
 from sarmitsuba.study.theory_rcs import cylinder_rcs
-from sarmitsuba.study.validation_targets import PEC, geometry
+from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
+from sarmitsuba.trace import curvature
+from sarmitsuba.trace import geometry as trace_geometry
+from sarmitsuba.trace.curvature import facet_curvature
+from sarmitsuba.trace.launch import frame_towards, lattice
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
@@ -90,3 +95,92 @@ def test_cylinder_as_a_scene_file_gets_it(row, wavelengths: float) -> None:
         naive=error(WAVELENGTH / 32.0),
         remedy="sagitta of a 512th wavelength",
     )
+
+
+def ways_by_the_plate(radius: float, height: float, elevation: float) -> tuple[float, float]:
+    """Returns by way of sphere, then plate, and of plate, then sphere, over the sphere's own, dB."""
+    v, f = sphere(radius, WAVELENGTH / 512.0)
+    reach = 12.0 * (radius + height)
+    plate = parallelogram([-reach / 2, -reach / 2, 0], [reach, 0, 0], [0, reach, 0])
+    scene = geometry([(v + np.array([0.0, 0.0, height]), f), plate])
+    look = np.array([np.cos(elevation), 0.0, np.sin(elevation)])
+    levels = []
+    for z in (height, -height):  # rays at the sphere, and at its mirror image; the two windows do not overlap
+        center = np.array([0.0, 0.0, z])
+        antenna = center + 1e5 * look
+        frame = frame_towards(antenna[None], center, np.array([0.0, 1.0, 0.0]))
+        grid = lattice(1.02 * radius, 1.02 * radius, WAVELENGTH / 4.5)
+        paths = record_paths(scene, PEC, antenna, frame, grid, FREQUENCY)
+        pick = paths.seen[1] & (np.hypot(grid.x, grid.y) < radius)
+        phase = np.exp(-4j * np.pi / WAVELENGTH * (paths.half_length[1][pick] - 1e5))
+        total = (paths.amplitude[1][pick] * phase).sum() * 1e10
+        levels.append(20 * np.log10(abs(total) / (np.sqrt(np.pi) * radius)))
+    return levels[0], levels[1]
+
+
+@pytest.mark.parametrize(
+    ("wavelengths", "heights", "elevation_deg"), [(10.0, 3.0, 60.0), (20.0, 1.5, 30.0), (20.0, 3.0, 60.0)]
+)
+def test_divergence_behind_a_curved_mirror(
+    row, monkeypatch, wavelengths: float, heights: float, elevation_deg: float
+) -> None:
+    """A sphere above a large plate, double bounces one way and the other: each the bistatic sphere's pi a^2.
+
+    By image theory both ways see the sphere from the antenna and its mirror image; geometrical optics gives pi a^2
+    at any bistatic angle, and reciprocity makes the two ways alike.
+
+    Naive way: rays leave facets as flat mirrors: their tubes do not spread with the beam behind the sphere.
+    """
+    radius = wavelengths * WAVELENGTH
+    case = (radius, heights * radius, np.radians(elevation_deg))
+    onward, back = ways_by_the_plate(*case)
+    with monkeypatch.context() as patch:
+        patch.setattr(trace_geometry, "facet_curvature", lambda *_: None)
+        naive, _ = ways_by_the_plate(*case)
+    name = f"sphere of {wavelengths:.0f} wavelengths, {heights:g} radii above a plate, {elevation_deg:.0f} degrees"
+    # tol: facets, and tubes a tenth of a Fresnel zone wide after the spread
+    row(
+        f"{name}: sphere, then plate",
+        abs(onward),
+        1.5,
+        "dB",
+        naive=abs(naive),
+        remedy="facets know the surface's curvature; tubes spread with it",
+    )
+    row(f"{name}: plate, then sphere", abs(back), 1.5, "dB")
+
+
+def test_curvature_of_spheres_cylinders_and_flat_things() -> None:
+    """S is (1 - n n) / r on a sphere, one direction of it on a cylinder, nothing on cubes and on coarse facets."""
+
+    def of(mesh: tuple[np.ndarray, np.ndarray], wavelength: float = WAVELENGTH) -> np.ndarray | None:
+        v, f = mesh
+        table = facet_curvature(v[f], np.zeros(len(f), dtype=np.int32), wavelength)
+        if table is None:
+            return None
+        s = np.zeros((len(f), 3, 3))
+        for k, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]):
+            s[:, i, j] = s[:, j, i] = table[:, k]
+        return s
+
+    ball = of(sphere(1.0, WAVELENGTH / 64.0))
+    values = np.linalg.eigvalsh(ball)
+    # tol: facets' normals for the surface's, edge^2 / r^2
+    np.testing.assert_allclose(values[:, 1:], 1.0, atol=0.1)
+    np.testing.assert_allclose(np.median(values[:, 1:]), 1.0, atol=0.01)
+    assert np.abs(values[:, 0]).max() < 1e-6
+
+    barrel = of(cylinder(0.5, 0.0, 3.0, WAVELENGTH / 64.0))
+    values = np.linalg.eigvalsh(barrel)
+    np.testing.assert_allclose(values[:, 2], 2.0, atol=0.02)
+    assert np.abs(values[:, :2]).max() < 1e-6
+
+    box = parallelogram([0, 0, 0], [1, 0, 0], [0, 1, 0], 50)
+    assert of(box) is None  # flat
+    assert of(sphere(10.0, WAVELENGTH)) is None  # a wavelength off: a polyhedron, taken at its face value
+    v, f = cylinder(0.5, 0.0, 3.0, WAVELENGTH / 64.0)
+    odd = np.random.default_rng(0).random(len(f)) < 0.5
+    f = f.copy()
+    f[odd] = f[odd][:, ::-1]  # wound at random: normals cancel at the corners
+    assert of((v, f)) is None or np.abs(of((v, f))).max() <= 2.1
+    assert curvature.LARGEST_SAGITTA == 0.125
