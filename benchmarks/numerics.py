@@ -109,9 +109,9 @@ def page(collector: Collector) -> str:
         if lines:
             parts.append("\n| case | naive | ours | bound | remedy |\n|---|---|---|---|---|\n")
         for line in lines:
-            unit = line["unit"]
+            unit, case = line["unit"], line["case"].replace("|", "\\|")
             parts.append(
-                f"| {line['case'].replace('|', chr(92) + '|')} | {figure(line.get('naive'), unit)} | {figure(line['ours'], unit)} "
+                f"| {case} | {figure(line.get('naive'), unit)} | {figure(line['ours'], unit)} "
                 f"| {figure(line['bound'], unit)} | {line['remedy']} |\n"
             )
     parts.append(TAIL)
