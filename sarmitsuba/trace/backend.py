@@ -94,10 +94,18 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         current = _start(mi, dr, wanted, choice)
     on_gpu = current.startswith("cuda_")
     path = os.environ.get(LLVM_VARIABLE)
+    version = None if on_gpu else llvm_version()
+    if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
+        # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
+        raise BackendError(
+            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit has loaded it already; import "
+            f"sarmitsuba and call ensure_backend() before importing Mitsuba, or set {LLVM_VARIABLE} to an LLVM >= "
+            f"{_OLDEST_LLVM_AVX512}"
+        )
     return Backend(
         variant=current,
         llvm_path=Path(path) if path and not on_gpu else None,
-        llvm_version=None if on_gpu else llvm_version(),
+        llvm_version=version,
         threads=int(dr.thread_count()),
         gpu=gpu_description() if on_gpu else None,
     )
