@@ -269,7 +269,9 @@ def test_progress_is_silent_when_not_on_a_terminal(capsys: Any) -> None:
 def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
     # the stand-in for the simulation waits, so that the signal comes in the middle of the work
     code = f"""
-        import sys, time
+        import signal, sys, time
+        # a test run in the background is started with the signal ignored
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         import pytest, test_commands as t
         from sarmitsuba import cli
@@ -286,10 +288,14 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "working\n"
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30)
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "working\n"
+        process.send_signal(signal.SIGINT)
+        try:
+            _, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
