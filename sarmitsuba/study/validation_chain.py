@@ -1,5 +1,6 @@
 """Scenes built in memory for validation, and the whole chain on them: trace, chirp, compress, focus, calibrate."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.echo.chirp import to_chirped
+from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focus import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.radar import Radar
@@ -62,8 +64,13 @@ def chain(
     window: str = "rectangular",
     seed: int | None = None,
 ) -> SarImage:
-    """Simulate and focus; ``chirped`` goes through real LFM echoes and range compression."""
-    raw = simulate(scene, seed=seed)
+    """Simulate and focus; ``chirped`` goes through real LFM echoes and range compression.
+
+    Warnings about effects and rays are left out: the cases choose both on purpose.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SarmitsubaWarning)
+        raw = simulate(scene, seed=seed)
     if chirped:
         raw = to_chirped(raw)
     return focus(raw, request=scene.image, method=method, range_window=window, azimuth_window=window)

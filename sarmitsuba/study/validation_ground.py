@@ -1,12 +1,10 @@
 """Mean sigma0 of diffuse ground, end to end: from traced echoes to calibrated pixels."""
 
-import warnings
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.spec import Material, Scene, TraceSettings
 from sarmitsuba.study import validation_targets as targets
 from sarmitsuba.study.validation import Case, CaseEntry, Comparison, db
@@ -110,10 +108,7 @@ def _ground_level(
     scatterer = 0.95 * cell
     settings = TraceSettings(max_depth=1, scatterer_cell=scatterer, ray_spacing=rays * scatterer)
     scene = ground_scene(look, cell, range, level, n_cells, settings=settings)
-    with warnings.catch_warnings():
-        # rays coarser than the cells are one of the things looked at
-        warnings.simplefilter("ignore", SarmitsubaWarning)
-        image = chain(scene, window=window, method=method)
+    image = chain(scene, window=window, method=method)
     sigma0 = image.sigma0()
     n_a, n_r = sigma0.shape
     inner = sigma0[n_a // 8 : -(n_a // 8), n_r // 8 : -(n_r // 8)]
