@@ -30,6 +30,14 @@ SWEEP_RUNS = 60.0
 FLOOR_DB = -80.0
 # a smaller gain in error is not worth a line of its own, nor any time
 STEP_DB = 0.5
+# stages whose time a parameter changes; what else differs between two runs is the machine's mood
+AFFECTS = {
+    "ray_spacing": ("rays", "launch grid"),
+    "max_depth": ("rays",),
+    "gridding_width": ("launches", "rays", "synthesise"),
+    "key_pulse_interval": ("launches", "rays", "synthesise"),
+    "focuser": ("focus",),
+}
 # pieces of a scene to choose from: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
@@ -399,6 +407,8 @@ def _combine(
         for stage in study.full:
             ratio = 1.0
             for key, value in picks.items():
+                if stage not in AFFECTS[key]:
+                    continue
                 own = study.ratios.get((key, value), {}).get(stage, 1.0)
                 plain = (plain_ratio.get(key) or {}).get(stage, 1.0)
                 ratio *= own if key not in plain_ratio or plain <= 0.0 else own / plain
