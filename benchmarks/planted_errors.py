@@ -141,7 +141,7 @@ def missing_cosine() -> AbstractContextManager[None]:
 def no_tube_phase() -> AbstractContextManager[None]:
     from sarmitsuba.trace import tube
 
-    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, dr: 1.0)
+    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, piece, *rest: piece.area())
 
 
 def swapped_fresnel() -> AbstractContextManager[None]:
