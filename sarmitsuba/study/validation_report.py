@@ -46,7 +46,7 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
         "The same cases, some of them with fewer bands and angles, are the tests in `tests/physics` and "
         "`tests/statistics`.",
         "",
-        f"**Canonical radar cross sections: median deviation {total.median:.3f} dB, worst {total.worst:.3f} dB** over "
+        f"**Canonical radar cross sections: median deviation {total.median:.4f} dB, worst {total.worst:.4f} dB** over "
         f"{total.n_points} angles, frequencies and polarisations in {total.n_comparisons} comparisons. "
         f"Comparisons of all topics out of tolerance: {total.n_failed}.",
         "",
