@@ -10,9 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.meshes import clean_mesh, smooth_groups
 from sarmitsuba.scene.radar_builder import RadarInput, build_radar
-from sarmitsuba.scene.spec import EFFECT_NAMES, Geometry, Material, PointTarget, Scene, TraceSettings
+from sarmitsuba.scene.spec import (
+    EFFECT_NAMES,
+    Geometry,
+    ImageRequest,
+    Material,
+    PointTarget,
+    Scene,
+    TraceSettings,
+)
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -84,6 +94,9 @@ def assemble(
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
     built, image, radar_notes = build_radar(radar, _bounds(geometry, moved), offset)
+    angle_notes: list[str] = []
+    for material in dict.fromkeys(materials[s.material] for s in surfaces):
+        _check_angle(label, material, built, image, angle_notes)
     return Scene(
         name=name,
         path=path,
@@ -94,8 +107,22 @@ def assemble(
         settings=settings,
         image=image,
         offset=offset,
-        notes=(*notes, *repairs, *radar_notes),
+        notes=(*notes, *repairs, *radar_notes, *angle_notes),
     )
+
+
+def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
+    """Say when level ground is seen at an angle where the material's diffuse law does not hold."""
+    table = diffuse_tables(material, radar.waveform.wavelength)
+    look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
+    incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
+    if table.valid_from < table.valid_to and not table.valid_from <= incidence <= table.valid_to:
+        first, last, seen = np.degrees([table.valid_from, table.valid_to, incidence])
+        warn_once(
+            notes,
+            f'{label}: material "{material.name}": level ground is seen at {seen:.1f} deg, outside the {first:.0f} ... '
+            f"{last:.0f} deg where diffuse_law = {material.diffuse_law} holds; take another law or look angle",
+        )
 
 
 def trace_settings(integrator: Mapping[str, Any], film: Mapping[str, Any]) -> TraceSettings:

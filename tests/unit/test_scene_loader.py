@@ -265,3 +265,19 @@ def test_munich_loads_unchanged() -> None:
 
 def _spans(geometry):
     return list(zip(geometry.mesh_face_offset[:-1], geometry.mesh_face_offset[1:], strict=True))
+
+
+LAW = """<scene version="3.0.0"><sensor type="sar_antenna"><float name="look_angle_deg" value="{angle}"/></sensor>
+<shape type="rectangle"><transform name="to_world"><scale value="40"/></transform>
+<bsdf type="radar_material" id="soil"><string name="material" value="medium_dry_ground"/>
+<float name="rms_height" value="0.001"/><float name="correlation_length" value="0.03"/>
+<string name="diffuse_law" value="small_perturbation"/></bsdf></shape></scene>"""
+
+
+def test_a_law_seen_outside_its_angles_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "soil.xml"
+    path.write_text(LAW.format(angle=5))
+    with pytest.warns(SarmitsubaWarning, match="outside the 15 ... 75 deg"):
+        load_scene(path)
+    path.write_text(LAW.format(angle=40))
+    assert not any("outside the" in note for note in load_scene(path).notes)
