@@ -21,9 +21,9 @@ test: $(VENV)/.test
 test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -m slow
 
-# every script prints its table; names that begin with an underscore are helpers
+# docs/benchmarks.md; half an hour on two idle cores
 benchmarks: $(VENV)/.test
-	set -e; for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	$(BIN)/python benchmarks/run_all.py
 
 # docs/validation.md and its plots; fails when a comparison is out of tolerance
 validation: $(VENV)/.run
