@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.block import BlockPlan, choose_block_length, plan_block, synthesise
+from sarmitsuba.echo.block import BlockPlan, choose_block_length, least_error_db, plan_block, synthesise
 from sarmitsuba.echo.direct import box_distance, finish, plan_direct
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.spec import Scene, TraceSettings
 from sarmitsuba.trace.adders import BlockAdder, DirectAdder, GridAdder
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
@@ -42,8 +42,6 @@ MAX_LANES = 8_000_000
 MAX_GRID_BYTES = 256_000_000
 # share of the surface in facets smaller than the rays' spacing that is worth a warning
 SMALL_FACETS = 0.01
-# error of a block of pulses against the exact sum that is accepted without being asked, dB
-BLOCK_ERROR_DB = -40.0
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ def simulate(
         _check_sampling(scene, window, spacing, notes)
     if "key_pulse_interval" in facts:
         interval = int(facts["key_pulse_interval"])
-        plan = plan.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
+        plan = plan.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
     metadata = _metadata(scene, plan, stats, timer, facts, notes)
     raw = RawData(data, layers, "compressed", radar, metadata)
     if plan.on("noise"):
@@ -188,6 +186,11 @@ def simulate(
         raw = add_noise(raw, seed=settings.seed)
         timer.lap("noise")
     return raw
+
+
+def block_error_db(settings: TraceSettings) -> float:
+    """Error that a block of pulses may have against tracing every one: the tolerance, or what the gridding allows."""
+    return least_error_db(settings.gridding_width, settings.tolerance_db)
 
 
 class TraceJob:
@@ -231,7 +234,7 @@ class TraceJob:
                 self.window.center,
                 self.phase_box(),
                 width,
-                BLOCK_ERROR_DB,
+                settings.tolerance_db,
                 extra_half_length=self.extra_half_length(),
             )
         facts["key_pulse_interval"] = length
@@ -461,4 +464,4 @@ def _metadata(
     }
 
 
-__all__ = ["Timer", "TraceJob", "TraceStatistics", "simulate"]
+__all__ = ["Timer", "TraceJob", "TraceStatistics", "block_error_db", "simulate"]

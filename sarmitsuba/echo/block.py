@@ -226,7 +226,7 @@ def choose_block_length(
     """
     n_pulses = radar.track.n_pulses
     kernel = 10.0 ** (_kernel_error_db(width, width) / 10.0)
-    budget = max(10.0 ** (target_error_db / 10.0), 2.0 * kernel) - kernel
+    budget = 10.0 ** (least_error_db(width, target_error_db) / 10.0) - kernel
     for length in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
         if length > max_length or length > n_pulses:
             continue
@@ -238,6 +238,11 @@ def choose_block_length(
         ):
             return length
     return 1
+
+
+def least_error_db(width: int, target_error_db: float) -> float:
+    """Error that blocks are held to: the target, or twice the power of what kernels so wide leave, dB."""
+    return max(target_error_db, _kernel_error_db(width, width) + 10.0 * float(np.log10(2.0)))
 
 
 def _holds(
@@ -400,4 +405,12 @@ def _frequency_weight(
     return np.asarray(by_range[:, None] * by_rate * mean_walk, dtype=np.complex64)
 
 
-__all__ = ["BlockPlan", "Curvature", "choose_block_length", "plan_block", "spread_reference", "synthesise"]
+__all__ = [
+    "BlockPlan",
+    "Curvature",
+    "choose_block_length",
+    "least_error_db",
+    "plan_block",
+    "spread_reference",
+    "synthesise",
+]

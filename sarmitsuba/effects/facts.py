@@ -11,8 +11,6 @@ from sarmitsuba.scene.spec import Material, Scene
 
 F64 = NDArray[np.float64]
 
-# an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
-TOLERANCE_DB = -40.0
 # a single resolution cell that is left out must stay this far below the clutter, dB: a hundredth of the power of
 # one look of speckle. Without clutter the tolerance applies, below the peak
 CELL_BELOW_CLUTTER_DB = -20.0
@@ -133,7 +131,7 @@ class Facts:
     @property
     def tolerance_db(self) -> float:
         """Accepted error, dB of the image's clutter or peak."""
-        return float(getattr(self.scene.settings, "tolerance_db", 0.0) or TOLERANCE_DB)
+        return self.scene.settings.tolerance_db
 
     @property
     def tolerance(self) -> float:
@@ -199,4 +197,4 @@ class Facts:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "TOLERANCE_DB", "Facts", "PilotResult", "Sampling"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "Facts", "PilotResult", "Sampling"]

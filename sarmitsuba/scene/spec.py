@@ -37,9 +37,12 @@ DIFFUSE_LAWS: tuple[DiffuseLaw, ...] = (
     "roughness",
 )
 METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
+# an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
+TOLERANCE_DB = -40.0
 EFFECT_NAMES: tuple[str, ...] = (
     "fresnel",
     "roughness",
+    "coherent",
     "diffuse",
     "speckle",
     "cross_polarisation",
@@ -176,6 +179,7 @@ class TraceSettings:
     keep_orders : keep contributions of different bounce numbers apart
     keep_halves : keep two independent halves of the rays apart
     phase_precision : arithmetic of path lengths and phases
+    tolerance_db : an effect that changes the image by less is left out, dB of its clutter or peak; below 0
     target_error_db : dB of the image's clutter or peak; 0 = off
     time_limit : s; 0 = off
     default_rms_height : m, roughness of materials that state none; used while loading
@@ -193,6 +197,7 @@ class TraceSettings:
     keep_orders: bool = False
     keep_halves: bool = False
     phase_precision: Literal["double", "single"] = "double"
+    tolerance_db: float = TOLERANCE_DB
     target_error_db: float = 0.0
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
@@ -254,6 +259,7 @@ __all__ = [
     "DIFFUSE_LAWS",
     "EFFECT_NAMES",
     "METHODS",
+    "TOLERANCE_DB",
     "DiffuseLaw",
     "Geometry",
     "ImageRequest",

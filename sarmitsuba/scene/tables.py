@@ -11,7 +11,7 @@ from sarmitsuba.scene.material_tables import (
 )
 from sarmitsuba.scene.materials import ORDINARY_RMS_HEIGHT
 from sarmitsuba.scene.parameters import Param, ParamTable
-from sarmitsuba.scene.spec import EFFECT_NAMES, METHODS
+from sarmitsuba.scene.spec import EFFECT_NAMES, METHODS, TOLERANCE_DB
 
 _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_deg and aim_x, aim_y, aim_z"
 
@@ -300,6 +300,7 @@ FILM = ParamTable(
 _EFFECT_DOCS = {
     "fresnel": "reflection coefficients of the materials; off: every surface a perfect conductor",
     "roughness": "coherent reflection reduced by the rms height",
+    "coherent": "physical-optics return of the smooth part of the surfaces",
     "diffuse": "incoherent return of rough surfaces",
     "speckle": "persistent random reflectivity of the diffuse scatterers; off: all have the same phase",
     "cross_polarisation": "channels with different transmit and receive polarisation",
@@ -373,6 +374,15 @@ INTEGRATOR = ParamTable(
             "double",
             "arithmetic of path lengths and phases",
             choices=("double", "single"),
+        ),
+        Param(
+            "tolerance_db",
+            "float",
+            TOLERANCE_DB,
+            "an effect left to auto is left out where the image changes by less, over its clutter or peak",
+            "dB",
+            -200.0,
+            -1.0,
         ),
         Param("target_error_db", "float", 0.0, "stop refining here; 0 = off", "dB", -200.0, 0.0),
         Param("time_limit", "float", 0.0, "stop tracing after this time; 0 = off", "s", 0.0, 1e9),

@@ -17,7 +17,7 @@ from sarmitsuba.focus import default_grid, focus
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.scene.spec import Scene
-from sarmitsuba.simulate import BLOCK_ERROR_DB, Timer, TraceJob, TraceStatistics
+from sarmitsuba.simulate import Timer, TraceJob, TraceStatistics, block_error_db
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.pilot import plan_scene
@@ -145,7 +145,7 @@ def predict(
         seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
         stats = _scaled(stats, repeats)
         interval = int(facts["key_pulse_interval"])
-        planned = planned.with_key_pulses(interval, BLOCK_ERROR_DB, settings.key_pulse_interval > 0)
+        planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
     if scene.points:
         start = clock()
         few = _some_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
@@ -184,7 +184,7 @@ def _choosing(job: TraceJob, scene: Scene, clock: Clock) -> float:
         job.window.center,
         job.phase_box(),
         settings.gridding_width,
-        BLOCK_ERROR_DB,
+        settings.tolerance_db,
         extra_half_length=job.extra_half_length(),
     )
     return clock() - start

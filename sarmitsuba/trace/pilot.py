@@ -49,6 +49,8 @@ PIXEL_PULSES_PER_SECOND = 4e8
 PROOF_SHARE = 0.05
 # key pulses share about this many pulses when nothing else is known
 USUAL_INTERVAL = 100
+# scatterer cells that the kernel shares a tube among, each with contributions of its own
+CELLS_A_TUBE = 4
 # a feature that so many random patches meet needs none of its own
 ENOUGH_PATCHES = 8.0
 
@@ -74,7 +76,8 @@ def plan_scene(
     depth = draft.decision("max_depth")
     decided = depth is not None and depth.source == "fact" and not depth.on
     wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
-    if decided or not wanted:
+    returns = draft.flags.coherent or draft.flags.diffuse
+    if decided or not wanted or not returns:
         return plan_effects(scene, sampling, shape=shape)
     result = run_pilot(scene, draft, sampling, window, trace_scene, shape=shape)
     return plan_effects(scene, sampling, result, shape=shape)
@@ -213,6 +216,7 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
         channels=CHANNELS,
         fresnel="fresnel" not in off,
         roughness="roughness" not in off,
+        coherent="coherent" not in off,
         diffuse="diffuse" not in off,
         diffuse_double="diffuse_double" not in off,
         speckle=True,
@@ -223,6 +227,12 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
         tube_phase="tube_phase" not in off,
         taper=False,
     )
+
+
+def _kinds_of_a_hit(flags: KernelFlags) -> list[str]:
+    """Kind of every contribution that the kernel adds for one hit, in its order."""
+    cell = ["diffuse", "retro"] if flags.diffuse_double else ["diffuse"]
+    return ["coherent"] * flags.coherent + cell * (CELLS_A_TUBE * flags.diffuse)
 
 
 def _features(
@@ -292,14 +302,19 @@ def _place(
 
 
 class _PatchAdder:
-    """Coherent sums by patch, kind of return and bounce order; two channels."""
+    """Coherent sums by patch, kind of return and bounce order; two channels.
 
-    def __init__(self, n_patches: int, n_kinds: int, wavelength: float, reference_range: float) -> None:
+    ``kinds`` numbers the kind of each contribution of one hit, in the order in which the kernel adds them.
+    """
+
+    def __init__(
+        self, n_patches: int, kinds: Sequence[int], wavelength: float, reference_range: float
+    ) -> None:
         dr, mi = modules()
 
-        self.n_lanes, self.n_kinds = n_patches * SIDE**2, n_kinds
+        self.n_lanes, self.kinds, self.n_kinds = n_patches * SIDE**2, kinds, max(kinds) + 1
         self.wavelength, self.reference_range = wavelength, reference_range
-        self.memory = dr.zeros(mi.Float, 4 * n_patches * n_kinds * ORDERS)
+        self.memory = dr.zeros(mi.Float, 4 * n_patches * self.n_kinds * ORDERS)
         fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
         self.fade = mi.Float(np.outer(fade, fade).astype(np.float32).ravel())
         self.calls = 0
@@ -322,7 +337,7 @@ class _PatchAdder:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Adder`."""
         dr, mi = modules()
 
-        kind = self.calls % self.n_kinds  # the kernel adds its kinds in turn, each once a bounce
+        kind = self.kinds[self.calls % len(self.kinds)]
         self.calls += 1
         lane = state[0]
         patch = lane // SIDE**2
@@ -369,11 +384,13 @@ def _trace(
         reference_range=reference,
         up=(float(up[0]), float(up[1]), float(up[2])),
     )
-    names = ["coherent", *(["diffuse"] if flags.diffuse else [])]
-    names += ["retro"] if flags.diffuse and flags.diffuse_double else []
+    added = _kinds_of_a_hit(flags)
+    names = [name for name in KINDS if name in added]
     n = patches.n_random + patches.n_features
-    adder = _PatchAdder(n, len(names), radar.waveform.wavelength, reference)
+    kinds = [names.index(name) for name in added]
+    adder = _PatchAdder(n, kinds, radar.waveform.wavelength, reference)
     _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, adder)
+    assert adder.calls % len(kinds) == 0, "the kernel adds other contributions a hit than the pilot expects"
     dr.eval(state, adder.memory)
     sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)

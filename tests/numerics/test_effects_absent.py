@@ -113,6 +113,8 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
 def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     rng = np.random.default_rng(seed)
     effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_NAMES}
+    if effects["diffuse"] == "off":  # without both nothing returns, which is refused
+        effects["coherent"] = "on"
     depth = int(rng.integers(0, 4))
     settings = replace(tiny.settings, effects=effects, max_depth=depth)  # type: ignore[arg-type]
     raw = simulate(replace(tiny, settings=settings))

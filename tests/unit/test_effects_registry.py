@@ -10,12 +10,13 @@ from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.registry import effects
-from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.library import resolve
 from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
+from sarmitsuba.simulate import block_error_db
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +102,46 @@ def test_spreading_counts_near_the_antenna(corner: Scene, ground: Scene) -> None
     assert decide(corner, "spreading")[0] is False
     near = np.array([[-200.0, -200.0, 0.0], [200.0, 200.0, 0.0]])
     assert decide(ground, "spreading", Sampling(0.2, 1, 0.4, near, 1))[0] is True
+
+
+def test_a_tighter_tolerance_leaves_less_out(corner: Scene) -> None:
+    def at(tolerance_db: float) -> EffectsPlan:
+        scene = replace(corner, settings=replace(corner.settings, tolerance_db=tolerance_db))
+        energy, peak = [1.0, 1e-3, 1e-5, 1e-9], [2.0, 1e-2, 1e-5, 1e-9]
+        return plan_effects(scene, pilot=pilot(energy, peak, 0.0), warn=False)
+
+    spreading = plan_effects(corner, warn=False).decision("spreading")
+    assert spreading is not None and -95.0 < spreading.error_db < -45.0
+    assert [at(t).on("spreading") for t in (-40.0, spreading.error_db - 1.0)] == [False, True]
+    assert [at(t).max_depth for t in (-20.0, -40.0, -60.0, -100.0)] == [1, 2, 3, 4]
+    assert at(-60.0).pilot["tolerance_db"] == -60.0
+
+
+@pytest.mark.parametrize("value", ["0", "10", "nan", "-inf", "low"])
+def test_a_tolerance_is_finite_and_negative(value: str) -> None:
+    with pytest.raises(SarmitsubaError, match=r"-D sar_path.tolerance_db=.*tolerance_db = "):
+        load_scene(resolve("dihedral"), parameters={"sar_path.tolerance_db": value})
+
+
+def test_the_tolerance_of_the_scene_holds() -> None:
+    assert load_scene(resolve("dihedral")).settings.tolerance_db == -40.0
+    asked = load_scene(resolve("dihedral"), parameters={"sar_path.tolerance_db": "-50"})
+    assert asked.settings.tolerance_db == Facts(asked).tolerance_db == -50.0
+    # blocks of pulses are held to it, too
+    assert block_error_db(asked.settings) == -50.0
+    # kernels two samples wide leave -23 dB themselves
+    assert block_error_db(replace(asked.settings, gridding_width=2)) > -21.0
+
+
+def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
+    smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
+    sampling = Sampling(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
+    with pytest.warns(SarmitsubaWarning, match="coherent is off as asked; predicted error 0 dB"):
+        plan = plan_effects(switched(smooth, coherent="off"), sampling)
+    assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
+    assert plan_effects(switched(ground, coherent="on"), sampling).flags.coherent
+    with pytest.raises(SceneError, match="coherent = off leaves nothing that returns"):
+        plan_effects(switched(corner, coherent="off"))
 
 
 def test_fine_tubes_need_no_phase_integral(corner: Scene) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.registry import Decision, Effect, Verdict
 from sarmitsuba.effects.text import names
+from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
 
 
@@ -29,6 +30,12 @@ class Coherent(Effect):
         smooth = [m.name for m in facts.materials if m.diffuse_law == "none" or m.rms_height == 0.0]
         if not facts.materials:
             return Verdict(False, "no mesh", -np.inf)
+        scene = facts.scene
+        if scene.settings.effects.get(self.name) == "off" and not decided["diffuse"].on and not scene.points:
+            raise SceneError(
+                f"{scene.name}: coherent = off leaves nothing that returns, because diffuse is off "
+                f"({decided['diffuse'].why}); set coherent to auto or give a material a diffuse_law"
+            )
         if not decided["diffuse"].on or facts.scene.settings.effects.get("roughness") == "off":
             return Verdict(
                 True, "nothing else returns" if not decided["diffuse"].on else "roughness is off", 0.0
