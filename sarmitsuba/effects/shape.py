@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from sarmitsuba.scene.convexity import SLACK, is_convex_body, one_sided
 from sarmitsuba.scene.spec import Geometry
 
 F64 = NDArray[np.float64]
@@ -26,7 +27,7 @@ class ShapeFacts:
     geometry : of the scene
     visible : (n_materials,) bool, materials that rays see
     antenna : (n, 3) float64, m, positions along the aperture
-    thorough : work proofs out; otherwise nothing is proven, which costs nothing
+    thorough : work proofs out; otherwise only what the geometry states is proven, which costs nothing
 
     Notes
     -----
@@ -41,11 +42,24 @@ class ShapeFacts:
         self.faces = geometry.faces[keep]
         self.vertices = geometry.vertices
         self.antenna = antenna
-        used = self.vertices[np.unique(self.faces)] if self.faces.size else np.zeros((0, 3))
-        self.points = used
-        self.size = float(np.ptp(used, axis=0).max()) if len(used) else 0.0
-        # vertices this far from a plane lie in it: float64 rounding of a transformed mesh, and float32 of a file
-        self.slack = 1e-6 * self.size
+        self.stated_convex = _one_convex_mesh(geometry, keep)
+
+    @cached_property
+    def points(self) -> F64:
+        """(n, 3) vertices in use."""
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self.faces] = True
+        return np.asarray(self.vertices[used])
+
+    @cached_property
+    def size(self) -> float:
+        """Longest edge of the bounds, m."""
+        return float(np.ptp(self.points, axis=0).max()) if len(self.points) else 0.0
+
+    @property
+    def slack(self) -> float:
+        """Vertices so far from a plane lie in it, m: float64 rounding of a transformed mesh, float32 of a file."""
+        return SLACK * self.size
 
     @property
     def n_faces(self) -> int:
@@ -94,13 +108,7 @@ class ShapeFacts:
         """
         if self.n_faces == 0 or not self.thorough:
             return False
-        pick = np.unique(np.linspace(0, self.n_faces - 1, min(self.n_faces, 64)).round().astype(int))
-        for few in (pick[:: max(1, len(pick) // 4)], pick):
-            offset = np.einsum("ij,ij->i", self.normals[few], self.vertices[self.faces[few, 0]])
-            height = np.einsum("ij,kj->ik", self.normals[few], self.points) - offset[:, None]
-            if not ((height.min(axis=1) >= -self.slack) | (height.max(axis=1) <= self.slack)).all():
-                return False
-        return True
+        return one_sided(self.normals, self.vertices[self.faces[:, 0]], self.points, self.slack)
 
     @cached_property
     def _sides(self) -> tuple[F64, F64, F64, F64] | None:
@@ -153,30 +161,17 @@ class ShapeFacts:
 
     @cached_property
     def convex_body(self) -> bool:
-        """One closed convex piece with the antenna outside.
-
-        Seen from its middle every face shows its back and all of them together cover the sphere of directions once:
-        the surface is star-shaped. No edge is concave: a star-shaped surface then is convex at every vertex too, and a
-        closed surface that is convex everywhere near is convex (Tietze and Nakajima).
-        """
-        if not self._one_sided or not self.closed or self.n_components != 1:
+        """One closed convex body with the antenna outside, known from loading or proven here."""
+        if not self.stated_convex and (
+            not self.thorough or self.n_faces > _MAX_FACES or not is_convex_body(self.vertices, self.faces)
+        ):
             return False
-        middle = self.points.mean(axis=0)
-        a, b, c = (self.vertices[self.faces[:, i]] - middle for i in range(3))
-        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-        outward = np.sign(triple)
-        if (outward == 0).any() or abs(outward.sum()) != self.n_faces:
-            return False
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        dots = [np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (a, c), (b, c))]
-        solid = 2.0 * np.arctan2(np.abs(triple), la * lb * lc + dots[0] * lc + dots[1] * lb + dots[2] * la)
-        if abs(float(solid.sum()) / (4.0 * np.pi) - 1.0) > 1e-6:
-            return False
-        (first, second), centres = self._edges[0].T, self.vertices[self.faces].mean(axis=1)
-        normals = self.normals * outward[:, None]
-        if (np.einsum("ij,ij->i", normals[first], centres[second] - centres[first]) > self.slack).any():
-            return False
+        beyond = (self.antenna < self.points.min(axis=0)) | (self.antenna > self.points.max(axis=0))
+        if beyond.any(axis=1).all():
+            return True
         corner = self.vertices[self.faces[:, 0]]
+        outward = np.sign(np.einsum("ij,ij->i", self.normals, corner - self.points.mean(axis=0)))
+        normals = self.normals * outward[:, None]
         return all(
             bool((np.einsum("ij,ij->i", normals, p - corner) > self.slack).any()) for p in self.antenna
         )
@@ -219,8 +214,8 @@ class ShapeFacts:
         return np.asarray(number.reshape(-1)[self.faces])
 
     @cached_property
-    def _edges(self) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
-        """Pairs of faces that share an edge (n, 2), those edges' middles (n, 3), how often every edge occurs."""
+    def _edges(self) -> tuple[NDArray[np.int64], F64]:
+        """Pairs of faces that share an edge (n, 2), those edges' middles (n, 3)."""
         f = self._welded
         ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
         face = np.tile(np.arange(len(f)), 3)
@@ -228,15 +223,9 @@ class ShapeFacts:
         order = np.argsort(key, kind="stable")
         key, face = key[order], face[order]
         same = key[1:] == key[:-1]
-        _, counts = np.unique(key, return_counts=True)
         own = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
         middle = self.vertices[own[order[:-1][same]]].mean(axis=1)
-        return np.stack([face[:-1][same], face[1:][same]], axis=1), middle, counts
-
-    @cached_property
-    def closed(self) -> bool:
-        """Every edge belongs to exactly two faces."""
-        return 0 < self.n_faces <= _MAX_FACES and bool((self._edges[2] == 2).all())
+        return np.stack([face[:-1][same], face[1:][same]], axis=1), middle
 
     @cached_property
     def component(self) -> NDArray[np.int32]:
@@ -296,6 +285,20 @@ class ShapeFacts:
         p, s = np.concatenate(points), np.concatenate(sizes)
         order = np.argsort(-s, kind="stable")
         return np.asarray(p[order]), np.asarray(s[order])
+
+
+def _one_convex_mesh(geometry: Geometry, visible: NDArray[np.bool_]) -> bool:
+    """True where all that is visible is one whole mesh that loading found convex."""
+    if not any(geometry.mesh_convex):
+        return False
+    seen = [
+        (convex, visible[start:stop])
+        for convex, start, stop in zip(
+            geometry.mesh_convex, geometry.mesh_face_offset[:-1], geometry.mesh_face_offset[1:], strict=True
+        )
+        if visible[start:stop].any()
+    ]
+    return len(seen) == 1 and seen[0][0] and bool(seen[0][1].all())
 
 
 def _first_nonzero(rows: F64) -> F64:

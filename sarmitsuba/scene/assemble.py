@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.convexity import is_convex_body
 from sarmitsuba.scene.diffuse import diffuse_tables
 from sarmitsuba.scene.meshes import clean_mesh, smooth_groups
 from sarmitsuba.scene.radar_builder import RadarInput, build_radar
@@ -32,6 +33,8 @@ RECENTRE_DISTANCE = 5e3
 # Coordinates beyond this are a mistake of units
 MAX_COORDINATE = 1e9
 _MAX_MESH_NOTES = 12
+# faces up to which a lone mesh is tried to be proven convex: about 0.2 s
+MAX_PROVEN_FACES = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,7 @@ class Surface:
     faces : (n_f, 3) int32
     material : index into the scene's materials
     smooth : all faces belong to one smooth surface, however much they bend
+    convex : one closed convex body by its kind
     """
 
     name: str
@@ -52,6 +56,7 @@ class Surface:
     faces: I32
     material: int
     smooth: bool = False
+    convex: bool = False
 
 
 def assemble(
@@ -142,7 +147,7 @@ def warn_once(notes: list[str], text: str) -> None:
 def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
-    vertices, faces, material, group, counts, notes = [], [], [], [], [], []
+    vertices, faces, material, group, counts, convex, notes = [], [], [], [], [], [], []
     n_vertices = n_groups = 0
     for surface in surfaces:
         # NaN and infinity are counted by the mesh check
@@ -157,6 +162,9 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         group.append(g + n_groups)
         material.append(np.full(f.shape[0], surface.material, dtype=np.int32))
         counts.append(f.shape[0])
+        # of several bodies it would be of no use to know which are convex
+        alone = len(surfaces) == 1 and f.shape[0] <= MAX_PROVEN_FACES
+        convex.append((surface.convex and not repaired) or (alone and is_convex_body(v, f)))
         n_vertices += v.shape[0]
         n_groups += int(g.max()) + 1
         notes += repaired
@@ -172,6 +180,7 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         face_group=np.concatenate(group).astype(np.int32),
         mesh_names=tuple(s.name for s in surfaces),
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        mesh_convex=tuple(convex),
     )
     return geometry, [f"{label}: {note}" for note in notes]
 

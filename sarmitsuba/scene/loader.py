@@ -84,7 +84,9 @@ def load_scene(
             points.append(point_target(placed.element, placed.name, placed.to_world, bsdf, overrides))
             continue
         material = book.index(bsdf, placed.element.where)
-        surfaces.append(Surface(placed.name, *reader.triangles(placed), material, placed.is_curved))
+        surfaces.append(
+            Surface(placed.name, *reader.triangles(placed), material, placed.is_curved, placed.is_convex)
+        )
     return assemble(file.stem, file, surfaces, book.materials, points, described, settings, notes)
 
 

@@ -79,9 +79,11 @@ def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -
             points.append(point_target(placed.element, name, placed.to_world, element, none))
             continue
         curved = not shape.is_mesh()
-        vertices, faces = reader.triangles(_placed(shape, name)) if curved else _mesh(shape)
+        known = _placed(shape, name) if curved else None
+        vertices, faces = reader.triangles(known) if known else _mesh(shape)
         material = book.index(element, f'{_NAME}: shape "{name}"')
-        surfaces.append(Surface(name, vertices, faces, material, curved))
+        convex = known is not None and known.is_convex
+        surfaces.append(Surface(name, vertices, faces, material, curved, convex))
     return assemble(_NAME, None, surfaces, book.materials, points, radar, settings, notes)
 
 

@@ -76,6 +76,11 @@ class Placed:
         """True for shapes whose facets stand for one smooth surface."""
         return self.element.plugin in ("sphere", "disk", "cylinder")
 
+    @property
+    def is_convex(self) -> bool:
+        """True for shapes that are one closed convex body wherever they are placed: affine maps keep convexity."""
+        return self.element.plugin in ("sphere", "cube")
+
 
 @dataclass
 class MeshReader:

@@ -103,6 +103,7 @@ class Geometry:
     face_group : (n_faces,) int32; faces of one group form one smooth surface (they share diffuse anchors)
     mesh_names : n_meshes names
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
+    mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
     """
 
     vertices: F64
@@ -111,6 +112,7 @@ class Geometry:
     face_group: I32
     mesh_names: tuple[str, ...]
     mesh_face_offset: NDArray[np.int64]
+    mesh_convex: tuple[bool, ...] = ()
 
     @property
     def n_faces(self) -> int:

@@ -16,7 +16,12 @@ LARGEST_LEAN = np.radians(30.0)
 _FLAT = 1e-6  # rad, bend of a facet below which it is flat
 
 
-def facet_curvature(corners: F64, group: NDArray[np.integer[Any]], wavelength: float) -> F64 | None:
+def facet_curvature(
+    corners: F64,
+    group: NDArray[np.integer[Any]],
+    wavelength: float,
+    place: NDArray[np.int64] | None = None,
+) -> F64 | None:
     r"""Shape operator of the smooth surface that the facets of each group stand for.
 
     With :math:`\mathbf n_i` the mean normals at a facet's corners, weighted by the angles of the facets there,
@@ -30,6 +35,7 @@ def facet_curvature(corners: F64, group: NDArray[np.integer[Any]], wavelength: f
     corners : (n_faces, 3, 3) float64, m
     group : (n_faces,) smooth group of each face
     wavelength : m
+    place : (3 n_faces,) labels of the corners' places, None to work them out
 
     Returns
     -------
@@ -51,7 +57,7 @@ def facet_curvature(corners: F64, group: NDArray[np.integer[Any]], wavelength: f
     angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", unit, np.roll(unit, 1, axis=1)), -1.0, 1.0))
 
     # one label a place and group: surfaces that meet at an edge keep their own normals there
-    place = weld(corners.reshape(-1, 3)).astype(np.int64)
+    place = weld(corners.reshape(-1, 3)) if place is None else place
     _, label = np.unique(
         place * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3), return_inverse=True
     )

@@ -1,6 +1,8 @@
 """The scene as the kernel sees it: one Embree/OptiX mesh in float32 and float64 tables to gather from."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.scene.diffuse import diffuse_tables
+from sarmitsuba.scene.meshes import weld
 from sarmitsuba.scene.spec import Geometry, Material
 from sarmitsuba.trace.curvature import facet_curvature
 from sarmitsuba.trace.modules import modules
@@ -30,7 +33,7 @@ class TraceScene:
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
-    curvature_table : (8 n_faces,) float32 of :func:`sarmitsuba.trace.curvature.facet_curvature`, None in a flat scene
+    bend : works out :func:`sarmitsuba.trace.curvature.facet_curvature`, which single bounces do not need
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -42,7 +45,14 @@ class TraceScene:
     diffuse_table: Any
     bounds: NDArray[np.float64]
     n_faces: int
-    curvature_table: Any = None
+    bend: Callable[[], NDArray[np.float64] | None]
+
+    @cached_property
+    def curvature_table(self) -> Any:
+        """(8 n_faces,) float32 of how the smooth surfaces bend, None in a flat scene."""
+        _, mi = modules()
+        rows = self.bend()
+        return None if rows is None else _owned(mi.Float(rows.astype(np.float32).reshape(-1)))[0]
 
     @property
     def extent(self) -> float:
@@ -117,29 +127,38 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     info = np.stack(
         [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1
     )
-    curvature = facet_curvature(np.stack([v0, v1, v2], axis=1), geometry.face_group[rows_kept], wavelength)
+    triangles = np.stack([v0, v1, v2], axis=1)
+    place = weld(triangles.reshape(-1, 3))
+    group = geometry.face_group[rows_kept]
+    tables32 = (facet_sides(triangles, place), np.asarray(rows), np.asarray(tables))
+    face_table, face_info, side_table, material_table, diffuse_table = _owned(
+        mi.Float64(packed.reshape(-1)),
+        mi.UInt32(info.astype(np.uint32).reshape(-1)),
+        *(mi.Float(table.astype(np.float32).reshape(-1)) for table in tables32),
+    )
     return TraceScene(
         mi_scene=mi_scene,
-        face_table=_owned(mi.Float64(packed.reshape(-1))),
-        side_table=_owned(mi.Float(facet_sides(np.stack([v0, v1, v2], axis=1)).reshape(-1))),
-        face_info=_owned(mi.UInt32(info.astype(np.uint32).reshape(-1))),
-        material_table=_owned(mi.Float(np.asarray(rows, dtype=np.float32).reshape(-1))),
-        diffuse_table=_owned(mi.Float(np.asarray(tables, dtype=np.float32).reshape(-1))),
+        face_table=face_table,
+        side_table=side_table,
+        face_info=face_info,
+        material_table=material_table,
+        diffuse_table=diffuse_table,
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
-        curvature_table=None
-        if curvature is None
-        else _owned(mi.Float(curvature.astype(np.float32).reshape(-1))),
+        bend=lambda: facet_curvature(triangles, group, wavelength, place),
     )
 
 
-def _owned(values: Any) -> Any:
-    """Copy in memory of Dr.Jit's own: aligned, where NumPy's may not be, and then other kernels would be compiled."""
+def _owned(*arrays: Any) -> tuple[Any, ...]:
+    """Copies in memory of Dr.Jit's own: aligned, where NumPy's may not be, and then other kernels would be compiled."""
     dr, mi = modules()
-    copy = dr.empty(type(values), len(values))
-    dr.scatter(copy, values, dr.arange(mi.UInt32, len(values)))
-    dr.eval(copy)
-    return copy
+    copies = []
+    for values in arrays:
+        copy = dr.empty(type(values), len(values))
+        dr.scatter(copy, values, dr.arange(mi.UInt32, len(values)))
+        copies.append(copy)
+    dr.eval(*copies)
+    return tuple(copies)
 
 
 def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ FLAT_BEND = 1e-4
 N_SIDES = 4
 
 
-def facet_sides(corners: F64) -> NDArray[np.float32]:
+def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """Sharp sides of the flat facet that each triangle belongs to.
 
     A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. A triangle alone in its plane
@@ -24,6 +24,7 @@ def facet_sides(corners: F64) -> NDArray[np.float32]:
     Parameters
     ----------
     corners : (n_faces, 3, 3) float64, m
+    place : (3 n_faces,) labels of the corners' places, None to work them out
 
     Returns
     -------
@@ -42,7 +43,7 @@ def facet_sides(corners: F64) -> NDArray[np.float32]:
     along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
     inward = np.cross(normal[:, None, :], along)
 
-    mate, mates_inward = _neighbours(corners, inward)
+    mate, mates_inward = _neighbours(weld(corners.reshape(-1, 3)) if place is None else place, inward)
     bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
     alone = mate < 0
     smooth = ~alone & (bend < -np.cos(SMOOTH_BEND))
@@ -78,15 +79,15 @@ def facet_sides(corners: F64) -> NDArray[np.float32]:
     return sides.astype(np.float32)
 
 
-def _neighbours(corners: F64, inward: F64) -> tuple[NDArray[np.int64], F64]:
+def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
     """Face across each side (-1: none, or more than one) and that face's inward vector at the common edge."""
-    n = corners.shape[0]
-    ids = weld(corners.reshape(-1, 3)).reshape(n, 3).astype(np.int64)
+    n = inward.shape[0]
+    ids = place.reshape(n, 3)
     start, end = ids, np.roll(ids, -1, axis=1)
     key = (np.minimum(start, end) * (ids.max() + 1) + np.maximum(start, end)).ravel()
     order = np.argsort(key, kind="stable")
-    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    pair = first[count == 2]
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    pair = first[np.diff(first, append=len(key)) == 2]
     a, b = order[pair], order[pair + 1]
     mate = np.full(3 * n, -1, dtype=np.int64)
     mate[a], mate[b] = b // 3, a // 3

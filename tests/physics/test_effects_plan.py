@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.scene.library import resolve
 from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.spec import Geometry, Material, Scene
-from sarmitsuba.scene.tessellate import sphere
+from sarmitsuba.scene.tessellate import cube, sphere
 from sarmitsuba.trace.pilot import plan_scene, run_pilot, sampling_of
 from sarmitsuba.trace.window import launch_window
 
@@ -126,6 +127,37 @@ def test_convex_looking_pairs_are_not_taken_for_convex(base: Scene) -> None:
     v = v.copy()
     v[7] = [2.0, 2.0, 5.0]
     assert Facts(scene(base, (v, f, m))).shape.single_bounce == ""
+
+
+def test_shapes_convex_by_their_kind_are_so(base: Scene) -> None:
+    """The proof finds what is taken for granted for `sphere` and `cube`, turned and stretched as well."""
+    matrix = np.array([[3.0, 1.0, 0.2], [-0.5, 1.0, 0.3], [0.1, -0.7, 0.4]])
+    for vertices, faces in (cube(), *(sphere(1.0, s) for s in (0.1, 0.02, 3e-3, 3e-4))):
+        shape = Facts(scene(base, (vertices @ matrix.T, faces, 0))).shape
+        assert not shape.stated_convex and shape.convex_body
+
+
+def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> None:
+    vertices, faces = sphere(1.0, 0.01)
+    one, two = (vertices, faces, 0), (vertices + np.array([0.0, 0.0, 5.0]), faces, 0)
+
+    def stated(target: Scene, *flags: bool) -> Scene:
+        return replace(target, geometry=replace(target.geometry, mesh_convex=flags))
+
+    def shape(target: Scene) -> ShapeFacts:
+        return Facts(target).shape_within(0.0)
+
+    assert shape(scene(base, one)).single_bounce == ""  # no time for a proof
+    assert shape(stated(scene(base, one), True)).single_bounce == "one closed convex body"
+    assert shape(stated(scene(base, one, two), True, True)).single_bounce == ""
+    assert shape(stated(scene(base, one, plain(60.0)), True, False)).single_bounce == ""
+    hidden = stated(scene(base, one, (*two[:2], 1)), True, True)
+    hidden = replace(hidden, materials=(PEC, replace(SOIL, invisible=True)))
+    assert shape(hidden).single_bounce
+    # seen from inside it is a hall of mirrors
+    hall = stated(scene(base, (vertices * 30e3, faces, 0)), True)
+    assert shape(hall).single_bounce == ""
+    assert load_scene(resolve("sphere")).geometry.mesh_convex == (True,)
 
 
 def test_shadow_rays_stay_where_something_stands_between(base: Scene) -> None:

@@ -1,0 +1,83 @@
+"""Proof that a triangle mesh is one closed convex body, which no ray hits twice from outside."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# vertices this far from a plane lie in it, over the longest edge of the bounds: float64 rounding of a transformed mesh,
+# and float32 of a file
+SLACK = 1e-6
+
+
+def one_sided(normals: F64, corners: F64, points: F64, slack: float) -> bool:
+    """No plane of a face has points on both sides; tried on at most 64 faces, the first few of them first.
+
+    Parameters
+    ----------
+    normals, corners : (n_faces, 3) of each face, the latter one of its vertices, m
+    points : (n, 3) vertices, m
+    slack : m
+    """
+    n = len(normals)
+    pick = np.unique(np.linspace(0, n - 1, min(n, 64)).round().astype(int))
+    for few in (pick[:: max(1, len(pick) // 4)], pick):
+        offset = np.einsum("ij,ij->i", normals[few], corners[few])
+        height = normals[few] @ points.T - offset[:, None]
+        if not ((height.min(axis=1) >= -slack) | (height.max(axis=1) <= slack)).all():
+            return False
+    return True
+
+
+def is_convex_body(vertices: F64, faces: I32) -> bool:
+    """One closed convex surface.
+
+    Seen from its middle every face shows its back: every closed piece then covers the sphere of directions at least
+    once. All faces together cover it just once: it is one piece, and star-shaped. No edge is concave: a star-shaped
+    surface then is convex at every vertex too, and a closed surface that is convex everywhere near is convex (Tietze
+    and Nakajima).
+
+    Parameters
+    ----------
+    vertices : (n_v, 3) float64, m
+    faces : (n_f, 3) int32
+    """
+    if len(faces) < 4:
+        return False
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    points = vertices[used]
+    slack = SLACK * float(np.ptp(points, axis=0).max())
+    middle = points.mean(axis=0)
+    a, b, c = (vertices[faces[:, i]] - middle for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    if not one_sided(normals, a, points - middle, slack):
+        return False
+
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    outward = np.sign(triple)
+    if (outward == 0).any() or abs(outward.sum()) != len(faces):
+        return False
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    ab, ac, bc = (np.einsum("ij,ij->i", v, w) for v, w in ((a, b), (a, c), (b, c)))
+    solid = 2.0 * np.arctan2(np.abs(triple), la * lb * lc + ab * lc + ac * lb + bc * la)
+    if abs(float(solid.sum()) / (4.0 * np.pi) - 1.0) > 1e-6:
+        return False
+
+    _, number = np.unique(np.round(vertices / slack).astype(np.int64), axis=0, return_inverse=True)
+    f = number.reshape(-1)[faces]
+    ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+    key = ends[:, 0] * (int(f.max()) + 1) + ends[:, 1]
+    order = np.argsort(key, kind="stable")
+    key, face = key[order], np.tile(np.arange(len(f)), 3)[order]
+    if len(key) % 2 or (key[::2] != key[1::2]).any() or (key[1:-1:2] == key[2::2]).any():
+        return False  # an edge of one face, or of more than two
+    first, second = face[::2], face[1::2]
+    centre = (a + b + c) / 3.0
+    towards = centre[second] - centre[first]
+    return not bool((np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack).any())
+
+
+__all__ = ["SLACK", "is_convex_body", "one_sided"]
