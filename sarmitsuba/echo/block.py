@@ -1,6 +1,7 @@
 """Block synthesis: paths are added once to a (range, range rate) grid and become K pulses together."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.curvature import Curvature, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
 
@@ -336,7 +338,7 @@ def synthesise(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, rad
     slope = spectrum * (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64)
     inner = scipy.fft.ifft(spectrum, axis=-1, workers=-1, overwrite_x=True)
     inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
-    inner *= np.exp(-1j * (wavenumber * bend + carrier[:, None])).astype(np.complex64)
+    inner *= unit_phasor(-wavenumber * bend - carrier[:, None])
     offset = radar.window.start_range[plan.start : plan.stop] - reference - first
     return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
 
@@ -361,48 +363,53 @@ def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockP
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
     # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
     half = min(max(1, int(0.25 / max(float(np.abs(walk).max()), 1e-9))), 128)
+    steps = [(walk * (-1j / order)).astype(np.complex64) for order in range(1, 4)]
+    by_range = _range_weight(plan.width, n, count, plan.guard)
 
     def batch(m0: int) -> None:
         m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
         center = int(m[len(m) // 2])
-        matrix = np.exp(-1j * (wavenumber + center * per_bin) * drift).astype(np.complex64)
-        terms = [matrix]
-        for order in range(1, 4):
-            terms.append(terms[-1] * (walk * (-1j / order)).astype(np.complex64))
+        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift)]
+        for step in steps:
+            terms.append(terms[-1] * step)
         rows = spectrum[:, m % n] if m[0] < 0 <= m[-1] else spectrum[:, m[0] % n : m[-1] % n + 1]
         product = rows @ np.concatenate(terms, axis=1)
         q = (m - center).astype(np.float32)[:, None]
         value = product[..., 3 * n_pulses :]
         for order in (2, 1, 0):
             value = value * q + product[..., order * n_pulses : (order + 1) * n_pulses]
-        value *= _frequency_weight(m, center, middle, per_bin, lever, plan, radar)
+        value *= _pulse_weight(m, center, middle, per_bin, lever, plan, radar)
+        value *= by_range[m + count, None]
         out[:, :, m % n] = np.swapaxes(value, 1, 2)
 
     parallel_map(batch, range(-count, count + 1, 2 * half + 1))
     return out
 
 
-def _frequency_weight(
-    m: Any, center: int, middle: float, per_bin: float, lever: F64, plan: BlockPlan, radar: Radar
-) -> C64:
-    """Everything that depends on frequency and pulse only, (n_m, K): kernels, roll-off, guard, mean walk."""
-    n = plan.n_inner
-    nu = m / n
+@lru_cache(maxsize=16)
+def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
+    """What depends on the frequency alone, -count ... count: kernel along range, roll-off, guard."""
+    nu = np.arange(-count, count + 1) / n
     edge = np.clip((np.abs(nu) - _ROLL[0]) / (_ROLL[1] - _ROLL[0]), 0.0, 1.0)
     roll = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * edge) ** 2) ** 2
-    by_range = roll / plan.kernel.transform(nu) * np.exp(-2j * np.pi * nu * plan.guard)
-    carrier_bins = radar.waveform.center_frequency * 2.0 * n * plan.range_step / SPEED_OF_LIGHT
+    weight = roll / spreading_kernel(width).transform(nu) * np.exp(-2j * np.pi * nu * guard)
+    return np.asarray(weight, dtype=np.complex64)
+
+
+def _pulse_weight(
+    m: Any, center: int, middle: float, per_bin: float, lever: F64, plan: BlockPlan, radar: Radar
+) -> C64:
+    """What depends on frequency and pulse, (n_m, K): kernel along the rate, mean walk."""
+    carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT
     # cycles per rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)
     nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
     cycles = per_bin * plan.rate_step * lever / (2.0 * np.pi)
-    at_nodes = 1.0 / plan.rate_kernel.transform((carrier_bins + center + nodes)[:, None] * cycles)
+    at_nodes = plan.rate_kernel.inverse_transform((carrier_bins + center + nodes)[:, None] * cycles)
     u = (m - center)[:, None] / nodes[2]
-    by_rate = (
-        0.5 * u * (u - 1.0) * at_nodes[0] + (1.0 - u * u) * at_nodes[1] + 0.5 * u * (u + 1.0) * at_nodes[2]
-    )
-    mean_walk = np.exp(-1j * per_bin * middle * np.multiply.outer(m - center, plan.tau))
-    return np.asarray(by_range[:, None] * by_rate * mean_walk, dtype=np.complex64)
+    parabola = np.concatenate([0.5 * u * (u - 1.0), 1.0 - u * u, 0.5 * u * (u + 1.0)], axis=1)
+    mean_walk = phase_ramp(-per_bin * middle * plan.tau, int(m[0]) - center, len(m))
+    return np.asarray(mean_walk.T * (parabola.astype(np.float32) @ at_nodes.astype(np.float32)))
 
 
 __all__ = [

@@ -9,6 +9,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.echo.phasor import phase_ramp
+
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
@@ -20,6 +22,8 @@ OVERSAMPLING = 2.0
 _BETA_PER_WIDTH = {3: 2.12, 4: 2.22, 5: 2.26, 6: 2.30, 7: 2.30, 8: 2.32}
 # Degree in z of each tap's polynomial: the smallest that costs less than 1.5 dB of the error.
 _DEGREE = {3: 3, 4: 3, 5: 5, 6: 5, 7: 7, 8: 7}
+# Degree in nu^2 of the inverse transform's polynomial
+_INVERSE_DEGREE = 16
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,22 @@ class SpreadingKernel:
             out += np.cos(2.0 * np.pi * nu[..., None] * distance) @ (taps[k] * weight)
         return out
 
+    def inverse_transform(self, nu: Any) -> F64:
+        """One over :meth:`transform`: for ``|nu| <= 1/2`` a polynomial in ``nu^2``, exact to 1e-9."""
+        nu = np.asarray(nu, dtype=np.float64)
+        if self.width <= 2 or np.abs(nu).max(initial=0.0) > 0.5:
+            return np.asarray(1.0 / self.transform(nu))
+        return np.asarray(_horner(self._inverse, 8.0 * nu * nu - 1.0))
+
+    @cached_property
+    def _inverse(self) -> list[float]:
+        """Coefficients of the inverse transform in ``8 nu^2 - 1``, between -1 and 1 for ``|nu| <= 1/2``."""
+        z = np.cos(np.pi * (np.arange(200) + 0.5) / 200)  # Chebyshev points
+        value = 1.0 / self.transform(np.sqrt(np.maximum(z + 1.0, 0.0) / 8.0))
+        c = np.polynomial.chebyshev.Chebyshev.fit(z, value, _INVERSE_DEGREE, [-1.0, 1.0])
+        p = c.convert(kind=np.polynomial.Polynomial, domain=[-1, 1]).coef
+        return [float(v) for v in p]
+
     def aliasing(self, nu: Any) -> F64:
         r"""Relative rms error of one spread tone over random positions, at ``nu`` cycles per cell.
 
@@ -238,9 +258,8 @@ def to_window(
     """
     n_layers, n_pulses, _ = fine.shape
     weight, count = _band_weight(grid, range_cell, kernel)
-    m = np.arange(-count, count + 1)
-    ramp = np.exp(2j * np.pi / (grid.n_fine * grid.range_step) * offset[:, None] * m) * weight
-    ramp = (ramp * (grid.n_out / grid.n_fine)).astype(np.complex64)
+    ramp = phase_ramp(2.0 * np.pi / (grid.n_fine * grid.range_step) * offset, -count, 2 * count + 1)
+    ramp *= (weight * (grid.n_out / grid.n_fine)).astype(np.complex64)
     out = np.empty((n_layers, n_pulses, n_samples), dtype=np.complex64)
     batch = max(1, 2**22 // grid.n_fine)  # bounds memory: 32 MB a buffer
     for layer in range(n_layers):

@@ -26,9 +26,19 @@ def parallel_map(function: Callable[[int], None], arguments: Iterable[int]) -> N
         for argument in arguments:
             function(argument)
         return
-    with one_blas_thread(), ThreadPoolExecutor(n_threads()) as pool:
-        for future in [pool.submit(function, argument) for argument in arguments]:
+    with one_blas_thread():
+        todo = list(arguments)
+        if len(todo) == 1:
+            function(todo[0])
+            return
+        for future in [_pool(os.getpid()).submit(function, argument) for argument in todo]:
             future.result()
+
+
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Threads of this process, started once: a fork does not take them along."""
+    return ThreadPoolExecutor(n_threads())
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from sarmitsuba.echo.gridding import SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 
 WIDTHS = range(1, 9)
 
@@ -26,6 +27,27 @@ def test_taps_follow_the_kernel_and_the_cell_convention(width):
         assert (kernel.evaluate(first - 1.0 - x + 1e-9) < rim).all()
         assert (kernel.evaluate(first + width - x) < rim).all()
     assert kernel.margin >= kernel.lead + 1
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_inverse_transform(width):
+    kernel = spreading_kernel(width)
+    nu = np.linspace(-0.5, 0.5, 301)
+    # tol: of the polynomial
+    assert np.abs(kernel.inverse_transform(nu) * kernel.transform(nu) - 1.0).max() < 1e-9
+    beyond = np.array([0.1, 0.6])
+    np.testing.assert_allclose(kernel.inverse_transform(beyond) * kernel.transform(beyond), 1.0, rtol=1e-12)
+
+
+def test_phasors_are_exponentials():
+    rng = np.random.default_rng(5)
+    phase = rng.uniform(-1e6, 1e6, (7, 300))
+    # tol: float32 rounding of an angle up to pi, and of the cosine
+    assert np.abs(unit_phasor(phase) - np.exp(1j * phase)).max() < 5e-7
+    step = rng.uniform(-3.0, 3.0, 9)
+    for first, count in ((-300, 601), (5, 1), (0, 32), (-7, 33)):
+        exact = np.exp(1j * np.multiply.outer(step, np.arange(first, first + count)))
+        assert np.abs(phase_ramp(step, first, count) - exact).max() < 5e-7
 
 
 @pytest.mark.parametrize("width", WIDTHS)
