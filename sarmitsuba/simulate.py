@@ -174,7 +174,7 @@ def simulate(
     notes = [*scene.notes, *plan.notes]
     _check_energy(scene, stats, data, notes)
     if scene.geometry.n_faces:
-        _check_sampling(scene, window, spacing, notes)
+        _check_sampling(scene, window, {} if rays[0][0].frame else spacing, notes)
     if "key_pulse_interval" in facts:
         interval = int(facts["key_pulse_interval"])
         plan = plan.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
@@ -349,7 +349,7 @@ class TraceJob:
         batch = PulseBatch(
             position=position,
             velocity=velocity,
-            frame=self.window.frame,
+            frame=grid.frame or self.window.frame,
             boresight=pointing.boresight[pick] if patterned else None,
             azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,

@@ -51,6 +51,7 @@ EFFECT_NAMES: tuple[str, ...] = (
     "visibility",
     "tube_phase",
     "diffuse_double",
+    "cell_sharing",
     "noise",
     "depolarisation",
     "trajectory",

@@ -309,6 +309,7 @@ _EFFECT_DOCS = {
     "visibility": "test of the way back to the antenna",
     "tube_phase": "phase integral over each ray tube's footprint",
     "diffuse_double": "diffuse return after a mirror chain, with its reciprocal path",
+    "cell_sharing": "ray tubes shared among the scatterer cells that they overlap",
     "noise": "thermal noise of the receiver",
     "depolarisation": "rotation of the polarisation by reflection",
     "trajectory": "deviation of the track from a straight line",

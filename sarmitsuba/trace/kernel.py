@@ -150,7 +150,9 @@ def trace(
     nudge = dr.normalize(edge_a) * clearance
 
     weight = f32(1.0)
-    if flags.taper:
+    if grid.weight is not None:
+        weight = dr.gather(f32, f32(grid.weight), ray)
+    elif flags.taper:
         weight = fade(gx, grid.half_x, grid.taper, dr, f32) * fade(gy, grid.half_y, grid.taper, dr, f32)
     pattern = BeamPattern(antenna, pulses, pulse, mi, dr) if flags.antenna_pattern else None
     if pattern is not None:
@@ -326,8 +328,9 @@ def trace(
                     for c in flags.channels
                 ]
             frame = scatterers.CellFrame(p, n64, u, v, info.y, cell, seed, dr, mi)
-            weight = gain * area * piece.area() * dr.rsqrt(frame.area * frame.bias)
-            for share, centre, key in frame.cells():
+            cells, bias = (frame.cells(), frame.bias) if flags.cell_sharing else (frame.own(), 1.0)
+            weight = gain * area * piece.area() * dr.rsqrt(frame.area * bias)
+            for share, centre, key in cells:
                 random = texture(key, mat.w, flags, mi, dr)
                 leg_d, back_d = centre - image, antenna_p - centre
                 length_d, length_back_d = dr.norm(leg_d), dr.norm(back_d)

@@ -28,6 +28,8 @@ class LaunchGrid:
     half_x, half_y : m, half extents of the window that is to be covered at full weight
     taper : m, width of the fade-out beyond the half extents
     purpose : returns that these rays are for; the two kinds want different densities
+    frame : plane of its own, None for that of the launch window
+    weight : (n_rays,) float32, amplitude of every ray, None where the window's fade-out holds
     """
 
     x: F32
@@ -38,6 +40,8 @@ class LaunchGrid:
     half_y: float
     taper: float
     purpose: Purpose = "all"
+    frame: "LaunchFrame | None" = None
+    weight: F32 | None = None
 
     @property
     def n_rays(self) -> int:
@@ -77,14 +81,19 @@ def frame_towards(antenna: F64, center: F64, along: F64) -> LaunchFrame:
     return LaunchFrame(np.broadcast_to(center, antenna.shape).copy(), x, np.cross(x, los))
 
 
-def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
-    """Lower and upper (x, y) of scene points seen from the antenna and projected onto the first launch plane."""
+def project(points: F64, antenna: F64, frame: LaunchFrame) -> F64:
+    """(n, 2) coordinates in the first launch plane of scene points (n, 3) seen from the antenna, m."""
     c, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
     w = np.cross(ux, uy)
     ray = points - antenna
     t = ((c - antenna) @ w) / (ray @ w)
     hit = antenna + ray * t[:, None] - c
-    xy = np.stack([hit @ ux, hit @ uy], axis=1)
+    return np.stack([hit @ ux, hit @ uy], axis=1)
+
+
+def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:
+    """Lower and upper (x, y) of scene points seen from the antenna and projected onto the first launch plane."""
+    xy = project(points, antenna, frame)
     return np.asarray(xy.min(axis=0)), np.asarray(xy.max(axis=0))
 
 
@@ -92,6 +101,15 @@ def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         v = np.asarray((v | (v << np.uint32(shift))) & np.uint32(mask), dtype=np.uint32)
     return v
+
+
+def morton(x: F64, y: F64, reach: float) -> NDArray[np.uint32]:
+    """Keys that sort points of the square ``|x|, |y| <= reach`` so that neighbours in memory are near in space."""
+    side = 2.0 * reach / 65535.0
+    return np.asarray(
+        _spread_bits(((x + reach) / side).astype(np.uint32))
+        | (_spread_bits(((y + reach) / side).astype(np.uint32)) << np.uint32(1))
+    )
 
 
 def lattice(
@@ -137,11 +155,7 @@ def lattice(
         x, y = x[keep], y[keep]
         xs.append(x.astype(np.float32))
         ys.append(y.astype(np.float32))
-        side = 2.0 * reach / 65535.0
-        keys.append(
-            _spread_bits(((x + reach) / side).astype(np.uint32))
-            | (_spread_bits(((y + reach) / side).astype(np.uint32)) << 1)
-        )
+        keys.append(morton(x, y, reach))
     order = np.argsort(
         np.concatenate(keys), kind="stable"
     )  # Morton order: neighbours share cache lines of the BVH
@@ -179,4 +193,14 @@ def vector64(mi: Any, rows: F64) -> Any:
     return mi.Float64(np.ascontiguousarray(rows, dtype=np.float64).reshape(-1))
 
 
-__all__ = ["LATTICE_TURN", "LaunchFrame", "LaunchGrid", "PulseBatch", "frame_towards", "lattice", "window_of"]
+__all__ = [
+    "LATTICE_TURN",
+    "LaunchFrame",
+    "LaunchGrid",
+    "PulseBatch",
+    "frame_towards",
+    "lattice",
+    "morton",
+    "project",
+    "window_of",
+]

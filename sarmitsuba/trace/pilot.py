@@ -23,7 +23,7 @@ from sarmitsuba.trace.adders import carrier
 from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch, project
 from sarmitsuba.trace.modules import modules
 from sarmitsuba.trace.window import LaunchWindow, diffuse_spacing, launch_window, ray_spacing, scatterer_cell
 
@@ -244,22 +244,13 @@ def _features(
         return points, sizes
     middle = scene.radar.track.center_position
     met = n_patches * sizes**2 / (4.0 * window.half_x * window.half_y)
-    xy = _project(points, middle, window)
+    xy = project(points, middle, window.frame)
     inside = (np.abs(xy) <= [window.half_x, window.half_y]).all(axis=1)
     keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * sampling.ray_spacing)
     points, sizes = points[keep], sizes[keep]
     # features larger than a patch get several
     repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * sampling.ray_spacing)), 1, 4).astype(int)
     return np.repeat(points, repeat, axis=0), np.repeat(sizes, repeat)
-
-
-def _project(points: F64, antenna: F64, window: LaunchWindow) -> F64:
-    """(n, 2) coordinates in the launch plane of points seen from the antenna."""
-    c, ux, uy = window.center, window.frame.axis_x[0], window.frame.axis_y[0]
-    w = np.cross(ux, uy)
-    ray = points - antenna
-    hit = antenna + ray * (((c - antenna) @ w) / (ray @ w))[:, None] - c
-    return np.stack([hit @ ux, hit @ uy], axis=1)
 
 
 def _place(
@@ -277,7 +268,7 @@ def _place(
     half = np.array([window.half_x, window.half_y])
     centre = rng.uniform(-half, half, (n_random, 2))
     if n_features:
-        aim = _project(points[:n_features], scene.radar.track.position[pulse], window)
+        aim = project(points[:n_features], scene.radar.track.position[pulse], window.frame)
         # the first patch of a feature sits on it; what covers the rest of a larger one is spread over it
         first = np.ones(n_features, dtype=bool)
         first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)

@@ -83,6 +83,10 @@ class CellFrame:
         """Share of the tube (float32), phase centre (float64 m) and hash (uint32) of the four cells it can reach."""
         return [self._cell(i, j) for i in (0, 1) for j in (0, 1)]
 
+    def own(self) -> "list[tuple[Any, Any, Any]]":
+        """The same for the cell that the ray hits alone, with all of the tube: for rays through the cells' centres."""
+        return [(self.mi.Float(1.0), *self._cell(0, 0)[1:])]
+
     def _cell(self, i: int, j: int) -> tuple[Any, Any, Any]:
         dr, mi = self.dr, self.mi
         ia = self.ia + (mi.Float64(self.step_a) if i else 0.0)

@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.spec import Geometry, Scene
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, frame_towards, lattice, window_of
+from sarmitsuba.trace.launch import (
+    LaunchFrame,
+    LaunchGrid,
+    Purpose,
+    frame_towards,
+    lattice,
+    morton,
+    project,
+    window_of,
+)
 
 F64 = NDArray[np.float64]
 
@@ -200,6 +209,59 @@ def diffuse_spacing(scene: Scene, window: LaunchWindow) -> float:
     return float(FOOTPRINT_PER_CELL * scatterer_cell(scene, window.incidence) * max(slant, 0.2))
 
 
+def cell_grid(scene: Scene, window: LaunchWindow) -> LaunchGrid:
+    """One ray through the middle of every scatterer cell of level ground, its tube the cell itself.
+
+    The launch plane is the surface: all visible geometry must lie in one level plane. The cells are those that
+    :class:`sarmitsuba.trace.scatterers.CellFrame` finds, aligned with the scene's axes. No pass or half differs.
+    """
+    cell = scatterer_cell(scene, window.incidence)
+    geometry, antenna = scene.geometry, scene.radar.track.center_position
+    visible = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
+    ground = geometry.vertices[geometry.faces[visible].ravel()]
+    level = 0.5 * float(ground[:, 2].min() + ground[:, 2].max())
+    hx, hy = window.half_x + window.taper, window.half_y + window.taper
+    frame = window.frame
+    rim = [frame.center[0] + x * frame.axis_x[0] + y * frame.axis_y[0] for x in (-hx, hx) for y in (-hy, hy)]
+    ray = np.array(rim) - antenna
+    rim = antenna + ray * ((level - antenna[2]) / ray[:, 2])[:, None]
+    low = np.maximum(rim.min(axis=0), ground.min(axis=0))[:2]
+    high = np.minimum(rim.max(axis=0), ground.max(axis=0))[:2]
+    first, last = np.floor(low / cell), np.floor(high / cell)
+    middle = np.floor(0.5 * (first + last))  # the plane's centre: float32 coordinates start there
+    rows, columns = (np.arange(a, b + 1.0) for a, b in zip(first, last, strict=True))
+    parts = []
+    step = max(1, 4_000_000 // columns.size)  # bounds the temporary arrays of one slab
+    for start in range(0, rows.size, step):
+        i, j = (a.ravel() for a in np.meshgrid(rows[start : start + step], columns, indexing="ij"))
+        points = np.stack([(i + 0.5) * cell, (j + 0.5) * cell, np.full(i.size, level)], axis=1)
+        beyond = np.abs(project(points, antenna, frame)) - [window.half_x, window.half_y]
+        keep = (beyond <= window.taper).all(axis=1)
+        xy = np.stack([i[keep] - middle[0] + 0.5, j[keep] - middle[1] + 0.5], axis=1) * cell
+        fade = np.clip(beyond[keep] / max(window.taper, 1e-6), 0.0, 1.0)
+        parts.append((xy, np.prod(0.5 + 0.5 * np.cos(np.pi * fade), axis=1)))
+    xy, weight = (np.concatenate(a) for a in zip(*parts, strict=True))
+    order = np.argsort(morton(xy[:, 0], xy[:, 1], float(np.abs(xy).max(initial=cell))), kind="stable")
+    x, y = np.ascontiguousarray(xy[order].T, dtype=np.float32)
+    plane = LaunchFrame(
+        np.array([[middle[0] * cell, middle[1] * cell, level]]),
+        np.array([[1.0, 0.0, 0.0]]),
+        np.array([[0.0, 1.0, 0.0]]),
+    )
+    return LaunchGrid(
+        x,
+        y,
+        cell,
+        0.0,
+        window.half_x,
+        window.half_y,
+        window.taper,
+        "diffuse",
+        plane,
+        weight[order].astype(np.float32) if window.taper > 0 else None,
+    )
+
+
 def ray_lattices(
     scene: Scene, window: LaunchWindow, flags: KernelFlags, *, subset: int = 0, n_halves: int = 1
 ) -> tuple[LaunchGrid, ...]:
@@ -226,6 +288,8 @@ def ray_lattices(
             purpose=purpose,
         )
 
+    if flags.diffuse and not (flags.cell_sharing or flags.coherent or flags.multi_bounce):
+        return (cell_grid(scene, window),)
     if not (flags.diffuse and flags.coherent):
         kind: Purpose = "diffuse" if flags.diffuse else "coherent"
         spacing = ray_spacing(scene, window, flags.diffuse, flags.coherent)
@@ -244,6 +308,7 @@ __all__ = [
     "RAYS_PER_WAVELENGTH",
     "LaunchWindow",
     "azimuth_cell",
+    "cell_grid",
     "diffuse_spacing",
     "launch_window",
     "ray_lattices",

@@ -23,6 +23,7 @@ SWITCHES = (
     "coherent",
     "diffuse",
     "diffuse_double",
+    "cell_sharing",
     "speckle",
     "depolarisation",
     "antenna_pattern",
@@ -100,11 +101,18 @@ def test_every_effect_switched_off_shrinks_the_kernel(tiny: Scene, history: Any)
 def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any) -> None:
     """Switching on what another switch made void adds no instruction: nothing of it is left to pay for."""
     bare = KernelFlags(
-        channels=("HH",), diffuse=False, diffuse_double=False, speckle=False, multi_bounce=False
+        channels=("HH",),
+        diffuse=False,
+        diffuse_double=False,
+        cell_sharing=False,
+        speckle=False,
+        multi_bounce=False,
     )
     bare = replace(bare, depolarisation=False, polarised_diffuse=False, taper=False, visibility=False)
     one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))
-    with_words = replace(bare, diffuse_double=True, speckle=True, depolarisation=True, visibility=True)
+    with_words = replace(
+        bare, diffuse_double=True, cell_sharing=True, speckle=True, depolarisation=True, visibility=True
+    )
     assert kernel_size(history, one, bare) == kernel_size(history, one, with_words)
 
 
@@ -115,6 +123,8 @@ def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_NAMES}
     if effects["diffuse"] == "off":  # without both nothing returns, which is refused
         effects["coherent"] = "on"
+    if effects["cell_sharing"] == "off":  # refused where there is more than bare level ground
+        effects["cell_sharing"] = "auto"
     depth = int(rng.integers(0, 4))
     settings = replace(tiny.settings, effects=effects, max_depth=depth)  # type: ignore[arg-type]
     raw = simulate(replace(tiny, settings=settings))
