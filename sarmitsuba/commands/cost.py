@@ -90,24 +90,31 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         *table(report),
         "",
         f"plain setting on the whole scene: {report.full_seconds:.2f} s (measured)",
-        "cheapest combinations (predicted for the whole scene):",
+        f"cheapest combinations (m: measured, errors on {report.proof.text}; the others follow from them):",
     ]
-    lines += [f"  {c.error_db:6.1f} dB {c.seconds:8.2f} s  {_short(c.changes)}" for c in report.front]
-    best = report.recommended
-    if report.met:
-        lines.append(
-            f"recommended for {report.target_error_db:g} dB: {best.error_db:.1f} dB in {best.seconds:.2f} s"
-        )
+    lines += [
+        f"  {'m' if c.measured else ' '} {c.error_db:6.1f} dB {c.seconds:8.2f} s  {_short(c.changes)}"
+        for c in report.front
+    ]
+    found = report.recommendation
+    best, target = found.setting, found.target_error_db
+    if found.met:
+        lines.append(f"recommended for {target:g} dB: {best.error_db:.1f} dB in {best.seconds:.2f} s")
+        if found.remark:
+            lines.append(f"  {found.remark}")
     else:
         lines.append(
-            f"no single pass meets {report.target_error_db:g} dB; the most accurate: {best.error_db:.1f} dB in "
-            f"{best.seconds:.2f} s a pass; add --target-error {report.target_error_db:g}"
+            f"no single pass meets {target:g} dB; the most accurate: {best.error_db:.1f} dB in "
+            f"{best.seconds:.2f} s a pass; render --target-error {target:g} adds passes until it is met"
         )
-    error, seconds = report.check["error_db"], report.check["seconds"]
-    if error == error:
-        time = f", {seconds:.2f} s on the whole scene" if seconds == seconds else ""
-        lines.append(f"checked: {error:.1f} dB on the piece{time}")
-    lines.append(f"  {command} {report.options()} -o OUT")
+    if report.check:
+        lines.append(
+            f"checked with other rays: {report.check.error_db:.1f} dB on {report.proof.text}, "
+            f"{report.check.seconds:.2f} s on the whole scene"
+        )
+    else:
+        lines.append("not checked: the budget ended before")
+    lines.append(f"  {command} {found.options()} -o OUT")
     lines.append(f"({report.seconds:.0f} s)")
     return "\n".join(lines)
 
@@ -129,12 +136,14 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "scene": name,
         "rows": report.rows,
         "front": report.front,
-        "recommended": report.recommended,
-        "options": report.options(),
-        "target_error_db": report.target_error_db,
-        "met": report.met,
+        "recommended": report.recommendation.setting,
+        "options": report.recommendation.options(),
+        "target_error_db": report.recommendation.target_error_db,
+        "met": report.recommendation.met,
+        "remark": report.recommendation.remark,
         "piece": report.piece,
         "reference": report.reference,
+        "measured_on": report.proof.text,
         "check": report.check,
         "plain_seconds": report.full_seconds,
         "seconds": report.seconds,
@@ -144,8 +153,9 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         temporary.write_text(text + "\n", encoding="utf-8")
     points = [(c.seconds, c.error_db) for c in report.candidates]
     front = [(c.seconds, c.error_db) for c in report.front]
-    chosen = (report.recommended.seconds, report.recommended.error_db)
-    save_figure(cost_figure(points, front, chosen, report.target_error_db, name), folder / "cost.png")
+    best, target = report.recommendation.setting, report.recommendation.target_error_db
+    figure = cost_figure(points, front, (best.seconds, best.error_db), target, name)
+    save_figure(figure, folder / "cost.png")
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "run", "table"]

@@ -1,13 +1,11 @@
 """What accuracy costs on the user's own scene: one sweep a parameter, a model of both, the cheapest setting."""
 
-import itertools
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
@@ -15,29 +13,34 @@ from sarmitsuba.focus import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.spec import Scene
-from sarmitsuba.study.cost_report import Candidate, CostReport, Rays, Row
-from sarmitsuba.study.sweep import Setting, Trial, crop, mean_image, run_trial
+from sarmitsuba.study.cost_model import AFFECTS, FLOOR_DB, CostModel, corrected
+from sarmitsuba.study.cost_proof import Check, Proof, Reference
+from sarmitsuba.study.cost_report import (
+    CHECK_PASS,
+    SPARE_DB,
+    Candidate,
+    CostReport,
+    Rays,
+    Row,
+    pareto,
+    recommend,
+)
+from sarmitsuba.study.sweep import Setting, Trial, crop, run_trial
 from sarmitsuba.trace.pilot import plan_scene
 from sarmitsuba.trace.window import launch_window, ray_spacing, scatterer_cell
 
 # deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
 REFERENCE_DEPTH = 6
-# share of the budget for the sweeps; the rest is for the full scene and the check of the recommendation
-SWEEP_SHARE = 0.6
+# shares of the budget: for the sweeps; at most for the reference of the proof; after which nothing more is measured
+# but the recommendation's check
+SWEEP_SHARE, PROOF_SHARE, LAST_SHARE = 0.4, 0.3, 0.85
 # cost of all sweeps and of the reference, in runs of the plain setting
 SWEEP_RUNS = 60.0
-# error that counts as none: float32 and the reference's own
-FLOOR_DB = -80.0
-# a smaller gain in error is not worth a line of its own, nor any time
-STEP_DB = 0.5
-# stages whose time a parameter changes; what else differs between two runs is the machine's mood
-AFFECTS = {
-    "ray_spacing": ("rays", "launch grid"),
-    "max_depth": ("rays",),
-    "gridding_width": ("launches", "rays", "synthesise"),
-    "key_pulse_interval": ("launches", "rays", "synthesise"),
-    "focuser": ("focus",),
-}
+# ray spacings, in automatic ones, image's finer because its runs are short; coarser ones follow while they are better
+# than wanted
+SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
+IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
+COARSEST = 16.0
 # pieces of a scene to choose from: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
@@ -49,64 +52,55 @@ _PIECES = (
     (0.25, 0.25),
     (0.15, 0.25),
 )
+# what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first
+_REFERENCES = ((1.0, 0.5), (1.0, 0.6), (1.0, 0.71), (0.7, 0.6), (0.5, 0.5))
 
 
 @dataclass
 class _Study:
-    scene: Scene
+    scene: Scene  # the piece that is swept
     grid: ImageGrid
     base: Setting
     plain: Trial
     whole: Trial
     n_pulses: int  # of the whole scene
     launch_seconds: float  # of one launch, whatever its rays
-    deadline: float
+    deadline: float  # of the sweeps
+    model: CostModel
     report: Progress
+    begin: float
     budget: float
+    target_error_db: float
     rows: list[Row] = field(default_factory=list)
     now: Trial | None = None
-    errors: dict[tuple[str, Any], float] = field(default_factory=dict)
-    ratios: dict[tuple[str, Any], dict[str, float]] = field(default_factory=dict)
 
     def left(self) -> float:
         return self.deadline - time.perf_counter()
 
+    def progress(self) -> None:
+        self.report("cost", min(time.perf_counter() - self.begin, self.budget), self.budget, {})
+
     def run(self, **changes: Any) -> Trial:
         trial = run_trial(self.scene, self.base.but(**changes), self.grid)
-        self.report("cost", self.budget - max(self.left(), 0.0), self.budget, {})
+        self.progress()
         return trial
 
     def refresh(self, **changes: Any) -> None:
         """Run the plain setting again: ratios are to a run of the same minute, whatever else the machine does."""
         self.now = self.run(**changes)
 
-    @property
-    def full(self) -> dict[str, float]:
-        """Seconds by stage of the plain setting on the whole scene."""
-        return self.stages(self.whole)
+    def extend(self, factors: list[float], factor: float, error_db: float) -> None:
+        """Go on to coarser rays while the coarsest are better than wanted."""
+        coarser = 2.0**0.5 * factor
+        if factor == factors[-1] and error_db < self.target_error_db - SPARE_DB and coarser < COARSEST:
+            factors.append(coarser)
 
-    def stages(self, trial: Trial) -> dict[str, float]:
-        """Seconds by stage, tracing split into what goes by launches and what goes by rays."""
-        out = {k: v for k, v in trial.stages.items() if k != "trace"}
-        seconds = trial.stages.get("trace", 0.0)
-        launches = min(self.launch_seconds * trial.facts["statistics"].get("key_pulses", 0), 0.95 * seconds)
-        return {**out, "launches": launches, "rays": seconds - launches}
-
-    def full_seconds(self, ratios: Mapping[str, float]) -> float:
-        return sum(self.full_stage(s) * r for s, r in ratios.items())
-
-    def full_stage(self, stage: str) -> float:
-        """Seconds of a stage of the plain setting on the whole scene; 1 for stages that it does not have."""
-        return self.full.get(stage, 1.0)
-
-    def _ratio(self, trial: Trial, parameter: str, value: Any) -> dict[str, float]:
-        now, then = self.stages(trial), self.stages(self.now or self.plain)
-        growth = self.whole.seconds / max(self.plain.seconds, 1e-9)
-        out = {}
-        for stage in {*now, *then}:
-            a, b = now.get(stage, 0.0), then.get(stage, 0.0)
-            # a stage that only this method has grows like the whole
-            out[stage] = a / b if b > 1e-3 else (a * growth / self.full_stage(stage) if a else 0.0)
+    def ratios(self, trial: Trial, parameter: str, value: Any) -> dict[str, float]:
+        """Seconds by stage over those of the plain setting."""
+        now = stages_of(trial, self.launch_seconds)
+        then = stages_of(self.now or self.plain, self.launch_seconds)
+        # a stage too short to time is taken not to change
+        out = {s: now.get(s, 0.0) / t if t > 1e-3 else 1.0 for s, t in then.items()}
         if parameter == "key_pulse_interval":  # the piece's few pulses do not show it
             before = int(self.whole.facts["sampling"].get("key_pulse_interval", 1))
             launches = -(-self.n_pulses // value) / -(-self.n_pulses // before)
@@ -115,38 +109,36 @@ class _Study:
 
     def note(self, parameter: str, value: Any, trial: Trial, error_db: float, remark: str = "") -> None:
         """Put a trial into the table and the model."""
-        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
         error_db = max(error_db, FLOOR_DB)
-        self.errors[parameter, value] = error_db
-        self.ratios[parameter, value] = self._ratio(trial, parameter, value)
-        megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
-        self.rows.append(
-            Row(
-                parameter,
-                shown,
-                error_db,
-                trial.seconds,
-                self.full_seconds(self.ratios[parameter, value]),
-                megabytes,
-                remark,
-            )
+        ratios = self.ratios(trial, parameter, value)
+        self.model.errors[parameter, value] = error_db
+        self.model.ratios[parameter, value] = ratios
+        kept = AFFECTS.get(parameter, tuple(ratios))
+        full = sum(
+            t * (ratios.get(s, 1.0) if s in kept else 1.0) for s, t in self.model.full["hybrid"].items()
         )
+        self.row(parameter, value, trial, error_db, full, remark)
 
-    def paired(self, parameter: str, values: Iterable[Any], best: Any) -> list[Any]:
-        """Sweep a parameter with the same rays; errors are against its best value. Returns what was run."""
+    def row(
+        self, parameter: str, value: Any, trial: Trial, error_db: float, full: float, remark: str = ""
+    ) -> None:
+        """Put a trial into the table."""
+        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
+        megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
+        self.rows.append(Row(parameter, shown, error_db, trial.seconds, full, megabytes, remark))
+
+    def paired(self, parameter: str, values: Iterable[Any], best: Any) -> None:
+        """Sweep a parameter with the same rays; errors are against its best value."""
         if self.left() < 0.0:
-            return []
+            return
         self.refresh()
         reference = self.run(**{parameter: best})
         self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
-        done = [best]
         for value in values:
             if self.left() < 0.0:
                 break
             trial = self.run(**{parameter: value})
             self.note(parameter, value, trial, trial.error_db(reference.image))
-            done.append(value)
-        return done
 
 
 def study_cost(
@@ -171,12 +163,14 @@ def study_cost(
 
     Notes
     -----
-    Assumes that the errors of different parameters are independent, so that their energies add up, that each
-    parameter scales the time of a stage by a factor of its own, and that the piece stands for the whole. The check at
-    the end runs the recommendation itself. Errors of the scattering model are not in any of this.
+    Three steps. Sweeps of one parameter each on a piece of the scene. Their combinations: errors of different
+    parameters are taken to be independent, so that their energies add up, and each parameter to scale the time of a
+    stage by a factor of its own. Then a converged image of the whole scene, as far as the budget allows, and runs of
+    the combinations on the Pareto front against it, those about the target first; what these runs show, the
+    combinations not run are corrected by. The check at the end runs the recommendation once more with other lattices.
+    Errors of the scattering model are not in any of this.
     """
     begin = time.perf_counter()
-    deadline = begin + budget
     report = progress or silent
     plan = plan_scene(scene)
     # in metres, so that a piece of the aperture, which resolves less, is sampled as the whole scene is
@@ -197,6 +191,18 @@ def study_cost(
     # hardly any rays: what is left is the launches
     few = run_trial(piece, base.but(**rays.at(12.0)), grid)
     launch_seconds = few.stages.get("trace", 0.0) / max(1, few.facts["statistics"].get("key_pulses", 1))
+    interval = int(plain.facts["sampling"].get("key_pulse_interval", 1))
+    model = CostModel(
+        rays,
+        {"hybrid": stages_of(full, launch_seconds)},
+        {
+            "ray_spacing": rays.coherent,
+            "max_depth": plan.max_depth,
+            "gridding_width": scene.settings.gridding_width,
+            "key_pulse_interval": interval,
+            "focuser": "backprojection",
+        },
+    )
     study = _Study(
         piece,
         grid,
@@ -206,64 +212,83 @@ def study_cost(
         scene.radar.track.n_pulses,
         launch_seconds,
         begin + SWEEP_SHARE * budget,
+        model,
         report,
+        begin,
         budget,
+        target_error_db,
     )
+    dense = base.but(max_depth=REFERENCE_DEPTH, gridding_width=6)
+    if interval >= 16:
+        dense = dense.but(key_pulse_interval=interval // 2)
+    converged = Reference.of(piece, dense.but(**rays.at(0.5)), grid)
+    _sweeps(study, scene, plan, converged)
 
-    depths = study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
-    widths = study.paired("gridding_width", [2, 3, 4], 6)
-    study.paired("phase_precision", ["single"], "double")
-    interval = int(plain.facts["sampling"].get("key_pulse_interval", 1))
-    n = piece.radar.track.n_pulses
-    others = [k for k in (256, 128, 64, 32, 16) if k <= n and k != interval]
-    wanted = [interval, *others] if interval > 8 else others
-    intervals = study.paired("key_pulse_interval", wanted, 8) if interval > 1 and n >= 16 else [interval]
-    _focusers(study)
-
-    dense = base.but(**rays.at(0.5), max_depth=REFERENCE_DEPTH, gridding_width=6)
-    converged = mean_image(piece, dense, grid, 2)
-    reference = (
-        f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * rays.coherent:.3g} m, "
-        f"{REFERENCE_DEPTH} bounces, "
-        f"gridding_width 6"
-    )
-    spacings = []
-    study.refresh(max_depth=REFERENCE_DEPTH)
-    for factor in (0.71, 1.0, 1.41, 2.0, 2.83):
-        spacing = factor * rays.coherent
-        trial = study.run(**rays.at(factor), max_depth=REFERENCE_DEPTH)
-        study.note("ray_spacing", spacing, trial, trial.error_db(converged))
-        spacings.append(spacing)
-    _cells(study, plan)
-    _methods(study, converged, rays)
-    _raw_row(study, plain)
-
-    candidates = _combine(study, rays, spacings, depths, widths, intervals)
-    front = _pareto(candidates)
-    good = [c for c in front if c.error_db <= target_error_db]
-    best = min(c.error_db for c in candidates)
-    near = [c for c in candidates if c.error_db <= best + 2.0 * STEP_DB]
-    recommended = good[0] if good else min(near, key=lambda c: c.seconds)
-    check = {"error_db": float("nan"), "seconds": float("nan")}
-    if time.perf_counter() < deadline:
-        trial = run_trial(piece, Setting({**base.changes, **recommended.changes}), grid, pass_index=7)
-        check["error_db"] = trial.error_db(converged)
-    if time.perf_counter() + recommended.seconds < deadline:
-        whole = Setting({**base.changes, **recommended.changes})
-        check["seconds"] = run_trial(scene, whole).seconds
+    field_, factor, where = _field(scene, model.full["hybrid"], begin, budget)
+    if field_ is None or piece is scene:
+        field_, factor, where, against = piece, 0.5, text, converged
+    else:
+        own = default_grid(field_.radar, field_.image)
+        against = Reference.of(field_, dense.but(**rays.at(factor)), own)
+        study.progress()
+    proof = Proof(scene, field_, default_grid(field_.radar, field_.image), base, against, where)
+    candidates = _measure_front(study, proof, begin + LAST_SHARE * budget)
+    recommendation = recommend(candidates, target_error_db)
+    check = None
+    # two runs of a short one, and those of the field
+    runs = 2.0 if field_ is scene else 3.0
+    if time.perf_counter() - begin + runs * recommendation.setting.seconds < budget:
+        check = proof.measure(recommendation.setting.changes, CHECK_PASS)
     return CostReport(
         rows=tuple(study.rows),
         candidates=tuple(candidates),
-        front=tuple(front),
-        recommended=recommended,
-        target_error_db=target_error_db,
-        met=bool(good),
+        front=tuple(pareto(candidates)),
+        recommendation=recommendation,
+        proof=proof,
         piece=text,
         check=check,
         full_seconds=full.seconds,
-        reference=reference,
+        reference=(
+            f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * rays.coherent:.3g} m, "
+            f"{REFERENCE_DEPTH} bounces, gridding_width 6"
+        ),
         seconds=time.perf_counter() - begin,
     )
+
+
+def stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:
+    """Seconds by stage, tracing split into what goes by launches and what goes by rays."""
+    out = {k: v for k, v in trial.stages.items() if k != "trace"}
+    seconds = trial.stages.get("trace", 0.0)
+    launches = min(launch_seconds * trial.facts["statistics"].get("key_pulses", 0), 0.95 * seconds)
+    return {**out, "launches": launches, "rays": seconds - launches}
+
+
+def _sweeps(study: _Study, scene: Scene, plan: EffectsPlan, converged: Reference) -> None:
+    """All parameters, one after the other."""
+    study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
+    study.paired("gridding_width", [2, 3, 4], 6)
+    study.paired("phase_precision", ["single"], "double")
+    _methods(study, scene, converged)
+    study.refresh(max_depth=REFERENCE_DEPTH)
+    factors = list(SPACINGS)
+    for factor in factors:
+        spacing = factor * study.model.rays.coherent
+        trial = study.run(**study.model.rays.at(factor), max_depth=REFERENCE_DEPTH)
+        error = converged.error_db(trial.image)
+        study.note("ray_spacing", spacing, trial, error)
+        if "image" not in study.model.full:  # else that is what coarse rays are for
+            study.extend(factors, factor, error)
+    _focusers(study)
+    _cells(study, plan)
+    _raw_row(study)
+    interval = int(study.plain.facts["sampling"].get("key_pulse_interval", 1))
+    n = study.scene.radar.track.n_pulses
+    # against four times the launches; twice as many again cost as much as everything else here
+    best = max(8, interval // 4)
+    if interval > 1 and n >= 16:
+        others = [k for k in (256, 128, 64, 32, 16) if best < k <= n and k != interval]
+        study.paired("key_pulse_interval", [interval, *others] if interval > best else others, best)
 
 
 def _piece(scene: Scene, base: Setting, budget: float) -> tuple[Scene, str, Trial]:
@@ -285,12 +310,17 @@ def _piece(scene: Scene, base: Setting, budget: float) -> tuple[Scene, str, Tria
         index = next((i for i in smaller if fall * steps[i][0] ** 2 * steps[i][1] <= 1.0), len(steps) - 1)
     if share >= 1.0:
         return scene, "the whole scene", plain
-    im = piece.image
-    text = f"the middle {im.extent_azimuth:.3g} m x {im.extent_range:.3g} m of the image, "
+    text = _middle(piece)
     text += (
-        "the whole aperture" if pulses == 1.0 else f"the middle {piece.radar.track.n_pulses} of {n} pulses"
+        ", the whole aperture"
+        if pulses == 1.0
+        else f", the middle {piece.radar.track.n_pulses} of {n} pulses"
     )
     return piece, text, plain
+
+
+def _middle(piece: Scene) -> str:
+    return f"the middle {piece.image.extent_azimuth:.3g} m x {piece.image.extent_range:.3g} m of the image"
 
 
 def _guess_seconds(scene: Scene) -> float:
@@ -300,6 +330,56 @@ def _guess_seconds(scene: Scene) -> float:
     n = scene.radar.track.n_pulses
     pixels = float(np.prod(default_grid(scene.radar, scene.image).shape))
     return window.area / spacing**2 * max(1.0, n / 64.0) / 1e6 + pixels * n / 3e8
+
+
+def _field(
+    scene: Scene, full: Mapping[str, float], begin: float, budget: float
+) -> tuple[Scene | None, float, str]:
+    """What the promises are to be measured on, and with which ray spacing its reference is made.
+
+    As much of the scene, and as densely, as a third of the budget allows; None where that is not even half of the
+    image's extents.
+    """
+    left = budget - (time.perf_counter() - begin)
+    allowed = min(PROOF_SHARE * budget, 0.6 * left)
+    fixed = full.get("build", 0.0) + full.get("plan", 0.0)
+    for share, factor in _REFERENCES:
+        # two passes with twice the key pulses
+        rays = 2.0 * full["rays"] / factor**2
+        others = 2.0 * (sum(full.values()) - full["rays"] - fixed)
+        if 2.0 * (fixed + share**2 * (rays + others)) <= allowed:
+            if share == 1.0:
+                return scene, factor, "the whole scene"
+            piece = crop(scene, share)
+            return piece, factor, _middle(piece) + ", the whole aperture"
+    return None, 0.0, ""
+
+
+def _measure_front(study: _Study, proof: Proof, deadline: float) -> list[Candidate]:
+    """Run the combinations on the Pareto front while there is time, what the target depends on first."""
+    predicted = study.model.combine()
+    measured: dict[int, Check] = {}
+    skipped: set[int] = set()
+    runs = 2.0 if proof.field is proof.scene else 3.0
+    while True:
+        candidates = corrected(predicted, measured)
+        index = {id(c): i for i, c in enumerate(candidates)}
+        front = pareto(candidates)
+        chosen = recommend(candidates, study.target_error_db).setting
+        place = next((i for i, c in enumerate(front) if c is chosen), len(front) - 1)
+        # the recommendation, the next cheaper, the next better, then the others by time
+        order = [chosen, *front[max(0, place - 1) : place + 2], *front]
+        todo = [c for c in order if not c.measured and index[id(c)] not in skipped]
+        if not todo:
+            return candidates
+        pick = todo[0]
+        own = runs * pick.seconds
+        reserve = runs * chosen.seconds
+        if time.perf_counter() + own + (0.0 if pick is chosen else reserve) > deadline:
+            skipped.add(index[id(pick)])
+            continue
+        measured[index[id(pick)]] = proof.measure(pick.changes)
+        study.progress()
 
 
 def _focusers(study: _Study) -> None:
@@ -336,103 +416,46 @@ def _cells(study: _Study, plan: EffectsPlan) -> None:
         study.note("scatterer_cell", factor * cell, trial, FLOOR_DB, f"mean level {change:+.2f} dB")
 
 
-def _methods(study: _Study, converged: NDArray[Any], rays: Rays) -> None:
-    study.refresh()
+def _methods(study: _Study, scene: Scene, converged: Reference) -> None:
+    """The two image-domain methods: timed on the whole scene, which takes them little; spacings of ``image``."""
+    model = study.model
     for name in ("raster", "image"):
         try:
-            trial = study.run(method=name)
+            study.now = trial = study.run(method=name)
+            whole = trial if study.scene is scene else run_trial(scene, study.base.but(method=name))
         except SarmitsubaError:
+            continue  # ideal points only, or a scene that the method does not do
+        if name == "raster":
+            study.row("method", name, trial, converged.error_db(trial.image), whole.seconds)
             continue
-        study.note("method", name, trial, trial.error_db(converged))
-        if name == "image":
-            for factor in (1.41, 2.0):
-                coarse = study.run(method=name, **rays.at(factor))
-                study.note(
-                    "method",
-                    f"image, ray_spacing {factor * rays.coherent:.4g}",
-                    coarse,
-                    coarse.error_db(converged),
-                )
+        model.full = {**model.full, name: stages_of(whole, study.launch_seconds)}
+        factors = list(IMAGE_SPACINGS)
+        for factor in factors:
+            if study.left() < 0.0:
+                return
+            spacing = factor * model.rays.coherent
+            trial = study.run(method=name, **model.rays.at(factor))
+            error = converged.error_db(trial.image)
+            model.errors[name, spacing] = error
+            model.ratios[name, spacing] = study.ratios(trial, name, spacing)
+            picks = {"ray_spacing": spacing}
+            shown = name if factor == 1.0 else f"image, ray_spacing {spacing:.4g}"
+            study.row("method", shown, trial, error, model.seconds(name, picks))
+            study.extend(factors, factor, error)
 
 
-def _raw_row(study: _Study, plain: Trial) -> None:
+def _raw_row(study: _Study) -> None:
     """Every pulse traced: its time follows from that of a key pulse; it has no error of its own to measure."""
-    statistics = plain.facts["statistics"]
-    keys = max(1, int(statistics.get("key_pulses", 1)))
+    plain = study.plain
+    keys = max(1, int(plain.facts["statistics"].get("key_pulses", 1)))
     factor = study.scene.radar.track.n_pulses / keys
     seconds = sum(t * (factor if s == "trace" else 1.0) for s, t in plain.stages.items())
-    full = sum(t * (factor if s in ("launches", "rays") else 1.0) for s, t in study.full.items())
+    full = sum(
+        t * (factor if s in ("launches", "rays") else 1.0) for s, t in study.model.full["hybrid"].items()
+    )
     study.rows.append(
         Row("method", "raw", FLOOR_DB, seconds, full, float("nan"), "time predicted from the key pulses'")
     )
 
 
-def _combine(
-    study: _Study,
-    rays: Rays,
-    spacings: list[float],
-    depths: list[int],
-    widths: list[int],
-    intervals: list[int],
-) -> list[Candidate]:
-    """Every combination of the swept values, error energies added, stage ratios multiplied."""
-
-    def energy(parameter: str, value: Any) -> float:
-        return float(10.0 ** (study.errors.get((parameter, value), FLOOR_DB) / 10.0))
-
-    plain_ratio = {
-        "max_depth": study.ratios.get(("max_depth", study.base.changes["max_depth"])),
-        "gridding_width": study.ratios.get(("gridding_width", 4)),
-    }
-    focusers = [f for f in ("backprojection", "omega_k") if ("focuser", f) in study.errors]
-    # errors of the spacing sweep hold the reference's depth and a width of 4 already
-    out = []
-    for spacing, depth, width, interval, focuser in itertools.product(
-        spacings,
-        depths or [study.base.changes["max_depth"]],
-        widths or [4],
-        intervals,
-        focusers or ["backprojection"],
-    ):
-        picks = {
-            "ray_spacing": spacing,
-            "max_depth": depth,
-            "gridding_width": width,
-            "key_pulse_interval": interval,
-            "focuser": focuser,
-        }
-        total = sum(energy(k, v) for k, v in picks.items() if k != "gridding_width")
-        total += max(0.0, energy("gridding_width", width) - energy("gridding_width", 4))
-        seconds = 0.0
-        for stage in study.full:
-            ratio = 1.0
-            for key, value in picks.items():
-                if stage not in AFFECTS[key]:
-                    continue
-                own = study.ratios.get((key, value), {}).get(stage, 1.0)
-                plain = (plain_ratio.get(key) or {}).get(stage, 1.0)
-                ratio *= own if key not in plain_ratio or plain <= 0.0 else own / plain
-            seconds += study.full_stage(stage) * ratio
-        changes = {**picks, **rays.at(spacing / rays.coherent), "method": "hybrid"}
-        out.append(Candidate(changes, 10.0 * float(np.log10(total)), seconds))
-    for (parameter, value), error in study.errors.items():
-        if parameter == "method" and str(value).startswith("image"):
-            row = next(r for r in study.rows if r.parameter == "method" and r.value == value)
-            _, _, text = str(value).partition("ray_spacing ")
-            factor = float(text) / rays.coherent if text else 1.0
-            depth = study.base.changes["max_depth"]
-            image = {"method": "image", "max_depth": depth, **rays.at(factor)}
-            out.append(Candidate(image, error, row.full_seconds))
-    return out
-
-
-def _pareto(candidates: list[Candidate]) -> list[Candidate]:
-    """Those that none beats in both by more than ``STEP_DB``, by time."""
-    front: list[Candidate] = []
-    for candidate in sorted(candidates, key=lambda c: (c.seconds, c.error_db)):
-        if not front or candidate.error_db < front[-1].error_db - STEP_DB:
-            front.append(candidate)
-    return front
-
-
-__all__ = ["study_cost"]
+__all__ = ["stages_of", "study_cost"]

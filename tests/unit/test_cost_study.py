@@ -1,0 +1,106 @@
+"""The cost study's arithmetic: combinations, corrections by what was run, recommendations."""
+
+import numpy as np
+import pytest
+
+from sarmitsuba.study.cost_model import CostModel, corrected
+from sarmitsuba.study.cost_proof import Check, Reference
+from sarmitsuba.study.cost_report import Candidate, Rays, options_of, pareto, recommend
+
+
+def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:
+    return Candidate({"method": method, "ray_spacing": spacing}, error_db, seconds)
+
+
+def model() -> CostModel:
+    plain = {
+        "ray_spacing": 0.25,
+        "max_depth": 7,
+        "gridding_width": 4,
+        "key_pulse_interval": 64,
+        "focuser": "backprojection",
+    }
+    full = {
+        "hybrid": {"build": 1.0, "launches": 0.5, "rays": 4.0, "focus": 2.0},
+        "image": {"build": 1.0, "rays": 0.5, "form image": 0.1},
+    }
+    return CostModel(Rays(0.25, 0.0), full, plain)
+
+
+def test_times_are_scaled_by_stage_and_fixed_ones_stay() -> None:
+    m = model()
+    m.ratios["ray_spacing", 0.5] = {"build": 9.0, "rays": 0.25, "focus": 9.0}
+    m.ratios["key_pulse_interval", 32] = {"launches": 2.0, "rays": 2.0}
+    # sparse rays change the rays' time only, whatever else the two timed runs differ in
+    assert m.seconds("hybrid", {"ray_spacing": 0.5}) == pytest.approx(1.0 + 0.5 + 1.0 + 2.0)
+    assert m.seconds("hybrid", {"ray_spacing": 0.5, "key_pulse_interval": 32}) == pytest.approx(
+        1.0 + 1.0 + 2.0 + 2.0
+    )
+    # the image method has a sweep of its own
+    m.ratios["image", 0.5] = {"rays": 0.5}
+    assert m.seconds("image", {"ray_spacing": 0.5}) == pytest.approx(1.0 + 0.25 + 0.1)
+
+
+def test_error_energies_add_without_what_the_spacing_sweep_holds_already() -> None:
+    m = model()
+    m.errors |= {
+        ("ray_spacing", 0.25): -30.0,
+        ("max_depth", 3): -30.0,
+        ("gridding_width", 4): -40.0,
+        ("gridding_width", 2): -25.0,
+        ("image", 0.25): -20.0,
+    }
+    found = {(c.changes["method"], c.changes.get("gridding_width")): c.error_db for c in m.combine()}
+    assert found["hybrid", 4] == pytest.approx(10 * np.log10(2e-3), abs=1e-3)
+    assert found["hybrid", 2] == pytest.approx(10 * np.log10(2e-3 + 10**-2.5 - 1e-4), abs=1e-3)
+    assert found["image", None] == pytest.approx(10 * np.log10(1e-2 + 1e-3), abs=1e-3)
+
+
+def test_runs_correct_their_neighbours_of_the_same_method() -> None:
+    predicted = [
+        candidate(-30.0, 1.0, 1.0),
+        candidate(-36.0, 4.0, 0.5),
+        candidate(-42.0, 16.0, 0.25),
+        candidate(-20.0, 0.1, 1.0, "image"),
+    ]
+    found = corrected(predicted, {0: Check(-25.0, 1.5), 1: Check(-33.0, 4.0)})
+    assert [c.measured for c in found] == [True, True, False, False]
+    assert (found[0].error_db, found[0].seconds) == (-25.0, 1.5)
+    # the third is nearer to the second; the image has no neighbour
+    assert (found[2].error_db, found[2].seconds) == (-39.0, 16.0)
+    assert (found[3].error_db, found[3].seconds) == (-20.0, 0.1)
+
+
+def test_front_and_recommendation() -> None:
+    some = [candidate(-18.0, 0.3), candidate(-27.0, 0.5), candidate(-27.2, 0.7), candidate(-35.0, 2.0)]
+    assert [c.error_db for c in pareto(some)] == [-18.0, -27.0, -35.0]
+    found = recommend(some, -20.0)
+    assert found.met and found.setting.error_db == -27.0
+    assert "-18.0 dB in 0.30 s" in found.remark  # 7 dB better than wanted is explained
+    assert recommend(some, -26.0).remark == ""
+    assert "nothing cheaper" in recommend(some, -10.0).remark
+    most = recommend(some, -50.0)
+    assert not most.met and most.setting.error_db == -35.0
+
+
+def test_reference_takes_its_own_noise_off() -> None:
+    rng = np.random.default_rng(1)
+
+    def noise(power: float) -> np.ndarray:
+        return np.sqrt(0.5 * power) * (rng.standard_normal((200, 200)) + 1j * rng.standard_normal((200, 200)))
+
+    clean = noise(1.0)
+    a, b = clean + noise(2e-3), clean + noise(2e-3)
+    mean = 0.5 * (a + b)
+    reference = Reference(mean, float(np.mean(np.abs(a - b) ** 2)) / 4.0)
+    # tol: 0.3 dB, Monte Carlo of 40000 pixels (0.02 dB) and the mean's energy, 0.1 % above one
+    assert reference.error_db(clean + noise(3e-3)) == pytest.approx(10 * np.log10(3e-3), abs=0.3)
+    assert reference.error_db(mean) == pytest.approx(-120.0)
+
+
+def test_options_trace_the_rays_that_were_timed() -> None:
+    text = options_of({"ray_spacing": 0.25, "method": "hybrid", "key_pulse_interval": 64})
+    assert (
+        text
+        == "-D sar_path.ray_spacing=0.25 -D sar_path.key_pulse_interval=64 --method hybrid --no-error-bars"
+    )
