@@ -258,12 +258,9 @@ def _holds(
     width: int,
     max_cells: int,
 ) -> bool:
-    reference, box = np.asarray(reference, dtype=np.float64), np.asarray(box, dtype=np.float64)
-    _, position, _, _ = key_state(radar, start, start + length)
-    fit = fit_curvature(radar, start, start + length, reference, *sample_paths(box, position, extra))
-    if fit.error.max() > budget:
-        return False
     plan = plan_block(radar, start, start + length, reference, box, width, extra_half_length=extra)
+    if 10.0 ** (plan.geometry_error_db / 10.0) > budget:
+        return False
     return plan.n_range * plan.n_rate <= max_cells
 
 

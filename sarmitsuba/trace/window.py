@@ -15,7 +15,6 @@ from sarmitsuba.trace.launch import (
     frame_towards,
     lattice,
     morton,
-    project,
     window_of,
 )
 
@@ -233,13 +232,16 @@ def cell_grid(scene: Scene, window: LaunchWindow) -> LaunchGrid:
     parts = []
     step = max(1, 4_000_000 // columns.size)  # bounds the temporary arrays of one slab
     for start in range(0, rows.size, step):
-        i, j = (a.ravel() for a in np.meshgrid(rows[start : start + step], columns, indexing="ij"))
-        points = np.stack([(i + 0.5) * cell, (j + 0.5) * cell, np.full(i.size, level)], axis=1)
-        beyond = np.abs(project(points, antenna, frame)) - [window.half_x, window.half_y]
-        keep = (beyond <= window.taper).all(axis=1)
-        xy = np.stack([i[keep] - middle[0] + 0.5, j[keep] - middle[1] + 0.5], axis=1) * cell
-        fade = np.clip(beyond[keep] / max(window.taper, 1e-6), 0.0, 1.0)
-        parts.append((xy, np.prod(0.5 + 0.5 * np.cos(np.pi * fade), axis=1)))
+        i, j = rows[start : start + step, None], columns[None, :]
+        seen = _on_level(antenna, frame, (i + 0.5) * cell, (j + 0.5) * cell, level)
+        beyond = [np.abs(v) - half for v, half in zip(seen, (window.half_x, window.half_y), strict=True)]
+        keep = (beyond[0] <= window.taper) & (beyond[1] <= window.taper)
+        fade = [
+            0.5 + 0.5 * np.cos(np.pi * np.clip(b[keep] / max(window.taper, 1e-6), 0.0, 1.0)) for b in beyond
+        ]
+        a, b = np.nonzero(keep)
+        xy = np.stack([i[a, 0] - middle[0] + 0.5, columns[b] - middle[1] + 0.5], axis=1) * cell
+        parts.append((xy, fade[0] * fade[1]))
     xy, weight = (np.concatenate(a) for a in zip(*parts, strict=True))
     order = np.argsort(morton(xy[:, 0], xy[:, 1], float(np.abs(xy).max(initial=cell))), kind="stable")
     x, y = np.ascontiguousarray(xy[order].T, dtype=np.float32)
@@ -260,6 +262,19 @@ def cell_grid(scene: Scene, window: LaunchWindow) -> LaunchGrid:
         plane,
         weight[order].astype(np.float32) if window.taper > 0 else None,
     )
+
+
+def _on_level(antenna: F64, frame: LaunchFrame, x: F64, y: F64, z: float) -> tuple[F64, F64]:
+    """What :func:`sarmitsuba.trace.launch.project` gives for a grid of points (x, y) of one level."""
+    ux, uy = frame.axis_x[0], frame.axis_y[0]
+    w = np.cross(ux, uy)
+
+    def along(v: F64) -> F64:
+        return np.asarray((x - antenna[0]) * v[0] + ((y - antenna[1]) * v[1] + (z - antenna[2]) * v[2]))
+
+    offset = frame.center[0] - antenna
+    t = (offset @ w) / along(w)
+    return t * along(ux) - offset @ ux, t * along(uy) - offset @ uy
 
 
 def ray_lattices(
