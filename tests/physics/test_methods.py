@@ -124,3 +124,20 @@ def test_preview_repeats_itself_and_passes_differ() -> None:
     # tol: float32 sums in whatever order threads finish
     assert image_error_db(again, first) < -90.0
     assert -90.0 < image_error_db(other, first) < -10.0
+
+
+def test_one_look_takes_fewer_coherent_rays_where_they_are_sparse_already() -> None:
+    from sarmitsuba.methods import LOOK_SPACING, look_sampling
+    from sarmitsuba.trace.pilot import plan_scene
+    from sarmitsuba.trace.window import diffuse_spacing, launch_window, ray_spacing
+
+    city = load_scene("buildings16")
+    window, plan = launch_window(city), plan_scene(city)
+    own = look_sampling(city, window, plan).settings
+    assert own.ray_spacing == pytest.approx(LOOK_SPACING * ray_spacing(city, window, False, True))
+    # diffuse rays stay: wider ones would leave scatterer cells out
+    assert own.diffuse_ray_spacing in (0.0, diffuse_spacing(city, window))
+    asked = replace(city, settings=replace(city.settings, ray_spacing=0.3))
+    assert look_sampling(asked, window, plan) is asked
+    small = load_scene("dihedral")  # several rays a wavelength: a small target's shape needs them
+    assert look_sampling(small, launch_window(small), plan_scene(small)) is small
