@@ -125,12 +125,16 @@ def simulate(
     timer = Timer()
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    trace_scene = None
+    trace_scene = window = None
     if scene.geometry.n_faces:
         trace_scene = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
         timer.lap("build")
-    plan = plan or plan_scene(scene, trace_scene)
+        window = launch_window(scene)
+        timer.lap("launch grid")
+    plan = plan or plan_scene(scene, trace_scene, window=window)
+    flown = scene.radar.track
     scene = plan.apply(scene)
+    timer.lap("plan")
     radar = scene.radar
     settings = scene.settings
     orders = tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,)
@@ -138,12 +142,13 @@ def simulate(
     layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in radar.channels)
     per_half = len(orders) * len(radar.channels)
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    timer.lap("plan")
 
     stats = TraceStatistics()
     facts: dict[str, Any] = {}
     if trace_scene is not None:
-        window = launch_window(scene)
+        assert window is not None
+        if radar.track is not flown:
+            window = launch_window(scene)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
         job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
         rays = [
@@ -173,7 +178,7 @@ def simulate(
         timer.lap("points")
     notes = [*scene.notes, *plan.notes]
     _check_energy(scene, stats, data, notes)
-    if scene.geometry.n_faces:
+    if window is not None:
         _check_sampling(scene, window, {} if rays[0][0].frame else spacing, notes)
     if "key_pulse_interval" in facts:
         interval = int(facts["key_pulse_interval"])

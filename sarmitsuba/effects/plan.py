@@ -78,9 +78,9 @@ class EffectsPlan:
 
     def apply(self, scene: Scene) -> Scene:
         """The scene as tracing and focusing must see it: without what is off (beam, cross channels, noise ...)."""
+        off = {d.name for d in self.decisions if not d.on}
         for effect in effects():
-            decision = self.decision(effect.name)
-            if decision is not None and not decision.on:
+            if effect.name in off:
                 scene = effect.without(scene)
         return scene
 
@@ -120,6 +120,7 @@ def plan_effects(
     *,
     shape: ShapeFacts | None = None,
     warn: bool = True,
+    up_to: int | None = None,
 ) -> EffectsPlan:
     """Decide every effect; explicit settings win, and say so where they cost accuracy.
 
@@ -130,6 +131,7 @@ def plan_effects(
     pilot : what a pilot trace measured; without it, static facts and safe defaults decide
     shape : of this scene's geometry, to save working it out again
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
+    up_to : last rank to decide, None for all; what is not decided stays on
     """
     facts = Facts(scene, sampling, pilot, shape)
     wanted = scene.settings.effects
@@ -140,6 +142,8 @@ def plan_effects(
     }
     notes: list[str] = []
     for effect in effects():
+        if up_to is not None and effect.rank > up_to:
+            break
         verdict = effect.judge(facts, decided)
         decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), verdict)
         decided[effect.name] = decision

@@ -45,6 +45,7 @@ class ShapeFacts:
         self.vertices = geometry.vertices
         self.antenna = antenna
         self.stated_convex = _one_convex_mesh(geometry, keep)
+        self.lone_mesh = len(geometry.mesh_convex) == 1  # loading has tried the proof
 
     @cached_property
     def points(self) -> F64:
@@ -84,8 +85,10 @@ class ShapeFacts:
 
     @cached_property
     def planes(self) -> tuple[F64, F64]:
-        """Distinct planes of the faces: normals (n, 3) and offsets (n,) with ``normal . x = offset``."""
+        """Distinct planes of the faces (of few, all): normals (n, 3) and offsets (n,), ``normal . x = offset``."""
         offset = np.einsum("ij,ij->i", self.normals, self.vertices[self.faces[:, 0]])
+        if self.n_faces <= 64:
+            return self.normals, offset
         sign = np.where(_first_nonzero(self.normals) < 0, -1.0, 1.0)
         rows = np.column_stack([self.normals * sign[:, None], offset * sign])
         step = np.array([1e-7, 1e-7, 1e-7, max(self.slack, 1e-9)])
@@ -192,7 +195,10 @@ class ShapeFacts:
     def convex_body(self) -> bool:
         """One closed convex body with the antenna outside, known from loading or proven here."""
         if not self.stated_convex and (
-            not self.thorough or self.n_faces > _MAX_FACES or not is_convex_body(self.vertices, self.faces)
+            self.lone_mesh
+            or not self._one_sided
+            or self.n_faces > _MAX_FACES
+            or not is_convex_body(self.vertices, self.faces)
         ):
             return False
         beyond = (self.antenna < self.points.min(axis=0)) | (self.antenna > self.points.max(axis=0))

@@ -34,7 +34,7 @@ RECENTRE_DISTANCE = 5e3
 MAX_COORDINATE = 1e9
 _MAX_MESH_NOTES = 12
 # faces up to which a lone mesh is tried to be proven convex: about 0.2 s
-MAX_PROVEN_FACES = 100_000
+MAX_PROVEN_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)

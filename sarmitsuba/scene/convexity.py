@@ -22,7 +22,7 @@ def one_sided(normals: F64, corners: F64, points: F64, slack: float) -> bool:
     """
     n = len(normals)
     pick = np.unique(np.linspace(0, n - 1, min(n, 64)).round().astype(int))
-    for few in (pick[:: max(1, len(pick) // 4)], pick):
+    for few in (pick[:: len(pick) // 4], pick) if n > 16 else (pick,):
         offset = np.einsum("ij,ij->i", normals[few], corners[few])
         height = normals[few] @ points.T - offset[:, None]
         if not ((height.min(axis=1) >= -slack) | (height.max(axis=1) <= slack)).all():
@@ -51,11 +51,6 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     slack = SLACK * float(np.ptp(points, axis=0).max())
     middle = points.mean(axis=0)
     a, b, c = (vertices[faces[:, i]] - middle for i in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    if not one_sided(normals, a, points - middle, slack):
-        return False
-
     triple = np.einsum("ij,ij->i", a, np.cross(b, c))
     outward = np.sign(triple)
     if (outward == 0).any() or abs(outward.sum()) != len(faces):
@@ -77,6 +72,8 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     first, second = face[::2], face[1::2]
     centre = (a + b + c) / 3.0
     towards = centre[second] - centre[first]
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return not bool((np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack).any())
 
 

@@ -47,6 +47,8 @@ SAMPLES_PER_SECOND = 2e6  # range-compressed samples synthesised
 PIXEL_PULSES_PER_SECOND = 4e8
 # share of a run that proofs from the geometry may take
 PROOF_SHARE = 0.05
+# effects up to this rank decide which kinds of return there are, all that the sampling depends on
+KINDS_RANK = 20
 # key pulses share about this many pulses when nothing else is known
 USUAL_INTERVAL = 100
 # scatterer cells that the kernel shares a tube among, each with contributions of its own
@@ -56,7 +58,11 @@ ENOUGH_PATCHES = 8.0
 
 
 def plan_scene(
-    scene: Scene, trace_scene: TraceScene | None = None, *, pilot: bool | None = None
+    scene: Scene,
+    trace_scene: TraceScene | None = None,
+    *,
+    pilot: bool | None = None,
+    window: LaunchWindow | None = None,
 ) -> EffectsPlan:
     """Decide the effects of a scene: by static facts, and by a pilot trace where they are not enough.
 
@@ -65,20 +71,24 @@ def plan_scene(
     scene : as loaded
     trace_scene : built already, or None to build it when a pilot needs it
     pilot : force or forbid the pilot; None lets the size of the run decide
+    window : of this scene, None to work it out
     """
     if scene.geometry.n_faces == 0:
         return plan_effects(scene)
-    window = launch_window(scene)
-    seconds = run_seconds(scene, sampling_of(scene, None, window))
+    window = window or launch_window(scene)
+    sampling = sampling_of(scene, None, window)
+    seconds = run_seconds(scene, sampling)
     shape = Facts(scene).shape_within(PROOF_SHARE * seconds)
-    draft = plan_effects(scene, shape=shape, warn=False)
-    sampling = sampling_of(scene, draft, window)
+    draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
+    if _kinds(scene, draft) != _kinds(scene, None):
+        sampling = sampling_of(scene, draft, window)
     depth = draft.decision("max_depth")
     decided = depth is not None and depth.source == "fact" and not depth.on
     wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not wanted or not returns:
         return plan_effects(scene, sampling, shape=shape)
+    draft = plan_effects(scene, shape=shape, warn=False)
     result = run_pilot(scene, draft, sampling, window, trace_scene, shape=shape)
     return plan_effects(scene, sampling, result, shape=shape)
 
@@ -86,27 +96,32 @@ def plan_scene(
 def sampling_of(scene: Scene, draft: EffectsPlan | None, window: LaunchWindow) -> Sampling:
     """How the full run will sample the scene if the draft stands, or with all returns where there is none yet."""
     settings = scene.settings
-    flags = (
-        draft.flags if draft else KernelFlags(diffuse=any(m.diffuse_law != "none" for m in scene.materials))
-    )
-    spacing = ray_spacing(scene, window, flags.diffuse and not flags.coherent, flags.coherent)
+    diffuse, coherent = _kinds(scene, draft)
+    spacing = ray_spacing(scene, window, diffuse and not coherent, coherent)
     n = scene.radar.track.n_pulses
     interval = {"raw": 1, "image": n, "raster": n}.get(
         settings.method, settings.key_pulse_interval or USUAL_INTERVAL
     )
     return Sampling(
         ray_spacing=spacing,
-        n_rays=_rays_a_pulse(scene, window, flags, spacing),
+        n_rays=_rays_a_pulse(scene, window, diffuse and coherent, spacing),
         cell=float(scatterer_cell(scene, window.incidence)),
         box=window.box,
         key_pulses=-(-n // interval),
     )
 
 
-def _rays_a_pulse(scene: Scene, window: LaunchWindow, flags: KernelFlags, spacing: float) -> int:
-    """Rays of all lattices of one pulse."""
+def _kinds(scene: Scene, draft: EffectsPlan | None) -> tuple[bool, bool]:
+    """Whether there are diffuse and coherent returns: by the draft, or for all that there may be."""
+    if draft is None:
+        return any(m.diffuse_law != "none" for m in scene.materials), True
+    return draft.flags.diffuse, draft.flags.coherent
+
+
+def _rays_a_pulse(scene: Scene, window: LaunchWindow, both: bool, spacing: float) -> int:
+    """Rays of all lattices of one pulse; ``both``: diffuse and coherent returns."""
     rays = window.area / spacing**2
-    if flags.diffuse and flags.coherent and scene.settings.diffuse_ray_spacing == 0:
+    if both and scene.settings.diffuse_ray_spacing == 0:
         rays = window.area / ray_spacing(scene, window, False, True) ** 2
         rays += window.area / diffuse_spacing(scene, window) ** 2
     return int(rays)
