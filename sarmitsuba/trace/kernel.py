@@ -327,7 +327,10 @@ def trace(
                     operator.between_fields(e[tracked.index(c[1])], e[tracked.index(c[0])])
                     for c in flags.channels
                 ]
-            frame = scatterers.CellFrame(p, n64, u, v, info.y, cell, seed, dr, mi)
+            middle, wide_u, wide_v = piece.box(u, v)
+            frame = scatterers.CellFrame(
+                p + v64(middle), n64, (u, v), (wide_u, wide_v), info.y, cell, seed, dr, mi
+            )
             cells, bias = (frame.cells(), frame.bias) if flags.cell_sharing else (frame.own(), 1.0)
             weight = gain * area * piece.area() * dr.rsqrt(frame.area * bias)
             for share, centre, key in cells:

@@ -23,22 +23,31 @@ class CellFrame:
 
     Cells are square in the two axes that span the surface best (the normal's largest component is left out), so
     that their area on the surface is ``cell^2 / |n_max|`` whatever the facet's position; the third coordinate only
-    separates layers of one smooth surface. A tube's area is shared out among the cells that its footprint
-    overlaps, as a box of the footprint's own second moments: tubes tile the surface, so each cell receives its own
+    separates layers of one smooth surface. A ray's area is shared out among the cells that its patch of the facet
+    overlaps, as a box of the patch's own second moments: patches tile the facet, so each cell receives its own
     area almost exactly, where counting whole tubes by their centres would scatter by the number that falls in.
 
     Parameters
     ----------
-    p : hit point, float64 3-vector, m, scene frame
+    p : middle of the patch that the ray stands for, float64 3-vector, m, scene frame
     n : unit normal, float64 3-vector
-    u, v : edges of the footprint, float32 3-vectors, m
+    tube, patch : edges of the whole tube's footprint and of the patch, pairs of float32 3-vectors, m
     group : uint32, smooth surface the face belongs to
     cell : cell edge, m, float64
     seed : uint32
     """
 
     def __init__(
-        self, p: Any, n: Any, u: Any, v: Any, group: Any, cell: Any, seed: Any, dr: Any, mi: Any
+        self,
+        p: Any,
+        n: Any,
+        tube: tuple[Any, Any],
+        patch: tuple[Any, Any],
+        group: Any,
+        cell: Any,
+        seed: Any,
+        dr: Any,
+        mi: Any,
     ) -> None:
         self.dr, self.mi, self.vector = dr, mi, type(p)
         self.cell, self.group, self.seed = cell, group, seed
@@ -48,18 +57,17 @@ class CellFrame:
         self.take_y = ~self.take_z & (ay >= ax - 1e-6)
         self.a, self.b, self.c = self._axes(p)
         self.na, self.nb, self.nc = self._axes(n)
-        ua, ub, _ = self._axes(u)
-        va, vb, _ = self._axes(v)
         inverse = 1.0 / cell
         self.ia, self.ib = dr.floor(self.a * inverse), dr.floor(self.b * inverse)
         # layers 64 cells apart: far enough that a tilted face rarely crosses one
         self.ic = dr.floor(self.c * (inverse / 64.0) + 0.4142)
         scale = mi.Float(inverse)
-        width_a, width_b = dr.sqrt(ua * ua + va * va) * scale, dr.sqrt(ub * ub + vb * vb) * scale
+        width_a, width_b = self._widths(*patch, scale)
         self.share_a, self.step_a = self._shares(mi.Float(self.a * inverse - self.ia), width_a)
         self.share_b, self.step_b = self._shares(mi.Float(self.b * inverse - self.ib), width_b)
         # tubes wider than a cell leave cells out, the rest gets their power: mean square over squared mean
-        self.bias = _missed(width_a, dr) * _missed(width_b, dr)
+        pitch_a, pitch_b = self._widths(*tube, scale)
+        self.bias = _missed(pitch_a, dr) * _missed(pitch_b, dr)
         self.area = mi.Float(cell * cell / dr.abs(self.nc))
 
     def _axes(self, w: Any) -> tuple[Any, Any, Any]:
@@ -70,6 +78,12 @@ class CellFrame:
             s(self.take_z, w.y, w.z),
             s(self.take_z, w.z, s(self.take_y, w.y, w.x)),
         )
+
+    def _widths(self, u: Any, v: Any, scale: Any) -> tuple[Any, Any]:
+        """Box of a parallelogram's second moments along the two axes, cells."""
+        ua, ub, _ = self._axes(u)
+        va, vb, _ = self._axes(v)
+        return self.dr.sqrt(ua * ua + va * va) * scale, self.dr.sqrt(ub * ub + vb * vb) * scale
 
     def _shares(self, place: Any, width: Any) -> tuple[tuple[Any, Any], Any]:
         """Overlap of a box about ``place`` (0..1) with its cell and the nearer neighbour; step to the latter."""

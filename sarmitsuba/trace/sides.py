@@ -1,5 +1,7 @@
 """Where flat facets end: the sharp sides that limit a ray tube on each triangle."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,14 +14,18 @@ SMOOTH_BEND = np.radians(20.0)
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_SIDES = 4
+# triangles of the same facet so many edges away lend their sides
+RINGS = 3
+# share of a triangle, seen across a side, that the side must cover to limit it
+FACING = 0.5
 
 
 def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """Sharp sides of the flat facet that each triangle belongs to.
 
-    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. A triangle alone in its plane
-    has its own sharp sides; two triangles that make a convex quadrilateral share its four; triangles of a larger
-    facet keep those of their own sides that are sharp.
+    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. A triangle has its own sharp
+    sides, and of the triangles in the same plane up to ``RINGS`` edges away those that it lies inside of and mostly
+    faces, the nearest first: the four sides of a quadrilateral, or of the arm of an L.
 
     Parameters
     ----------
@@ -33,14 +39,15 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
 
     Notes
     -----
-    Ignores T-junctions (their sides count as sharp) and facets of more than two triangles beyond the triangle hit.
+    Ignores T-junctions (their sides count as sharp), a fifth side, and that a side may limit part of a triangle only.
     """
     n = corners.shape[0]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     start, end = corners, np.roll(corners, -1, axis=1)
     along = end - start
-    along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
+    length = np.linalg.norm(along, axis=2)
+    along /= np.maximum(length, 1e-300)[:, :, None]
     inward = np.cross(normal[:, None, :], along)
 
     mate, mates_inward = _neighbours(weld(corners.reshape(-1, 3)) if place is None else place, inward)
@@ -51,32 +58,86 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
     off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
     flat = smooth & (off_plane < FLAT_BEND)
 
+    sharp = ~smooth
     sides = np.zeros((n, N_SIDES, 4))
     sides[:, :, 3] = -1.0
     offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
-    own = np.concatenate([inward, offset[:, :, None]], axis=2)
-    sharp = ~smooth
-    sides[:, :3][sharp] = own[sharp]
+    sides[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
-    first, second = _pairs(mate, flat)
-    if first.size:
-        shift = corners[second, 0] - corners[first, 0]
-        k_first, k_second = flat[first].argmax(axis=1), flat[second].argmax(axis=1)
-        others = np.array([[1, 2], [2, 0], [0, 1]])
-        a, b = others[k_first], others[k_second]
-        mine, theirs = own[first[:, None], a], own[second[:, None], b].copy()
-        theirs[:, :, 3] += np.einsum("pki,pi->pk", theirs[:, :, :3], shift)
-        quad = np.concatenate([mine, theirs], axis=1)
-        keep = np.concatenate([sharp[first[:, None], a], sharp[second[:, None], b]], axis=1)
-        points = np.concatenate([corners[first], corners[second]], axis=1) - corners[first, :1]
-        height = np.einsum("pki,pji->pkj", quad[:, :, :3], points) - quad[:, :, 3:]
-        convex = (height > -1e-6 * np.abs(points).max(axis=(1, 2))[:, None, None]).all(axis=(1, 2))
-        quad[~keep] = (0.0, 0.0, 0.0, -1.0)
-        sides[first[convex]] = quad[convex]
-        quad = quad.copy()
-        quad[:, :, 3] -= np.where(keep, np.einsum("pki,pi->pk", quad[:, :, :3], shift), 0.0)
-        sides[second[convex]] = quad[convex]
+    edges = _Edges(corners, along, inward, length, sharp, np.where(flat, mate, -1))
+    shared = np.flatnonzero(flat.any(axis=1))
+    step = 2048
+    for i in range(0, shared.size, step):
+        pick = shared[i : i + step]
+        sides[pick] = _limits(edges, pick)
     return sides.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges of all triangles: corners (n, 3, 3), unit vectors along and inward, lengths, sharp ones, flat neighbours."""
+
+    corners: F64
+    along: F64
+    inward: F64
+    length: F64
+    sharp: NDArray[np.bool_]
+    mate: NDArray[np.int64]
+
+
+def _limits(edges: _Edges, faces: NDArray[np.int64]) -> F64:
+    """(len(faces), N_SIDES, 4) sides that limit each triangle within its facet, nearest first."""
+    near = _around(edges.mate, faces)
+    n, m = near.shape
+    there = near >= 0
+    valid = (edges.sharp[near] & there[:, :, None]).reshape(n, -1)
+    inward = edges.inward[near].reshape(n, -1, 3)
+    along = edges.along[near].reshape(n, -1, 3)
+    length = edges.length[near].reshape(n, -1)
+    corner = edges.corners[faces, 0]
+    start = edges.corners[near].reshape(n, -1, 3) - corner[:, None]
+    offset = np.einsum("nsi,nsi->ns", inward, start)
+    points = edges.corners[faces] - corner[:, None]
+    slack = 1e-6 * np.maximum(np.abs(points).max(axis=(1, 2)), edges.length[faces].max(axis=1))
+
+    height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
+    valid &= (height > -slack[:, None, None]).all(axis=2)
+    lowest = height.min(axis=2)
+    # how much of the triangle, seen across the side, the side covers; pieces of one straight side together
+    place = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
+    low, high = place.min(axis=2), place.max(axis=2)
+    cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(high - low, 1e-300)
+    same = np.einsum("nsi,nri->nsr", inward, inward) > 1.0 - FLAT_BEND**2
+    same &= np.abs(offset[:, :, None] - offset[:, None, :]) < slack[:, None, None]
+    covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
+    valid &= covered > FACING
+
+    out = np.zeros((n, N_SIDES, 4))
+    out[:, :, 3] = -1.0
+    row = np.arange(n)
+    for k in range(N_SIDES):
+        best = np.where(valid, lowest, np.inf).argmin(axis=1)
+        found = valid[row, best]
+        side = np.concatenate([inward[row, best], offset[row, best][:, None]], axis=1)
+        out[found, k] = side[found]
+        valid &= ~same[row, best]
+        valid[row, best] = False
+    return out
+
+
+def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Triangles of the same plane up to ``RINGS`` edges away, the triangle itself first; -1 pads."""
+    front = faces[:, None]
+    rings = []
+    for _ in range(RINGS):
+        front = np.where(front[:, :, None] >= 0, mate[front], -1).reshape(len(faces), -1)
+        rings.append(front)
+    others = np.sort(np.concatenate(rings, axis=1), axis=1)[:, ::-1]
+    others[:, 1:][others[:, 1:] == others[:, :-1]] = -1
+    others[others == faces[:, None]] = -1
+    others = np.sort(others, axis=1)[:, ::-1]
+    most = int((others >= 0).sum(axis=1).max(initial=0))
+    return np.concatenate([faces[:, None], others[:, :most]], axis=1)
 
 
 def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
@@ -95,15 +156,6 @@ def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64
     flat_inward = inward.reshape(-1, 3)
     across[a], across[b] = flat_inward[b], flat_inward[a]
     return mate.reshape(n, 3), across.reshape(n, 3, 3)
-
-
-def _pairs(mate: NDArray[np.int64], flat: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Faces that are each other's only neighbour in one plane, every pair once."""
-    single = flat.sum(axis=1) == 1
-    other = np.where(single, mate[np.arange(mate.shape[0]), flat.argmax(axis=1)], -1)
-    face = np.flatnonzero(single)
-    face = face[single[other[face]] & (face < other[face])]
-    return face, other[face]
 
 
 __all__ = ["FLAT_BEND", "N_SIDES", "SMOOTH_BEND", "facet_sides"]

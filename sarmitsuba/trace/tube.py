@@ -99,6 +99,12 @@ class Patch:
     extent: Extent
     weight: Any
 
+    def box(self, u: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
+        """Middle of the patch from the hit point, and its edges, for a tube of edges ``u, v``; slopes left out."""
+        e = self.extent
+        middle = u * (0.5 * (e.right - e.left)) + v * (0.5 * (e.top - e.bottom))
+        return middle, u * (e.right + e.left), v * (e.top + e.bottom)
+
     def area(self) -> Any:
         """Area of the patch over that of a whole tube, times the weight."""
         e = self.extent
