@@ -291,9 +291,19 @@ def trace(
         if flags.coherent:
             wave = d - s
             factor = po_gain * area * loss * home
-            filled = (
-                tube.phase_integral(-k * wave, u, v, piece, dr, c32) if flags.tube_phase else piece.area()
-            )
+            half_c, rate_c = half, rate
+            if flags.tube_phase:
+                # the contribution stands where the facet ends, or at the hit where it does not
+                rim = piece.rim(u, v, dr)
+                longer = dr.dot(wave, rim)
+                sine, cosine = dr.sincos(k * longer)
+                filled = tube.phase_integral(-k * wave, u, v, piece, dr, c32) * c32(cosine, sine)
+                half_c = half + f64(0.5 * longer)
+                turn_out = dr.dot(rim - d * dr.dot(rim, d), v32(image_v)) / f32(length)
+                turn_back = dr.dot(rim - s * dr.dot(rim, s), v32(antenna_v)) / f32(length_back)
+                rate_c = rate - f64(0.5 * (turn_out + turn_back))
+            else:
+                filled = piece.area()
             if flags.roughness:
                 factor *= dr.exp(-0.5 * dr.square(k * dr.dot(wave, n) * mat.z))
             for channel in flags.channels:
@@ -305,7 +315,7 @@ def trace(
                     c = field.dot(field.po_current_pec(e[i], d, n, dr), q, dr, c32)
                 coherent.append(c * factor * filled)
             n_added = dr.select(sees, n_added + 1, n_added)
-            added = adder.add(added, hits, pulse, half, rate, coherent, sees)
+            added = adder.add(added, hits, pulse, half_c, rate_c, coherent, sees)
 
         # ---- diffuse scatterers of the cells that the footprint overlaps
         if flags.diffuse:

@@ -105,6 +105,20 @@ class Patch:
         middle = u * (0.5 * (e.right - e.left)) + v * (0.5 * (e.top - e.bottom))
         return middle, u * (e.right + e.left), v * (e.top + e.bottom)
 
+    def rim(self, u: Vector, v: Vector, dr: Any) -> Vector:
+        """From the hit point to the facet's edge where the patch ends at one: between two edges, 0 where there is none.
+
+        Neighbouring patches cancel where they touch, at the carrier by their phases and off it on the average over
+        many rows; what is left of a facet comes from its edges and stands at their range and rate.
+        """
+        e = self.extent
+
+        def along(plus: Any, minus: Any) -> Any:
+            ends = dr.select(plus == 0.5, 0.0, 1.0), dr.select(minus == 0.5, 0.0, 1.0)
+            return (ends[0] * plus - ends[1] * minus) / dr.maximum(ends[0] + ends[1], 1.0)
+
+        return u * along(e.right, e.left) + v * along(e.top, e.bottom)
+
     def area(self) -> Any:
         """Area of the patch over that of a whole tube, times the weight."""
         e = self.extent
