@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from sarmitsuba.scene.meshes import weld
 
@@ -16,6 +18,8 @@ FLAT_BEND = 1e-4
 N_SIDES = 4
 # triangles of the same facet so many edges away lend their sides
 RINGS = 3
+# pairs of triangles that are compared at a time; bounds the memory
+PAIRS = 200_000
 # share of a triangle, seen across a side, that the side must cover to limit it
 FACING = 0.5
 
@@ -23,9 +27,10 @@ FACING = 0.5
 def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """Sharp sides of the flat facet that each triangle belongs to.
 
-    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. A triangle has its own sharp
-    sides, and of the triangles in the same plane up to ``RINGS`` edges away those that it lies inside of and mostly
-    faces, the nearest first: the four sides of a quadrilateral, or of the arm of an L.
+    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles of a convex facet
+    with up to four straight sides have these. In other facets a triangle has its own sharp sides, and of the
+    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first: the sides
+    of the arm of an L.
 
     Parameters
     ----------
@@ -66,10 +71,15 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
 
     edges = _Edges(corners, along, inward, length, sharp, np.where(flat, mate, -1))
     shared = np.flatnonzero(flat.any(axis=1))
-    step = 2048
-    for i in range(0, shared.size, step):
-        pick = shared[i : i + step]
-        sides[pick] = _limits(edges, pick)
+    if shared.size:
+        shared = shared[~_simple_facets(edges, shared, sides)]
+    near = _around(edges.mate, shared)
+    near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
+    count = (near >= 0).sum(axis=1)
+    for most in np.unique(count[count > 0]):
+        rows = np.flatnonzero(count == most)
+        for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
+            sides[shared[some]] = _limits(edges, shared[some], -np.sort(-near[some], axis=1)[:, :most])
     return sides.astype(np.float32)
 
 
@@ -85,12 +95,52 @@ class _Edges:
     mate: NDArray[np.int64]
 
 
-def _limits(edges: _Edges, faces: NDArray[np.int64]) -> F64:
-    """(len(faces), N_SIDES, 4) sides that limit each triangle within its facet, nearest first."""
-    near = _around(edges.mate, faces)
-    n, m = near.shape
-    there = near >= 0
-    valid = (edges.sharp[near] & there[:, :, None]).reshape(n, -1)
+def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArray[np.bool_]:
+    """Fill in the sides of ``faces`` whose whole facet is convex with at most ``N_SIDES`` straight sides; which are."""
+    n = len(edges.corners)
+    row, k = np.nonzero(edges.mate >= 0)
+    links = coo_matrix((np.ones(row.size), (row, edges.mate[row, k])), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    facet = np.unique(label[faces], return_inverse=True)[1]
+    count = int(facet.max()) + 1
+    origin = np.zeros((count, 3))
+    origin[facet] = edges.corners[faces, 0]
+    size = np.zeros(count)
+    points = edges.corners[faces] - origin[facet][:, None]
+    np.maximum.at(size, facet, np.abs(points).max(axis=(1, 2)))
+    slack = 1e-6 * size
+
+    own, k = np.nonzero(edges.sharp[faces])
+    inward = edges.inward[faces[own], k]
+    offset = np.einsum("ei,ei->e", inward, points[own, k])
+    key = np.column_stack(
+        [facet[own], np.round(inward / FLAT_BEND), np.round(offset / (10.0 * slack[facet[own]]))]
+    )
+    _, pick = np.unique(key, axis=0, return_index=True)
+    pick = pick[np.argsort(facet[own[pick]], kind="stable")]
+    lines = np.bincount(facet[own[pick]], minlength=count)
+    place = np.arange(pick.size) - np.repeat(np.cumsum(lines) - lines, lines)
+    few = (lines <= N_SIDES)[facet[own[pick]]]
+    table = np.zeros((count, N_SIDES, 4))
+    table[:, :, 3] = -1.0
+    kept = pick[few]
+    table[facet[own[kept]], place[few]] = np.column_stack([inward[kept], offset[kept]])
+
+    mine = table[facet]
+    height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
+    outside = np.zeros(count, dtype=bool)
+    np.logical_or.at(outside, facet, (height < -slack[facet][:, None, None]).any(axis=(1, 2)))
+    simple = ((lines <= N_SIDES) & ~outside)[facet]
+    used = (mine[:, :, :3] != 0.0).any(axis=2)
+    mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
+    sides[faces[simple]] = mine[simple]
+    return np.asarray(simple)
+
+
+def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
+    """(len(faces), N_SIDES, 4) sides that limit each triangle, out of those of ``near`` (n, m), nearest first."""
+    n = len(faces)
+    valid = edges.sharp[near].reshape(n, -1)
     inward = edges.inward[near].reshape(n, -1, 3)
     along = edges.along[near].reshape(n, -1, 3)
     length = edges.length[near].reshape(n, -1)
@@ -126,18 +176,15 @@ def _limits(edges: _Edges, faces: NDArray[np.int64]) -> F64:
 
 
 def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles of the same plane up to ``RINGS`` edges away, the triangle itself first; -1 pads."""
+    """(n, m) triangles of the same plane up to ``RINGS`` edges away and the triangle itself, each once; -1 pads."""
     front = faces[:, None]
     rings = []
     for _ in range(RINGS):
-        front = np.where(front[:, :, None] >= 0, mate[front], -1).reshape(len(faces), -1)
+        front = np.where(front[:, :, None] >= 0, mate[front], -1).reshape(len(faces), 3 * front.shape[1])
         rings.append(front)
-    others = np.sort(np.concatenate(rings, axis=1), axis=1)[:, ::-1]
-    others[:, 1:][others[:, 1:] == others[:, :-1]] = -1
-    others[others == faces[:, None]] = -1
-    others = np.sort(others, axis=1)[:, ::-1]
-    most = int((others >= 0).sum(axis=1).max(initial=0))
-    return np.concatenate([faces[:, None], others[:, :most]], axis=1)
+    found = np.sort(np.concatenate([faces[:, None], *rings], axis=1), axis=1)
+    found[:, 1:][found[:, 1:] == found[:, :-1]] = -1
+    return found
 
 
 def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
