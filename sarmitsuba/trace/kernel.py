@@ -293,12 +293,10 @@ def trace(
             factor = po_gain * area * loss * home
             half_c, rate_c = half, rate
             if flags.tube_phase:
-                # the contribution stands where the facet ends, or at the hit where it does not
-                rim = piece.rim(u, v, dr)
-                longer = dr.dot(wave, rim)
-                sine, cosine = dr.sincos(k * longer)
-                filled = tube.phase_integral(-k * wave, u, v, piece, dr, c32) * c32(cosine, sine)
-                half_c = half + f64(0.5 * longer)
+                # what is left of a facet comes from its edges and stands at their range and rate
+                filled = tube.phase_integral(-k * wave, u, v, piece, dr, c32)
+                rim = u * piece.rim[0] + v * piece.rim[1]
+                half_c = half + f64(0.5 * dr.dot(wave, rim))
                 turn_out = dr.dot(rim - d * dr.dot(rim, d), v32(image_v)) / f32(length)
                 turn_back = dr.dot(rim - s * dr.dot(rim, s), v32(antenna_v)) / f32(length_back)
                 rate_c = rate - f64(0.5 * (turn_out + turn_back))

@@ -89,14 +89,23 @@ def limited(extent: Extent, sides: Sequence[Any], place: Vector, u: Vector, v: V
 
 @dataclass(frozen=True)
 class Patch:
-    """The part of a facet that one ray stands for: reaches and slopes as in :class:`Extent`, and a weight.
+    """The part of a facet that one ray stands for, a quadrilateral in tube units, and a weight.
 
     A tube ends half way to its neighbour, or at the facet's edge where the neighbour is beyond it. Tubes so
-    tile the facet up to its very edges, whatever the lattice, except near its corners. A facet narrower than the
-    lattice is found by some rays only, and those count for the rest: ``weight`` is one over the chance.
+    tile the facet up to its edges, whatever the lattice. A facet narrower than the lattice is found by some rays
+    only, and those count for the rest: ``weight`` is one over the chance.
+
+    Parameters
+    ----------
+    extent : reaches and slopes; 0.5 and 0 where the neighbour ends the tube
+    corners : (alpha, beta) of right top, left top, left bottom, right bottom, where the four ends meet
+    rim : (alpha, beta) of the facet's edge or corner that the patch ends at; 0 where there is none, the middle between two
+    weight : of its area
     """
 
     extent: Extent
+    corners: tuple[tuple[Any, Any], ...]
+    rim: tuple[Any, Any]
     weight: Any
 
     def box(self, u: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
@@ -105,75 +114,79 @@ class Patch:
         middle = u * (0.5 * (e.right - e.left)) + v * (0.5 * (e.top - e.bottom))
         return middle, u * (e.right + e.left), v * (e.top + e.bottom)
 
-    def rim(self, u: Vector, v: Vector, dr: Any) -> Vector:
-        """From the hit point to the facet's edge where the patch ends at one: between two edges, 0 where there is none.
-
-        Neighbouring patches cancel where they touch, at the carrier by their phases and off it on the average over
-        many rows; what is left of a facet comes from its edges and stands at their range and rate.
-        """
-        e = self.extent
-
-        def along(plus: Any, minus: Any) -> Any:
-            ends = dr.select(plus == 0.5, 0.0, 1.0), dr.select(minus == 0.5, 0.0, 1.0)
-            return (ends[0] * plus - ends[1] * minus) / dr.maximum(ends[0] + ends[1], 1.0)
-
-        return u * along(e.right, e.left) + v * along(e.top, e.bottom)
-
     def area(self) -> Any:
         """Area of the patch over that of a whole tube, times the weight."""
-        e = self.extent
-        return (e.left + e.right) * (e.bottom + e.top) * self.weight
+        (ax, ay), (bx, by), (cx, cy), (dx, dy) = self.corners
+        return 0.5 * ((ax - cx) * (by - dy) - (bx - dx) * (ay - cy)) * self.weight
 
 
 def patch(extent: Extent, dr: Any) -> Patch:
     """End a tube half way to its neighbours or at the facet's edge before them."""
     f = extent.fields()
-    out = []
+    ends, slopes, cuts = [], [], []
     for k in range(4):
         cut = f[2 * k] < 1.0
-        out += [dr.select(cut, f[2 * k], 0.5), dr.select(cut, f[2 * k + 1], 0.0)]
+        ends.append(dr.select(cut, f[2 * k], 0.5))
+        slopes.append(dr.select(cut, f[2 * k + 1], 0.0))
+        cuts.append(dr.select(cut, 1.0, 0.0))
+
+    def corner(sign_u: float, column: int, sign_v: float, row: int) -> tuple[Any, Any]:
+        """Where the end ``alpha = su (e + s beta)`` meets ``beta = sv (e + s alpha)``."""
+        x, xs = sign_u * ends[column], sign_u * slopes[column]
+        y, ys = sign_v * ends[row], sign_v * slopes[row]
+        turn = 1.0 - xs * ys
+        # two nearly parallel sides of a sliver meet far away: end the patch across instead
+        meet = turn > 0.25
+        ys = dr.select(meet, ys, 0.0)
+        scale = dr.rcp(dr.select(meet, turn, 1.0))
+        return (x + xs * y) * scale, (y + ys * x) * scale
+
+    right_top, left_top = corner(1.0, 0, 1.0, 2), corner(-1.0, 1, 1.0, 2)
+    left_bottom, right_bottom = corner(-1.0, 1, -1.0, 3), corner(1.0, 0, -1.0, 3)
+
+    def middle(plus: int, minus: int) -> tuple[Any, Any]:
+        """Edge that the patch ends at along one axis, and whether it does."""
+        n = cuts[plus] + cuts[minus]
+        return (cuts[plus] * ends[plus] - cuts[minus] * ends[minus]) / dr.maximum(n, 1.0), n
+
+    (rim_u, by_u), (rim_v, by_v) = middle(0, 1), middle(2, 3)
+    # in a corner of the facet the two edges meet elsewhere than where the axes cross them
+    single = (by_u == 1.0) & (by_v == 1.0)
+    at = [right_top, left_top, left_bottom, right_bottom]
+    top, right = cuts[2] > 0.0, cuts[0] > 0.0
+    for i, axis in enumerate((rim_u, rim_v)):
+        upper = dr.select(right, at[0][i], at[1][i])
+        lower = dr.select(right, at[3][i], at[2][i])
+        place = dr.select(single, dr.select(top, upper, lower), axis)
+        if i == 0:
+            rim_u = place
+        else:
+            rim_v = place
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
-    return Patch(Extent(*out), dr.rcp(chance))
+    extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
+    return Patch(extent, (right_top, left_top, left_bottom, right_bottom), (rim_u, rim_v), dr.rcp(chance))
 
 
 def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, complex_t: Any) -> Any:
     r"""Integral of ``exp(j q . r)`` over a patch in tube units, times its weight (1 for a whole tube and q = 0).
 
-    .. math:: \int_{-C}^{D} \int_{-A - a\beta}^{B + b\beta} e^{j (Q_u \alpha + Q_v \beta)} d\alpha\, d\beta
+    .. math::
+        \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2} e^{j Q \cdot m_n}
+        \frac{\sin(Q \cdot \Delta_n / 2)}{Q \cdot \Delta_n / 2}
 
-    in closed form, with the sloped ends on the axis that is cut; where both are, the slopes of v are left out.
+    over the sides :math:`\Delta_n` of the quadrilateral with middles :math:`m_n` (Gordon, IEEE TAP 23, 1975),
+    referred to its rim, and the area where the phase hardly changes.
     """
-    e = piece.extent
     qu, qv = dr.dot(q, u), dr.dot(q, v)
-    swap = (e.right_slope == 0.0) & (e.left_slope == 0.0)
-
-    def pick(row: Any, column: Any) -> Any:
-        return dr.select(swap, column, row)
-
-    qa, qb = pick(qu, qv), pick(qv, qu)
-    right, left = pick(e.right, e.top), pick(e.left, e.bottom)
-    slope_r, slope_l = pick(e.right_slope, e.top_slope), pick(e.left_slope, e.bottom_slope)
-    low, high = pick(e.bottom, e.left), pick(e.top, e.right)
-    middle, width = 0.5 * (high - low), high + low
-
-    def line(k: Any, turn: Any) -> Any:
-        """exp(j turn) times the integral of exp(j k beta) over the line."""
-        s, c = dr.sincos(turn + k * middle)
-        return complex_t(c, s) * (width * sinc(0.5 * k * width, dr))
-
-    small = dr.abs(qa) < 1e-2
-    safe = dr.select(small, 1.0, qa)
-    ends = line(qb + safe * slope_r, safe * right) - line(qb - safe * slope_l, -safe * left)
-    exact = complex_t(ends.imag, -ends.real) / safe  # over j
-    # first terms of the series in qa, where the two ends cancel
-    x = 0.5 * qb * width
-    s, c = dr.sincos(qb * middle)
-    turn = complex_t(c, s)
-    mean = sinc(x, dr)
-    near = dr.abs(x) < 1e-2
-    odd = dr.select(near, x * (1.0 / 3.0), (mean - dr.cos(x)) / dr.select(near, 1.0, x))
-    zeroth = turn * (width * mean)
-    first = turn * complex_t(middle * width * mean, 0.5 * width * width * odd)
-    across = zeroth * complex_t(right + left, 0.5 * qa * (right * right - left * left))
-    series = across + first * (slope_r + slope_l)
-    return dr.select(small, series, exact) * piece.weight
+    squared = qu * qu + qv * qv
+    small = squared < 1e-3
+    points = [(a - piece.rim[0], b - piece.rim[1]) for a, b in piece.corners]
+    total = complex_t(0.0, 0.0)
+    for (ax, ay), (bx, by) in zip(points, [*points[1:], points[0]], strict=True):
+        dx, dy = bx - ax, by - ay
+        s, c = dr.sincos(0.5 * (qu * (ax + bx) + qv * (ay + by)))
+        total += complex_t(c, s) * ((qu * dy - qv * dx) * sinc(0.5 * (qu * dx + qv * dy), dr))
+    total = complex_t(total.imag, -total.real) / dr.select(small, 1.0, squared)  # over j
+    x = 0.25 * sum((qu * a + qv * b for a, b in points), qu * 0.0)
+    s, c = dr.sincos(x)
+    return dr.select(small, complex_t(c, s) * (piece.area() / piece.weight), total) * piece.weight
