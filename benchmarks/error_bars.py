@@ -43,11 +43,10 @@ def run(quick: bool) -> harness.Report:
         off = np.array(r["estimate"]) - np.array(r["true"])
         mean = mean_db(r["estimate"]) - mean_db(r["true"])
         r["mean_difference"], r["within"] = mean, int((np.abs(off) <= TOLERANCE).sum())
-        table.append(
-            [r["scene"], r["method"], r["factor"], f"{mean_db(r['estimate']):.1f}"]
-            + [f"{mean_db(r['true']):.1f}", f"{mean:+.2f}", f"{off.min():+.1f} ... {off.max():+.1f}"]
-            + [f"{r['within']} of {off.size}"]
-        )
+        mean_estimate, mean_true = mean_db(r["estimate"]), mean_db(r["true"])
+        figures = [f"{mean_estimate:.1f}", f"{mean_true:.1f}", f"{mean:+.2f}"]
+        spread = f"{off.min():+.1f} ... {off.max():+.1f}"
+        table.append([r["scene"], r["method"], r["factor"], *figures, spread, f"{r['within']} of {off.size}"])
     report.table(
         "",
         ["scene", "method", "factor", "estimate dB", "true dB", "difference dB", "single runs dB", "within"],
@@ -57,9 +56,7 @@ def run(quick: bool) -> harness.Report:
     runs = sum(len(r["true"]) for r in rows)
     within = 100.0 * sum(r["within"] for r in rows) / runs
     worst = max(abs(r["mean_difference"]) for r in rows)
-    report.claim(
-        f"largest difference, mean of {RUNS} runs", worst, TOLERANCE, at_least=False, unit="dB"
-    )
+    report.claim(f"largest difference, mean of {RUNS} runs", worst, TOLERANCE, at_least=False, unit="dB")
     report.claim(f"single runs within {TOLERANCE:g} dB", within, 90.0, unit="%")
     report.notes.append(
         f"{within:.0f} % of {runs} single runs lie within {TOLERANCE:g} dB. One run is a draw: where a few bright "

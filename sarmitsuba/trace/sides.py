@@ -85,7 +85,7 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Edges of all triangles: corners (n, 3, 3), unit vectors along and inward, lengths, sharp ones, flat neighbours."""
+    """Edges of all triangles: corners (n, 3, 3), unit vectors along and inward, lengths, sharp, flat neighbours."""
 
     corners: F64
     along: F64
@@ -156,7 +156,9 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
     # how much of the triangle, seen across the side, the side covers; pieces of one straight side together
     place = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
     low, high = place.min(axis=2), place.max(axis=2)
-    cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(high - low, 1e-300)
+    cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(
+        high - low, 1e-300
+    )
     same = np.einsum("nsi,nri->nsr", inward, inward) > 1.0 - FLAT_BEND**2
     same &= np.abs(offset[:, :, None] - offset[:, None, :]) < slack[:, None, None]
     covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))

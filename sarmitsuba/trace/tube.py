@@ -99,7 +99,7 @@ class Patch:
     ----------
     extent : reaches and slopes; 0.5 and 0 where the neighbour ends the tube
     corners : (alpha, beta) of right top, left top, left bottom, right bottom, where the four ends meet
-    rim : (alpha, beta) of the facet's edge or corner that the patch ends at; 0 where there is none, the middle between two
+    rim : (alpha, beta) of the facet's edge or corner that the patch ends at; the middle between two, 0 without any
     weight : of its area
     """
 
@@ -152,19 +152,17 @@ def patch(extent: Extent, dr: Any) -> Patch:
     (rim_u, by_u), (rim_v, by_v) = middle(0, 1), middle(2, 3)
     # in a corner of the facet the two edges meet elsewhere than where the axes cross them
     single = (by_u == 1.0) & (by_v == 1.0)
-    at = [right_top, left_top, left_bottom, right_bottom]
     top, right = cuts[2] > 0.0, cuts[0] > 0.0
-    for i, axis in enumerate((rim_u, rim_v)):
-        upper = dr.select(right, at[0][i], at[1][i])
-        lower = dr.select(right, at[3][i], at[2][i])
-        place = dr.select(single, dr.select(top, upper, lower), axis)
-        if i == 0:
-            rim_u = place
-        else:
-            rim_v = place
+
+    def place(axis: int, otherwise: Any) -> Any:
+        upper = dr.select(right, right_top[axis], left_top[axis])
+        lower = dr.select(right, right_bottom[axis], left_bottom[axis])
+        return dr.select(single, dr.select(top, upper, lower), otherwise)
+
+    rim = (place(0, rim_u), place(1, rim_v))
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
     extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
-    return Patch(extent, (right_top, left_top, left_bottom, right_bottom), (rim_u, rim_v), dr.rcp(chance))
+    return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))
 
 
 def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, complex_t: Any) -> Any:
