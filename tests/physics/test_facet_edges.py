@@ -53,8 +53,8 @@ def test_front_and_rear_edge_of_a_plate(tmp_path: Path, wavelengths: float) -> N
     for edge in (-0.5 * DEPTH, 0.5 * DEPTH):
         near = np.abs(ground - edge) < 2.0
         peak = np.where(near, power, 0.0).argmax()
-        # tol: 0.06 dB of the azimuth response over the width, and 0.1 dB of corners at ten wavelengths
-        assert abs(10 * np.log10(power.flat[peak] / theory)) < 0.15
+        # tol: 0.06 dB of the azimuth response over the width, and corners that no ray falls into
+        assert abs(10 * np.log10(power.flat[peak] / theory)) < (0.12 if wavelengths < 5 else 0.25)
         assert abs(ground.flat[peak] - edge) <= 0.1  # m; a third of a resolution cell, two pixels
 
 
