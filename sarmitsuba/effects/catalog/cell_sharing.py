@@ -13,10 +13,11 @@ from sarmitsuba.errors import SceneError
 class CellSharing(Effect):
     r"""Off on bare level ground: the rays then go through the cells' middles and the tubes are the cells.
 
-    What is lost are the parts of cells beyond whose middle the ground ends, or is another's. For a rim of length L
-    around an area A of cells of edge c, with all offsets alike, one in 24 of the power of a rim's cell:
+    What is lost are the parts of cells whose middle lies beyond the ground's rim, or on another's ground: half of a
+    cell's amplitude at most. With a rim of length L around an area A of cells of edge c, which meets them in any
+    direction:
 
-    .. math:: \epsilon = \frac{1}{24} \frac{4}{\pi} \frac{L c}{A}
+    .. math:: \epsilon = \frac{1}{4} \frac{4}{\pi} \frac{L c}{A}
     """
 
     name = "cell_sharing"
@@ -65,13 +66,13 @@ def _obstacle(facts: Facts, decided: Mapping[str, Decision]) -> str:
 
 
 def _rim_db(facts: Facts) -> float:
-    """Energy of the parts of cells that are lost along the ground's rim, over that of the ground, dB."""
+    """Most energy that parts of cells along the ground's rim may lose, over that of the ground, dB."""
     if facts.sampling is None:
         return np.inf
     low, high = facts.sampling.box[:, :2] + facts.sampling.cell * np.array([[-1.0], [1.0]])
     rim = facts.shape.rim_length(low, high)
     area = min(float(facts.shape.areas.sum()), float(np.prod(high - low)))
-    share = 4.0 / (24.0 * np.pi) * rim * facts.sampling.cell / area
+    share = rim * facts.sampling.cell / (np.pi * area)
     return 10.0 * float(np.log10(share)) if share > 0 else -np.inf
 
 
