@@ -41,6 +41,8 @@ SWEEP_RUNS = 60.0
 SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
 IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
 COARSEST = 16.0
+# no image so wrong is wanted, dB; most of the time left that one combination far from the target may take
+USELESS_DB, FAR_SHARE = -10.0, 0.35
 # pieces of a scene to choose from: share of the image's extents, share of the pulses
 _PIECES = (
     (1.0, 1.0),
@@ -235,9 +237,7 @@ def study_cost(
     candidates = _measure_front(study, proof, begin + LAST_SHARE * budget)
     recommendation = recommend(candidates, target_error_db)
     check = None
-    # two runs of a short one, and those of the field
-    runs = 2.0 if field_ is scene else 3.0
-    if time.perf_counter() - begin + runs * recommendation.setting.seconds < budget:
+    if time.perf_counter() - begin + proof.cost(recommendation.setting.seconds) < budget:
         check = proof.measure(recommendation.setting.changes, CHECK_PASS)
     return CostReport(
         rows=tuple(study.rows),
@@ -360,22 +360,25 @@ def _measure_front(study: _Study, proof: Proof, deadline: float) -> list[Candida
     predicted = study.model.combine()
     measured: dict[int, Check] = {}
     skipped: set[int] = set()
-    runs = 2.0 if proof.field is proof.scene else 3.0
     while True:
         candidates = corrected(predicted, measured)
         index = {id(c): i for i, c in enumerate(candidates)}
         front = pareto(candidates)
         chosen = recommend(candidates, study.target_error_db).setting
         place = next((i for i, c in enumerate(front) if c is chosen), len(front) - 1)
-        # the recommendation, the next cheaper, the next better, then the others by time
-        order = [chosen, *front[max(0, place - 1) : place + 2], *front]
-        todo = [c for c in order if not c.measured and index[id(c)] not in skipped]
+        near = [chosen, *front[max(0, place - 1) : place + 2]]
+        # the recommendation, the next cheaper, the next better, then what is least like anything measured
+        known = [np.log(check.seconds) for check in measured.values()]
+        far = sorted(
+            (c for c in front if c.error_db <= max(study.target_error_db, USELESS_DB)),
+            key=lambda c: -min((abs(np.log(c.seconds) - k) for k in known), default=0.0),
+        )
+        todo = [c for c in (*near, *far) if not c.measured and index[id(c)] not in skipped]
         if not todo:
             return candidates
         pick = todo[0]
-        own = runs * pick.seconds
-        reserve = runs * chosen.seconds
-        if time.perf_counter() + own + (0.0 if pick is chosen else reserve) > deadline:
+        left = deadline - time.perf_counter() - proof.cost(chosen.seconds)
+        if proof.cost(pick.seconds) > (left if any(pick is c for c in near) else FAR_SHARE * left):
             skipped.add(index[id(pick)])
             continue
         measured[index[id(pick)]] = proof.measure(pick.changes)

@@ -95,6 +95,8 @@ class CostModel:
 def corrected(predicted: Sequence[Candidate], measured: Mapping[int, Check]) -> list[Candidate]:
     """Measured combinations as measured; the others by what the nearest measured one of their method was off by.
 
+    Where none of its method was measured, the error is off by the median of all: what a piece of the scene is off by.
+
     Parameters
     ----------
     predicted : all of them
@@ -112,6 +114,8 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, Check]) -> 
             j = min(same, key=lambda k: _distance(candidate.changes, predicted[k].changes))
             error += measured[j].error_db - predicted[j].error_db
             seconds *= measured[j].seconds / predicted[j].seconds
+        elif measured:
+            error += float(np.median([m.error_db - predicted[k].error_db for k, m in measured.items()]))
         out.append(Candidate(candidate.changes, error, seconds))
     return out
 

@@ -79,6 +79,10 @@ class Proof:
     reference: Reference
     text: str
 
+    def cost(self, seconds: float) -> float:
+        """Seconds that :meth:`measure` takes for a setting that takes the whole scene so many."""
+        return seconds * ((2.0 if seconds < STEADY else 1.0) + (self.field is not self.scene))
+
     def measure(self, changes: Mapping[str, Any], pass_index: int = 0) -> Check:
         """Error on the field and seconds on the whole scene, with these lattices."""
         setting = self.base.but(**changes)
