@@ -15,14 +15,6 @@ def footprint(edge: Vector, d: Vector, n: Vector, cos_theta: Any, dr: Any) -> Ve
     return edge + d * (dr.dot(edge, n) / cos_theta)
 
 
-def sinc(x: Any, dr: Any) -> Any:
-    """``sin x / x`` with a series near zero, where the quotient loses digits."""
-    small = dr.abs(x) < 1e-2
-    safe = dr.select(small, 1.0, x)
-    x2 = x * x
-    return dr.select(small, 1.0 - x2 * (1.0 / 6.0) * (1.0 - x2 * 0.05), dr.sin(safe) / safe)
-
-
 @dataclass(frozen=True)
 class Extent:
     """How far a tube may reach from its ray, in tube units (the edges u, v of its footprint), before a facet ends.
@@ -169,22 +161,29 @@ def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, compl
     r"""Integral of ``exp(j q . r)`` over a patch in tube units, times its weight (1 for a whole tube and q = 0).
 
     .. math::
-        \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2} e^{j Q \cdot m_n}
-        \frac{\sin(Q \cdot \Delta_n / 2)}{Q \cdot \Delta_n / 2}
+        \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2}
+        \frac{e^{j Q \cdot x_{n+1}} - e^{j Q \cdot x_n}}{j Q \cdot \Delta_n}
 
-    over the sides :math:`\Delta_n` of the quadrilateral with middles :math:`m_n` (Gordon, IEEE TAP 23, 1975),
-    referred to its rim, and the area where the phase hardly changes.
+    over the corners :math:`x_n` and sides :math:`\Delta_n` of the quadrilateral (Gordon, IEEE TAP 23, 1975), referred
+    to its rim, and the area where the phase hardly changes.
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
     points = [(a - piece.rim[0], b - piece.rim[1]) for a, b in piece.corners]
+    turns = [qu * a + qv * b for a, b in points]
+    waves = [complex_t(c, s) for s, c in (dr.sincos(turn) for turn in turns)]
     total = complex_t(0.0, 0.0)
-    for (ax, ay), (bx, by) in zip(points, [*points[1:], points[0]], strict=True):
-        dx, dy = bx - ax, by - ay
-        s, c = dr.sincos(0.5 * (qu * (ax + bx) + qv * (ay + by)))
-        total += complex_t(c, s) * ((qu * dy - qv * dx) * sinc(0.5 * (qu * dx + qv * dy), dr))
-    total = complex_t(total.imag, -total.real) / dr.select(small, 1.0, squared)  # over j
-    x = 0.25 * sum((qu * a + qv * b for a, b in points), qu * 0.0)
-    s, c = dr.sincos(x)
-    return dr.select(small, complex_t(c, s) * (piece.area() / piece.weight), total) * piece.weight
+    for n in range(4):
+        (ax, ay), (bx, by) = points[n], points[(n + 1) % 4]
+        start, end, turn = waves[n], waves[(n + 1) % 4], turns[(n + 1) % 4] - turns[n]
+        # mean of exp(j turn) along the side: a quotient that loses digits, or the ends' mean to the third order
+        short = dr.abs(turn) < 0.03
+        step = (end - start) * dr.rcp(dr.select(short, 1.0, turn))
+        near = (end + start) * (0.5 + turn * turn * (1.0 / 24.0))
+        along = dr.select(short, near, complex_t(step.imag, -step.real))
+        total += along * (qu * (by - ay) - qv * (bx - ax))
+    total = complex_t(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
+    x = 0.25 * sum(turns[1:], turns[0])
+    flat = complex_t(1.0 - 0.5 * x * x, x) * (piece.area() * dr.rcp(piece.weight))
+    return dr.select(small, flat, total) * piece.weight
