@@ -115,6 +115,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     else:
         lines.append("not checked: the budget ended before")
     lines.append(f"  {command} {found.options()} -o OUT")
+    lines.append("  (seconds: simulating and focusing, without starting, reading, compiling and writing)")
     lines.append(f"({report.seconds:.0f} s)")
     return "\n".join(lines)
 

@@ -55,7 +55,9 @@ _PIECES = (
     (0.15, 0.25),
 )
 # what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first
-_REFERENCES = ((1.0, 0.5), (1.0, 0.6), (1.0, 0.71), (0.7, 0.6), (0.5, 0.5))
+_REFERENCES = ((1.0, 0.5), (1.0, 0.6), (1.0, 0.71), (1.0, 1.0), (0.7, 0.6), (0.5, 0.5))
+# a reference with the automatic spacing serves errors above this, dB
+COARSE_DB = -25.0
 
 
 @dataclass
@@ -226,7 +228,8 @@ def study_cost(
     converged = Reference.of(piece, dense.but(**rays.at(0.5)), grid)
     _sweeps(study, scene, plan, converged)
 
-    field_, factor, where = _field(scene, model.full["hybrid"], begin, budget)
+    coarse = target_error_db >= COARSE_DB
+    field_, factor, where = _field(scene, model.full["hybrid"], begin, budget, coarse)
     if field_ is None or piece is scene:
         field_, factor, where, against = piece, 0.5, text, converged
     else:
@@ -333,17 +336,19 @@ def _guess_seconds(scene: Scene) -> float:
 
 
 def _field(
-    scene: Scene, full: Mapping[str, float], begin: float, budget: float
+    scene: Scene, full: Mapping[str, float], begin: float, budget: float, coarse: bool
 ) -> tuple[Scene | None, float, str]:
     """What the promises are to be measured on, and with which ray spacing its reference is made.
 
-    As much of the scene, and as densely, as a third of the budget allows; None where that is not even half of the
-    image's extents.
+    As much of the scene, and as densely, as a third of the budget allows, with the automatic spacing only where
+    ``coarse``; None where that is not even half of the image's extents.
     """
     left = budget - (time.perf_counter() - begin)
     allowed = min(PROOF_SHARE * budget, 0.6 * left)
     fixed = full.get("build", 0.0) + full.get("plan", 0.0)
     for share, factor in _REFERENCES:
+        if factor >= 1.0 and not coarse:
+            continue
         # two passes with twice the key pulses
         rays = 2.0 * full["rays"] / factor**2
         others = 2.0 * (sum(full.values()) - full["rays"] - fixed)

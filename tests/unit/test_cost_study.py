@@ -1,8 +1,12 @@
 """The cost study's arithmetic: combinations, corrections by what was run, recommendations."""
 
+import time
+
 import numpy as np
 import pytest
 
+from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.study.cost import _field
 from sarmitsuba.study.cost_model import CostModel, corrected
 from sarmitsuba.study.cost_proof import Check, Reference
 from sarmitsuba.study.cost_report import Candidate, Rays, options_of, pareto, recommend
@@ -104,3 +108,19 @@ def test_options_trace_the_rays_that_were_timed() -> None:
         text
         == "-D sar_path.ray_spacing=0.25 -D sar_path.key_pulse_interval=64 --method hybrid --no-error-bars"
     )
+
+
+def test_the_reference_is_of_as_much_of_the_scene_as_the_budget_allows() -> None:
+    scene = load_scene("dihedral")
+
+    def field(rays: float, coarse: bool = False) -> tuple[float, float]:
+        stages = {"build": 1.0, "rays": rays, "focus": 1.0}
+        found, factor, _ = _field(scene, stages, time.perf_counter(), 300.0, coarse)
+        return (found.image.extent_range / scene.image.extent_range if found else 0.0), factor
+
+    # 90 s are allowed: two passes, twice the key pulses, 1 / factor^2 as many rays
+    assert field(4.0) == (1.0, 0.5)
+    assert field(7.0) == (1.0, 0.6)
+    assert field(15.0) == (pytest.approx(0.7), 0.6)
+    assert field(15.0, coarse=True) == (1.0, 1.0)
+    assert field(100.0) == (0.0, 0.0)
