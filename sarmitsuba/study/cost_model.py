@@ -22,6 +22,22 @@ AFFECTS = {
 }
 
 
+def split_stages(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
+    """Seconds by stage, tracing split into what goes by launches and what goes by rays.
+
+    Parameters
+    ----------
+    full, sparse : of two runs that differ in their rays
+    fewer : rays of ``full`` over those of ``sparse``
+    """
+    out = {k: v for k, v in full.items() if k != "trace"}
+    seconds = full.get("trace", 0.0)
+    rays = (seconds - sparse.get("trace", 0.0)) / (1.0 - 1.0 / fewer)
+    out["rays"] = min(max(rays, 0.05 * seconds), seconds)
+    out["launches"] = seconds - out["rays"]
+    return out
+
+
 @dataclass
 class CostModel:
     """What the sweeps found, and what follows for combinations.
@@ -32,7 +48,7 @@ class CostModel:
     full : seconds by stage of the plain setting on the whole scene, for ``hybrid`` and ``image``
     plain : values of the plain setting
     errors : dB, of every (parameter, value)
-    ratios : seconds by stage of every (parameter, value) over those of the plain setting
+    ratios : seconds by stage of every (parameter, value) over those of the plain setting; ray spacings go by their rays
     """
 
     rays: Rays
@@ -57,14 +73,18 @@ class CostModel:
         for stage, seconds in self.full[method].items():
             for key, value in picks.items():
                 if stage in AFFECTS[key]:
-                    sweep = "image" if method == "image" and key == "ray_spacing" else key
-                    own = self.ratios.get((sweep, value), {}).get(stage, 1.0)
-                    plain = self.ratios.get((sweep, self.plain[key]), {}).get(stage, 1.0)
-                    if key == "key_pulse_interval":
-                        plain = 1.0  # of the whole scene's own interval already
-                    seconds *= own / plain if plain > 0.0 else own
+                    seconds *= self._ratio(key, value, stage)
             total += seconds
         return total
+
+    def _ratio(self, parameter: str, value: Any, stage: str) -> float:
+        """Seconds of a stage with this value over those with the plain one."""
+        if parameter == "ray_spacing":  # as the number of rays
+            return float((self.plain[parameter] / value) ** 2)
+        own = self.ratios.get((parameter, value), {}).get(stage, 1.0)
+        plain = self.ratios.get((parameter, self.plain[parameter]), {}).get(stage, 1.0)
+        # key pulses are counted against the whole scene's own already
+        return own / plain if plain > 0.0 and parameter != "key_pulse_interval" else own
 
     def combine(self) -> list[Candidate]:
         """Every combination, predicted."""
@@ -133,4 +153,4 @@ def _distance(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
     return total
 
 
-__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected"]
+__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected", "split_stages"]

@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.study.cost import _field
-from sarmitsuba.study.cost_model import CostModel, corrected
+from sarmitsuba.study.cost_model import CostModel, corrected, split_stages
 from sarmitsuba.study.cost_proof import Check, Reference
 from sarmitsuba.study.cost_report import Candidate, Rays, options_of, pareto, recommend
 
@@ -33,16 +33,23 @@ def model() -> CostModel:
 
 def test_times_are_scaled_by_stage_and_fixed_ones_stay() -> None:
     m = model()
-    m.ratios["ray_spacing", 0.5] = {"build": 9.0, "rays": 0.25, "focus": 9.0}
+    m.ratios["max_depth", 3] = {"build": 9.0, "rays": 0.5, "focus": 9.0}
     m.ratios["key_pulse_interval", 32] = {"launches": 2.0, "rays": 2.0}
-    # sparse rays change the rays' time only, whatever else the two timed runs differ in
+    # twice the spacing is a quarter of the rays and changes their time only
     assert m.seconds("hybrid", {"ray_spacing": 0.5}) == pytest.approx(1.0 + 0.5 + 1.0 + 2.0)
-    assert m.seconds("hybrid", {"ray_spacing": 0.5, "key_pulse_interval": 32}) == pytest.approx(
-        1.0 + 1.0 + 2.0 + 2.0
-    )
-    # the image method has a sweep of its own
-    m.ratios["image", 0.5] = {"rays": 0.5}
-    assert m.seconds("image", {"ray_spacing": 0.5}) == pytest.approx(1.0 + 0.25 + 0.1)
+    # so does the depth, whatever else the two timed runs differ in
+    assert m.seconds("hybrid", {"max_depth": 3}) == pytest.approx(1.0 + 0.5 + 2.0 + 2.0)
+    both = {"ray_spacing": 0.5, "key_pulse_interval": 32}
+    assert m.seconds("hybrid", both) == pytest.approx(1.0 + 1.0 + 2.0 + 2.0)
+    assert m.seconds("image", {"ray_spacing": 0.5}) == pytest.approx(1.0 + 0.125 + 0.1)
+
+
+def test_two_runs_tell_launches_from_rays() -> None:
+    found = split_stages({"build": 1.0, "trace": 8.5}, {"build": 1.0, "trace": 1.5}, 8.0)
+    assert found == pytest.approx({"build": 1.0, "rays": 8.0, "launches": 0.5})
+    # a disturbed run leaves neither negative
+    odd = split_stages({"trace": 1.0}, {"trace": 2.0}, 8.0)
+    assert odd == pytest.approx({"rays": 0.05, "launches": 0.95})
 
 
 def test_error_energies_add_without_what_the_spacing_sweep_holds_already() -> None:
