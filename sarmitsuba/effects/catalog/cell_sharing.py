@@ -23,7 +23,7 @@ class CellSharing(Effect):
     name = "cell_sharing"
     title = "tubes shared among cells"
     rank = 65
-    cost = 0.5
+    cost = 0.44
 
     def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
         """See the class."""
