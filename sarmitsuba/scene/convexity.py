@@ -36,7 +36,8 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     Seen from its middle every face shows its back: every closed piece then covers the sphere of directions at least
     once. All faces together cover it just once: it is one piece, and star-shaped. No edge is concave: a star-shaped
     surface then is convex at every vertex too, and a closed surface that is convex everywhere near is convex (Tietze
-    and Nakajima).
+    and Nakajima). Edges count as concave beyond the slack; what a great many shallower ones add up to shows against
+    the planes of a few faces.
 
     Parameters
     ----------
@@ -74,7 +75,9 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     towards = centre[second] - centre[first]
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return not bool((np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack).any())
+    concave = np.einsum("ij,ij->i", normals[first] * outward[first, None], towards) > slack
+    # a dish of very many facets is deep where none of its edges is
+    return not concave.any() and one_sided(normals, a + middle, points, slack)
 
 
 __all__ = ["SLACK", "is_convex_body", "one_sided"]

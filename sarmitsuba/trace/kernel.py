@@ -147,6 +147,8 @@ def trace(
     edge_b -= d * dr.dot(edge_b, d)
     tube_area = dr.norm(dr.cross(edge_a, edge_b))
     inverse_start = f32(1.0 / distance)
+    tube_rate_a = dr.dot(edge_a, v32(antenna_v)) * inverse_start  # of the rate, over one tube
+    tube_rate_b = dr.dot(edge_b, v32(antenna_v)) * inverse_start
     nudge = dr.normalize(edge_a) * clearance
 
     weight = f32(1.0)
@@ -297,7 +299,8 @@ def trace(
                 filled = tube.phase_integral(-k * wave, u, v, piece, dr, c32)
                 rim = u * piece.rim[0] + v * piece.rim[1]
                 half_c = half + f64(0.5 * dr.dot(wave, rim))
-                turn_out = dr.dot(rim - d * dr.dot(rim, d), v32(image_v)) / f32(length)
+                # a point of the tube is seen along another launch direction, whatever mirrors are in between
+                turn_out = piece.rim[0] * tube_rate_a + piece.rim[1] * tube_rate_b
                 turn_back = dr.dot(rim - s * dr.dot(rim, s), v32(antenna_v)) / f32(length_back)
                 rate_c = rate - f64(0.5 * (turn_out + turn_back))
             else:
@@ -336,9 +339,8 @@ def trace(
                     for c in flags.channels
                 ]
             middle, wide_u, wide_v = piece.box(u, v)
-            frame = scatterers.CellFrame(
-                p + v64(middle), n64, (u, v), (wide_u, wide_v), info.y, cell, seed, dr, mi
-            )
+            place = p + v64(middle) if flags.cell_sharing else p
+            frame = scatterers.CellFrame(place, n64, (u, v), (wide_u, wide_v), info.y, cell, seed, dr, mi)
             cells, bias = (frame.cells(), frame.bias) if flags.cell_sharing else (frame.own(), 1.0)
             weight = gain * area * piece.area() * dr.rsqrt(frame.area * bias)
             for share, centre, key in cells:

@@ -20,6 +20,10 @@ N_SIDES = 4
 RINGS = 3
 # pairs of triangles that are compared at a time; bounds the memory
 PAIRS = 200_000
+# triangles whose neighbourhoods are looked up at a time
+SLAB = 20_000
+# rounding of a coordinate in a file of float32, over the coordinate
+FLOAT32 = 2.0**-23
 # share of a triangle, seen across a side, that the side must cover to limit it
 FACING = 0.5
 
@@ -55,13 +59,18 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
     along /= np.maximum(length, 1e-300)[:, :, None]
     inward = np.cross(normal[:, None, :], along)
 
-    mate, mates_inward = _neighbours(weld(corners.reshape(-1, 3)) if place is None else place, inward)
+    place = weld(corners.reshape(-1, 3)) if place is None else place
+    mate, mates_inward = _neighbours(place, inward)
     bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
     alone = mate < 0
     smooth = ~alone & (bend < -np.cos(SMOOTH_BEND))
     # sine of a tiny bend from the normals' difference, where the cosine has no digits left
     off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
-    flat = smooth & (off_plane < FLAT_BEND)
+    # float32 files turn small triangles far from the origin
+    rounding = FLOAT32 * np.abs(corners).max(axis=(1, 2))
+    height = np.linalg.norm(np.cross(along[:, 0], start[:, 2] - start[:, 0]), axis=1) * length[:, 0]
+    height /= np.maximum(length.max(axis=1), 1e-300)
+    flat = smooth & (off_plane < FLAT_BEND + (rounding / np.maximum(height, 1e-300))[:, None])
 
     sharp = ~smooth
     sides = np.zeros((n, N_SIDES, 4))
@@ -69,28 +78,43 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
     offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
     sides[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
-    edges = _Edges(corners, along, inward, length, sharp, np.where(flat, mate, -1))
+    ids = place.reshape(n, 3)
+    edges = _Edges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
     shared = np.flatnonzero(flat.any(axis=1))
     if shared.size:
         shared = shared[~_simple_facets(edges, shared, sides)]
-    near = _around(edges.mate, shared)
-    near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
-    count = (near >= 0).sum(axis=1)
-    for most in np.unique(count[count > 0]):
-        rows = np.flatnonzero(count == most)
-        for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
-            sides[shared[some]] = _limits(edges, shared[some], -np.sort(-near[some], axis=1)[:, :most])
+    for slab in np.array_split(shared, 1 + shared.size // SLAB):
+        near = _around(edges.mate, slab)
+        near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
+        count = (near >= 0).sum(axis=1)
+        for most in np.unique(count[count > 0]):
+            rows = np.flatnonzero(count == most)
+            for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
+                sides[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
     return sides.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Edges of all triangles: corners (n, 3, 3), unit vectors along and inward, lengths, sharp, flat neighbours."""
+    """Edges of all triangles.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3), m
+    ids : (n, 3) labels of the corners' places
+    along, inward : (n, 3, 3) unit vectors of edge k from corner k to the next
+    length : (n, 3), m
+    rounding : (n,), m, of the corners
+    sharp : (n, 3) facets end there
+    mate : (n, 3) triangle of the same plane across the edge, -1 for none
+    """
 
     corners: F64
+    ids: NDArray[np.int64]
     along: F64
     inward: F64
     length: F64
+    rounding: F64
     sharp: NDArray[np.bool_]
     mate: NDArray[np.int64]
 
@@ -108,23 +132,28 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     size = np.zeros(count)
     points = edges.corners[faces] - origin[facet][:, None]
     np.maximum.at(size, facet, np.abs(points).max(axis=(1, 2)))
-    slack = 1e-6 * size
+    rounding = np.zeros(count)
+    np.maximum.at(rounding, facet, edges.rounding[faces])
+    slack = 1e-6 * size + 2.0 * rounding
 
     own, k = np.nonzero(edges.sharp[faces])
-    inward = edges.inward[faces[own], k]
-    offset = np.einsum("ei,ei->e", inward, points[own, k])
-    key = np.column_stack(
-        [facet[own], np.round(inward / FLAT_BEND), np.round(offset / (10.0 * slack[facet[own]]))]
-    )
-    _, pick = np.unique(key, axis=0, return_index=True)
-    pick = pick[np.argsort(facet[own[pick]], kind="stable")]
-    lines = np.bincount(facet[own[pick]], minlength=count)
-    place = np.arange(pick.size) - np.repeat(np.cumsum(lines) - lines, lines)
-    few = (lines <= N_SIDES)[facet[own[pick]]]
+    line = _straight(edges, facet, faces, own, k)
+    first = np.unique(line, return_index=True)[1]  # an edge of every line
+    share = edges.length[faces[own], k]
+    inward = _sums(line, edges.inward[faces[own], k] * share[:, None])
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+    middle = points[own, k] + 0.5 * (edges.along[faces[own], k] * share[:, None])
+    offset = _sums(line, np.einsum("ei,ei->e", inward[line], middle)[:, None] * share[:, None])[:, 0]
+    offset /= np.maximum(_sums(line, share[:, None])[:, 0], 1e-300)
+    of = facet[own[first]]
+    order = np.argsort(of, kind="stable")
+    lines = np.bincount(of, minlength=count)
+    place = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
+    few = (lines <= N_SIDES)[of[order]]
     table = np.zeros((count, N_SIDES, 4))
     table[:, :, 3] = -1.0
-    kept = pick[few]
-    table[facet[own[kept]], place[few]] = np.column_stack([inward[kept], offset[kept]])
+    kept = order[few]
+    table[of[kept], place[few]] = np.column_stack([inward[kept], offset[kept]])
 
     mine = table[facet]
     height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
@@ -135,6 +164,38 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
     sides[faces[simple]] = mine[simple]
     return np.asarray(simple)
+
+
+def _straight(
+    edges: _Edges,
+    facet: NDArray[np.int64],
+    faces: NDArray[np.int64],
+    own: NDArray[np.int64],
+    k: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Number of the straight side that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
+    n = own.size
+    face = faces[own]
+    ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
+    edge = np.tile(np.arange(n), 2)
+    key = np.tile(facet[own], 2) * (int(edges.ids.max()) + 1) + ends
+    order = np.argsort(key, kind="stable")
+    start = np.flatnonzero(np.diff(key[order], prepend=-1))
+    two = start[np.diff(start, append=2 * n) == 2]  # corners of the facet where just two of its edges meet
+    a, b = edge[order[two]], edge[order[two + 1]]
+    inward, length = edges.inward[face, k], edges.length[face, k]
+    bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
+    allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
+    go_on = (bend < allowed) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
+    links = coo_matrix((np.ones(int(go_on.sum())), (a[go_on], b[go_on])), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _sums(group: NDArray[np.int64], rows: F64) -> F64:
+    """Sums of the rows of each group."""
+    out = np.zeros((int(group.max(initial=-1)) + 1, rows.shape[1]))
+    np.add.at(out, group, rows)
+    return out
 
 
 def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
@@ -148,7 +209,7 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
     start = edges.corners[near].reshape(n, -1, 3) - corner[:, None]
     offset = np.einsum("nsi,nsi->ns", inward, start)
     points = edges.corners[faces] - corner[:, None]
-    slack = 1e-6 * np.maximum(np.abs(points).max(axis=(1, 2)), edges.length[faces].max(axis=1))
+    slack = 1e-6 * np.abs(points).max(axis=(1, 2)) + 2.0 * edges.rounding[faces]
 
     height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
     valid &= (height > -slack[:, None, None]).all(axis=2)

@@ -63,21 +63,29 @@ def outline(polygon: list[list[float]], triangles: list[list[int]]) -> np.ndarra
     return points[np.array(triangles)]
 
 
-def distances(sides: np.ndarray, corners: np.ndarray, point: list[float]) -> list[float]:
-    """From a point to each of a triangle's sides."""
+def distances(sides: np.ndarray, corners: np.ndarray, point: list[float] | np.ndarray) -> list[float]:
+    """From a point of the plane z = 0 to each of a triangle's sides."""
     used = sides[(sides[:, :3] != 0).any(axis=1)]
-    place = np.array([*point, 0.0]) - corners[0]
+    place = np.array([*point[:2], 0.0]) - corners[0]
     return sorted(float(d) for d in (used[:, :3] @ place - used[:, 3]).round(6))
 
 
-def test_every_triangle_of_a_rectangle_knows_its_four_sides() -> None:
+@pytest.mark.parametrize(("turn", "shift"), [(0.0, 0.0), (0.7853370, 0.0), (0.3, 1000.0)])
+def test_every_triangle_of_a_rectangle_knows_its_four_sides(turn: float, shift: float) -> None:
+    """However finely it is cut, wherever it lies: also in float32 a kilometre from the origin."""
     x = np.linspace(0.0, 4.0, 9)
     grid = np.stack([*np.meshgrid(x, 0.5 * x, indexing="ij"), np.zeros((9, 9))], axis=-1).reshape(-1, 3)
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    grid = grid @ axes + [shift, shift, 0.0]
+    if shift:
+        grid = grid.astype(np.float32).astype(np.float64)
     a = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([np.column_stack([a, a + 9, a + 10]), np.column_stack([a, a + 10, a + 1])])
-    corners = grid[faces]
-    for side, triangle in zip(facet_sides(corners), corners, strict=True):
-        assert distances(side, triangle, [1.0, 0.75]) == [0.75, 1.0, 1.25, 3.0]
+    point = np.array([1.0, 0.75, 0.0]) @ axes + [shift, shift, 0.0]
+    for side, triangle in zip(facet_sides(grid[faces]), grid[faces], strict=True):
+        found = distances(side, triangle, point)
+        assert found == pytest.approx([0.75, 1.0, 1.25, 3.0], abs=2e-4)  # m; float32 at 1 km is good to 6e-5
 
 
 def test_the_arm_of_an_l_ends_at_its_own_sides() -> None:
