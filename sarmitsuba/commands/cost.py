@@ -90,7 +90,8 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         *table(report),
         "",
         f"plain setting on the whole scene: {report.full_seconds:.2f} s (measured)",
-        f"cheapest combinations (m: measured, errors on {report.proof.text}; the others follow from them):",
+        f"cheapest combinations (m: measured, errors on {report.proof.text}, against {report.promised_against}; "
+        "the others follow from them):",
     ]
     lines += [
         f"  {'m' if c.measured else ' '} {c.error_db:6.1f} dB {c.seconds:8.2f} s  {_short(c.changes)}"
@@ -99,17 +100,20 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     found = report.recommendation
     best, target = found.setting, found.target_error_db
     if found.met:
-        lines.append(f"recommended for {target:g} dB: {best.error_db:.1f} dB in {best.seconds:.2f} s")
+        lines.append(f"recommended for {target:g} dB: {best.promise()}")
         if found.remark:
             lines.append(f"  {found.remark}")
     else:
         lines.append(
-            f"no single pass meets {target:g} dB; the most accurate: {best.error_db:.1f} dB in "
-            f"{best.seconds:.2f} s a pass; render --target-error {target:g} adds passes until it is met"
+            f"no single pass meets {target:g} dB; the most accurate: {best.promise()} "
+            f"a pass; render --target-error {target:g} adds passes until it is met"
         )
+    if report.cells:
+        lines.append(report.cells)
     if report.check:
         lines.append(
-            f"checked with other rays: {report.check.error_db:.1f} dB on {report.proof.text}, "
+            ("checked with other rays" if "ray_spacing" in best.changes else "run again with the same rays")
+            + f": {report.check.error_db:.1f} dB on {report.proof.text}, "
             f"{report.check.seconds:.2f} s on the whole scene"
         )
     else:
@@ -143,7 +147,11 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "met": report.recommendation.met,
         "remark": report.recommendation.remark,
         "piece": report.piece,
+        "promise": "measured" if report.recommendation.setting.measured else "predicted",
         "reference": report.reference,
+        "promised_against": report.promised_against,
+        "promised_against_factor": report.proof.factor,
+        "through_cells": report.cells,
         "measured_on": report.proof.text,
         "check": report.check,
         "plain_seconds": report.full_seconds,

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from sarmitsuba.focus import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.spec import Scene
+from sarmitsuba.study.cost_cells import cells_text, has_cells, measure_cells
 from sarmitsuba.study.cost_model import AFFECTS, FLOOR_DB, CostModel, corrected, split_stages
 from sarmitsuba.study.cost_proof import Check, Proof, Reference
 from sarmitsuba.study.cost_report import (
@@ -24,6 +25,7 @@ from sarmitsuba.study.cost_report import (
     Row,
     pareto,
     recommend,
+    reference_text,
 )
 from sarmitsuba.study.sweep import Setting, Trial, crop, run_trial
 from sarmitsuba.trace.pilot import plan_scene
@@ -54,10 +56,11 @@ _PIECES = (
     (0.25, 0.25),
     (0.15, 0.25),
 )
-# what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first
-_REFERENCES = ((1.0, 0.5), (1.0, 0.6), (1.0, 0.71), (1.0, 1.0), (0.7, 0.6), (0.5, 0.5))
-# a reference with the automatic spacing serves errors above this, dB
-COARSE_DB = -25.0
+# ray spacing of the sweeps' reference, in automatic ones
+SWEEP_FACTOR = 0.5
+# what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first. Always
+# denser than every candidate: of equal density it would share about a third of their error (error_bars.SHARED_DB)
+_REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 0.6), (0.35, 0.6))
 
 
 @dataclass
@@ -225,19 +228,32 @@ def study_cost(
     dense = base.but(max_depth=REFERENCE_DEPTH, gridding_width=6)
     if interval >= 16:
         dense = dense.but(key_pulse_interval=interval // 2)
-    converged = Reference.of(piece, dense.but(**rays.at(0.5)), grid)
+    converged = Reference.of(piece, dense.but(**rays.at(SWEEP_FACTOR)), grid)
     _sweeps(study, scene, plan, converged)
 
-    coarse = target_error_db >= COARSE_DB
-    field_, factor, where = _field(scene, model.full["hybrid"], begin, budget, coarse)
+    field_, factor, where = _field(scene, model.full["hybrid"], begin, budget)
     if field_ is None or piece is scene:
-        field_, factor, where, against = piece, 0.5, text, converged
+        field_, factor, where, against = piece, SWEEP_FACTOR, text, converged
     else:
         own = default_grid(field_.radar, field_.image)
         against = Reference.of(field_, dense.but(**rays.at(factor)), own)
         study.progress()
-    proof = Proof(scene, field_, default_grid(field_.radar, field_.image), base, against, where)
-    candidates = _measure_front(study, proof, begin + LAST_SHARE * budget)
+    # combinations bring their own spacings, or none
+    bare = Setting({k: v for k, v in base.changes.items() if k not in rays.at(1.0)})
+    proof = Proof(scene, field_, default_grid(field_.radar, field_.image), bare, against, factor, where)
+    deadline = begin + LAST_SHARE * budget
+    cells = has_cells(scene, plan)
+    through: list[Candidate] = []
+    for method in model.full if cells else ():
+        through += measure_cells(proof, {"method": method}, sum(model.full[method].values()), deadline)
+    candidates = _measure_front(study, proof, deadline)
+    if cells:  # the same with what else was found to save time
+        best = recommend(candidates, target_error_db).setting
+        end = begin + budget - proof.cost(best.seconds)
+        through += measure_cells(proof, best.changes, best.seconds, end)
+    # what the study switches off, the recommended line must
+    off = {k: False for k in ("keep_orders", "keep_halves") if getattr(scene.settings, k)}
+    candidates = [replace(c, changes={**c.changes, **off}) for c in (*candidates, *through)]
     recommendation = recommend(candidates, target_error_db)
     check = None
     if time.perf_counter() - begin + proof.cost(recommendation.setting.seconds) < budget:
@@ -251,10 +267,9 @@ def study_cost(
         piece=text,
         check=check,
         full_seconds=full.seconds,
-        reference=(
-            f"the mean of 2 runs with lattices of their own, ray_spacing {0.5 * rays.coherent:.3g} m, "
-            f"{REFERENCE_DEPTH} bounces, gridding_width 6"
-        ),
+        reference=reference_text(rays, SWEEP_FACTOR, REFERENCE_DEPTH),
+        promised_against=reference_text(rays, factor, REFERENCE_DEPTH),
+        cells=cells_text(through) if cells else "",
         seconds=time.perf_counter() - begin,
     )
 
@@ -350,19 +365,17 @@ def _guess_seconds(scene: Scene) -> float:
 
 
 def _field(
-    scene: Scene, full: Mapping[str, float], begin: float, budget: float, coarse: bool
+    scene: Scene, full: Mapping[str, float], begin: float, budget: float
 ) -> tuple[Scene | None, float, str]:
     """What the promises are to be measured on, and with which ray spacing its reference is made.
 
-    As much of the scene, and as densely, as a third of the budget allows, with the automatic spacing only where
-    ``coarse``; None where that is not even half of the image's extents.
+    As much of the scene, and as densely, as a third of the budget allows; None where that is not even a third of
+    the image's extents.
     """
     left = budget - (time.perf_counter() - begin)
     allowed = min(PROOF_SHARE * budget, 0.6 * left)
     fixed = full.get("build", 0.0) + full.get("plan", 0.0)
     for share, factor in _REFERENCES:
-        if factor >= 1.0 and not coarse:
-            continue
         # two passes with twice the key pulses
         rays = 2.0 * full["rays"] / factor**2
         others = 2.0 * (sum(full.values()) - full["rays"] - fixed)

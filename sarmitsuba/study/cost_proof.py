@@ -69,6 +69,7 @@ class Proof:
     grid : of the field's image
     base : settings that changes are made to
     reference : image of the field
+    factor : ray spacing of the reference, in automatic ones
     text : which part the field is
     """
 
@@ -77,6 +78,7 @@ class Proof:
     grid: ImageGrid
     base: Setting
     reference: Reference
+    factor: float
     text: str
 
     def cost(self, seconds: float) -> float:

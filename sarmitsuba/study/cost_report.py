@@ -77,6 +77,10 @@ class Candidate:
     seconds: float
     measured: bool = False
 
+    def promise(self) -> str:
+        """Error and seconds, marked where nothing but the model says so."""
+        return f"{self.error_db:.1f} dB in {self.seconds:.2f} s" + ("" if self.measured else " (predicted)")
+
 
 @dataclass(frozen=True)
 class Recommendation:
@@ -115,6 +119,8 @@ class CostReport:
     check : an independent run of the recommendation; None where the budget ended before
     full_seconds : measured seconds of the plain setting on the whole scene
     reference : what the sweeps' errors are against
+    promised_against : what the errors of the combinations are against
+    cells : what rays through the scatterer cells come to, where leaving all spacings out gives those; else empty
     seconds : of the whole study
     """
 
@@ -127,6 +133,8 @@ class CostReport:
     check: Check | None
     full_seconds: float
     reference: str
+    promised_against: str
+    cells: str
     seconds: float
 
     def recommend(self, target_error_db: float) -> Recommendation:
@@ -152,7 +160,7 @@ def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recomm
         cheaper = [c for c in front if c.seconds < chosen.seconds]
         if cheaper:
             next_best = cheaper[-1]
-            remark = f"the next cheaper has {next_best.error_db:.1f} dB in {next_best.seconds:.2f} s"
+            remark = f"the next cheaper has {next_best.promise()}"
         else:
             remark = "nothing cheaper was found: what is left is the time that every run takes"
     return Recommendation(target_error_db, chosen, True, remark)
@@ -167,6 +175,14 @@ def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
     return front
 
 
+def reference_text(rays: Rays, factor: float, depth: int) -> str:
+    """What a reference is, whose rays are ``factor`` automatic distances apart."""
+    return (
+        f"the mean of 2 runs with lattices of their own, ray_spacing {factor * rays.coherent:.3g} m ({factor:g} of "
+        f"the automatic one), {depth} bounces, gridding_width 6"
+    )
+
+
 def options_of(changes: Mapping[str, Any]) -> str:
     """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
 
@@ -177,9 +193,20 @@ def options_of(changes: Mapping[str, Any]) -> str:
         if key in ("method", "focuser"):
             continue
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        text = text.lower() if isinstance(value, bool) else text
         words.append(f"-D sar_path.{key}={text}")
     words += [f"--{key} {changes[key]}" for key in ("method", "focuser") if key in changes]
     return " ".join([*words, "--no-error-bars"])
 
 
-__all__ = ["Candidate", "CostReport", "Rays", "Recommendation", "Row", "options_of", "pareto", "recommend"]
+__all__ = [
+    "Candidate",
+    "CostReport",
+    "Rays",
+    "Recommendation",
+    "Row",
+    "options_of",
+    "pareto",
+    "recommend",
+    "reference_text",
+]

@@ -18,6 +18,7 @@ from sarmitsuba.effects.facts import KINDS, Facts, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.scene.spec import Scene
 from sarmitsuba.trace.adders import carrier
 from sarmitsuba.trace.backend import ensure_backend
@@ -323,7 +324,8 @@ class _PatchAdder:
         self.memory = dr.zeros(mi.Float, 4 * n_patches * self.n_kinds * ORDERS)
         fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
         self.fade = mi.Float(np.outer(fade, fade).astype(np.float32).ravel())
-        self.calls = 0
+        self.counts: list[int] = []  # contributions in each recording of the loop's body
+        self.body: Any = None  # its lane number: Dr.Jit may record a body twice, with other variables
 
     def begin(self) -> tuple[Any, ...]:
         """The lane's number."""
@@ -343,9 +345,12 @@ class _PatchAdder:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Adder`."""
         dr, mi = modules()
 
-        kind = self.kinds[self.calls % len(self.kinds)]
-        self.calls += 1
         lane = state[0]
+        if self.body is None or lane.index != self.body.index:
+            self.body = type(lane)(lane)  # a copy keeps the index from being given away
+            self.counts.append(0)
+        kind = self.kinds[self.counts[-1] % len(self.kinds)]
+        self.counts[-1] += 1
         patch = lane // SIDE**2
         weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
         phasor = carrier(half_length - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr)
@@ -354,6 +359,15 @@ class _PatchAdder:
         packet = mi.Vector4f(values[0].real, values[0].imag, values[1].real, values[1].imag)
         dr.scatter_add(self.memory, packet, cell, active)
         return state
+
+    def check(self) -> None:
+        """Raise unless every recording of the loop's body added one contribution a kind."""
+        self.body = None
+        if set(self.counts) != {len(self.kinds)}:
+            raise SarmitsubaError(
+                f"pilot: the kernel recorded {self.counts} contributions a hit, the pilot expects {len(self.kinds)}: "
+                f"trace/kernel.py and trace/pilot.py disagree about the kinds of return; render with max_depth given"
+            )
 
 
 def _trace(
@@ -396,7 +410,7 @@ def _trace(
     kinds = [names.index(name) for name in added]
     adder = _PatchAdder(n, kinds, radar.waveform.wavelength, reference)
     _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, adder)
-    assert adder.calls % len(kinds) == 0, "the kernel adds other contributions a hit than the pilot expects"
+    adder.check()
     dr.eval(state, adder.memory)
     sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)

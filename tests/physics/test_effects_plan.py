@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaError, SceneError
 from sarmitsuba.focus import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.methods import simulate_image
@@ -231,10 +231,16 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
     off = small(base, tilted, effects={"cell_sharing": "off"})
     with pytest.raises(SceneError, match="cell_sharing = off is for bare level ground only"):
         plan_scene(off)
+    for given, remedy in (
+        ({"keep_halves": True}, "--no-error-bars"),
+        ({"ray_spacing": 0.3}, "leave ray_spacing"),
+    ):
+        with pytest.raises(SceneError, match=remedy):
+            plan_scene(small(base, plain(90.0), effects={"cell_sharing": "off"}, **given))
 
 
 def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
-    """A plate whose outermost cells are covered by nearly a half, and would be lost: about as bad as it can be."""
+    """A plate whose outermost cells are covered by nearly a half, which their neighbours return: about the worst."""
     cell = scatterer_cell(base, launch_window(base).incidence)
     target = small(base, plain(22.48 * cell))
     decision = plan_scene(target).decision("cell_sharing")
@@ -335,6 +341,17 @@ def test_explicit_choices_are_obeyed_and_said(base: Scene) -> None:
     with pytest.warns(UserWarning, match="diffuse is off as asked"):
         plan = plan_scene(asked, pilot=False)
     assert not plan.flags.diffuse and not plan.flags.speckle
+
+
+def test_pilot_notices_a_kernel_with_other_kinds_of_return(
+    base: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A third as many kinds expected divides the number of calls all the same."""
+    monkeypatch.setattr(
+        "sarmitsuba.trace.pilot._kinds_of_a_hit", lambda flags: ["coherent", "diffuse", "retro"]
+    )
+    with pytest.raises(SarmitsubaError, match="the pilot expects 3"):
+        plan_scene(scene(base, plain(90.0), box([-6, -8, 0], [6, 8, 9])), pilot=True)
 
 
 def test_small_runs_are_not_piloted(base: Scene) -> None:

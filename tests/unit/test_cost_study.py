@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.study.cost import _field
+from sarmitsuba.study.cost import _REFERENCES, SPACINGS, _field
 from sarmitsuba.study.cost_model import CostModel, corrected, split_stages
 from sarmitsuba.study.cost_proof import Check, Reference
 from sarmitsuba.study.cost_report import Candidate, Rays, options_of, pareto, recommend
@@ -88,6 +88,7 @@ def test_front_and_recommendation() -> None:
     found = recommend(some, -20.0)
     assert found.met and found.setting.error_db == -27.0
     assert "-18.0 dB in 0.30 s" in found.remark  # 7 dB better than wanted is explained
+    assert found.setting.promise().endswith("(predicted)")
     assert recommend(some, -26.0).remark == ""
     assert "nothing cheaper" in recommend(some, -10.0).remark
     most = recommend(some, -50.0)
@@ -115,19 +116,23 @@ def test_options_trace_the_rays_that_were_timed() -> None:
         text
         == "-D sar_path.ray_spacing=0.25 -D sar_path.key_pulse_interval=64 --method hybrid --no-error-bars"
     )
+    assert options_of({"keep_orders": False}) == "-D sar_path.keep_orders=false --no-error-bars"
 
 
 def test_the_reference_is_of_as_much_of_the_scene_as_the_budget_allows() -> None:
     scene = load_scene("dihedral")
 
-    def field(rays: float, coarse: bool = False) -> tuple[float, float]:
+    def field(rays: float) -> tuple[float, float]:
         stages = {"build": 1.0, "rays": rays, "focus": 1.0}
-        found, factor, _ = _field(scene, stages, time.perf_counter(), 300.0, coarse)
+        found, factor, _ = _field(scene, stages, time.perf_counter(), 300.0)
         return (found.image.extent_range / scene.image.extent_range if found else 0.0), factor
 
     # 90 s are allowed: two passes, twice the key pulses, 1 / factor^2 as many rays
     assert field(4.0) == (1.0, 0.5)
     assert field(7.0) == (1.0, 0.6)
+    assert field(10.0) == (pytest.approx(0.7), 0.5)
     assert field(15.0) == (pytest.approx(0.7), 0.6)
-    assert field(15.0, coarse=True) == (1.0, 1.0)
+    assert field(60.0) == (pytest.approx(0.35), 0.6)
     assert field(100.0) == (0.0, 0.0)
+    # never as coarse as what is measured against it
+    assert max(factor for _, factor in _REFERENCES) < min(SPACINGS)

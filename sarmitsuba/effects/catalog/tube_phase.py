@@ -11,9 +11,10 @@ from sarmitsuba.effects.text import length
 
 
 class TubePhase(Effect):
-    """Off where nothing is coherent, or tubes are so fine that ``sinc x > 1 - tolerance``.
+    """Off where nothing is coherent, or tubes so fine that the phase integral is their area within the tolerance.
 
-    ``x = k d max(1, tan theta)`` for rays d apart, and ``1 - sinc x`` is ``x^2 / 6``.
+    Over a whole tube of phase -x ... x it is ``sin(x) / x`` of the area, short of it by ``x^2 / 6``, with
+    ``x = k d max(1, tan theta)`` for rays d apart.
     """
 
     name = "tube_phase"
@@ -40,7 +41,7 @@ class TubePhase(Effect):
         )
 
     def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Two sinc functions at every closing."""
+        """A sum over the four corners of the ray's patch at every closing; off, the patch's area."""
         return {"tube_phase": on}
 
 
