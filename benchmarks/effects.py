@@ -50,6 +50,7 @@ LEAST_ROUNDS, MOST_ROUNDS, SPENT = 3, 30, 2.0
 RUN_AT_MOST = 60.0
 # diffuse rays a usual distance, for images that shared tubes at their usual distance are too coarse to judge
 IMAGE_DENSITY, PULSES_DENSITY = 6.0, 2.0
+SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
 COST_ROUNDS = 8  # so short a time is disturbed often, and the least of many is not
 DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
@@ -308,7 +309,9 @@ def prediction_row(name: str, rounds: int) -> dict[str, Any]:
     """Predicted and measured time and memory of one scene, in turn, processes of their own."""
     in_process("measure", name)  # compiles
     predictions, runs = [], []
-    for _ in range(rounds):
+    while len(runs) < rounds or (
+        rounds > QUICK_ROUNDS and len(runs) < SHORT_ROUNDS and runs[0]["seconds"] < SHORT
+    ):
         predictions.append(in_process("predict", name))
         runs.append(in_process("measure", name))
 
@@ -421,7 +424,7 @@ def markdown(results: dict[str, Any]) -> str:
             "",
             "### Predicted against measured",
             "",
-            "Simulating and focusing, compiled kernels; memory is the most the process held.",
+            "The first simulating and focusing of a process, kernels compiled before; memory is the most it held.",
             "",
             "| scene | predicted | measured | factor | processor time, factor | predicted | measured | factor | "
             "explain took |",
@@ -429,7 +432,7 @@ def markdown(results: dict[str, Any]) -> str:
         ]
         for r in results["predictions"]:
             lines.append(
-                f"| {r['scene']} | {r['predicted_seconds']:.2f} s | {r['measured_seconds']:.2f} s | "
+                f"| {r['scene']} | {_time(r['predicted_seconds'])} | {_time(r['measured_seconds'])} | "
                 f"{r['time_factor']:.2f} | {r['cpu_factor']:.2f} | {r['predicted_memory'] / 2**20:.0f} MiB | "
                 f"{r['measured_memory'] / 2**20:.0f} MiB | {r['memory_factor']:.2f} | {r['explain_seconds']:.1f} s |"
             )

@@ -152,7 +152,9 @@ def predict(
         part = np.zeros((len(layers), few.track.n_pulses, shape[2]), dtype=np.complex64)
         add_points(replace(scene, radar=few), planned.flags, trace_scene, part, layers)
         seconds["points"] = (clock() - start) * radar.track.n_pulses / few.track.n_pulses
-    seconds["focus"], pixels = _focus_seconds(scene, layers, data, clock)
+    seconds["focus"], pixels, loading = _focus_seconds(scene, layers, data, clock)
+    if trace_scene is None:  # else tracing has started the back end before
+        seconds["first use"] = min(FIRST_USE, loading)
     untouched = data.nbytes * max(0.0, 1.0 - done / len(halves)) if trace_scene is not None else 0
     facts.update(
         rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
@@ -207,8 +209,10 @@ def _some_pulses(radar: Radar, n: int) -> Radar:
     )
 
 
-def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Clock) -> tuple[float, int]:
-    """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; and the image's pixels."""
+def _focus_seconds(
+    scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Clock
+) -> tuple[float, int, float]:
+    """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; pixels; what the first time adds."""
     radar = scene.radar
     n = radar.track.n_pulses
     few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
@@ -225,7 +229,8 @@ def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Cl
     def steady(k: int) -> float:
         return _steady(partial(taken, k))["focus"]
 
-    taken(min(8, few))  # compiles
+    first = taken(min(8, few))["focus"]  # compiles
+    loading = max(0.0, first - taken(min(8, few))["focus"])
     while True:
         most = steady(few)
         if most >= STEADY or few == n:
@@ -233,10 +238,10 @@ def _focus_seconds(scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Cl
         few = min(n, 4 * few)
     pixels = int(np.prod(grid.shape)) * len(layers)
     if few == n:
-        return most, pixels
+        return most, pixels, loading
     less = max(1, few // 4)
     slope = max(0.0, (most - steady(less)) / (few - less))
-    return most + slope * (n - few), pixels
+    return most + slope * (n - few), pixels, loading
 
 
 def _steady(measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
