@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
@@ -183,15 +184,13 @@ class Preview:
                 adder = ImageAdder(
                     look.grid, len(orders), len(channels), max_order, radar.waveform.wavelength
                 )
-                stats = stats.plus(self._trace(adder, half + 2 * pass_index, len(halves)))
+                stats = stats.plus(self._trace(adder, half + 2 * pass_index, half))
                 cells = adder.grid()
             if self.scene.points:
                 cells = cells + self._points(layers[: cells.shape[0]])
-            planes.append(form_image(cells, look, radar))
+            planes.append(form_image(cells, look, radar) * np.float32(HALF_SHARES[half]))
             self.timer.lap("form image")
         data = np.concatenate(planes)
-        if len(halves) == 2:
-            data *= 0.5  # each half is a whole image of its own; their mean is the estimate
         if not data.any():
             raise RadarError(
                 f"{self.scene.name}: no echo of {stats.rays} rays falls into the image; check its centre and extents"
@@ -217,7 +216,7 @@ class Preview:
         stats = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
         return self._package(data, layers, "raster", stats)
 
-    def _trace(self, adder: ImageAdder, subset: int, n_halves: int) -> TraceStatistics:
+    def _trace(self, adder: ImageAdder, subset: int, half: int) -> TraceStatistics:
         job, scene = self.job, self.scene
         assert job is not None
         if subset not in self._rays:
@@ -226,7 +225,7 @@ class Preview:
                 job.window,
                 self.plan.flags,
                 subset=subset,
-                n_halves=n_halves,
+                half=half,
             )
             self.timer.lap("launch grid")
         look = adder.look
@@ -272,7 +271,7 @@ class Preview:
                 np.sqrt(power) * look.noise_gain / max(float(np.sqrt(np.mean(np.abs(noise) ** 2))), 1e-30)
             )
             for i in targets:
-                data[i] += noise * look.gain / np.float32(len(targets))
+                data[i] += noise * look.gain * np.float32(HALF_SHARES[layers[i].half])
 
     def _package(self, data: C64, layers: tuple[Layer, ...], method: str, stats: TraceStatistics) -> SarImage:
         radar = self.scene.radar

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.block import BlockPlan, choose_block_length, least_error_db, plan_block, synthesise
 from sarmitsuba.echo.direct import box_distance, finish, plan_direct
 from sarmitsuba.echo.raw import Layer, RawData
@@ -151,12 +152,9 @@ def simulate(
             window = launch_window(scene)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
         job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
-        rays = [
-            ray_lattices(scene, window, plan.flags, subset=h + 2 * pass_index, n_halves=len(halves))
-            for h in halves
-        ]
+        rays = [ray_lattices(scene, window, plan.flags, subset=h + 2 * pass_index, half=h) for h in halves]
         timer.lap("launch grid")
-        spacing = {g.purpose: g.spacing / float(np.sqrt(len(halves))) for g in rays[0]}
+        spacing = _spacings(rays)
         facts.update(
             ray_spacing=min(spacing.values()),
             ray_spacings=spacing,
@@ -170,8 +168,8 @@ def simulate(
                 rate = stats.rays / max(timer.seconds.get("trace", 0.0), 1e-9)
                 report("trace", i + done, len(halves), {"rays/s": rate})
         facts["grid_bytes"] = job.largest_grid
-        if len(halves) == 2:
-            data *= 0.5  # each half is a whole image of its own; their mean is the estimate
+        for plane, layer in zip(data, layers, strict=True):  # each half is a whole image of its own
+            plane *= np.float32(HALF_SHARES[layer.half])
     if scene.points:
         n = add_points(scene, plan.flags, trace_scene, data, layers)
         stats = stats.plus(TraceStatistics(contributions=n, path_pulses=n))
@@ -191,6 +189,22 @@ def simulate(
         raw = add_noise(raw, seed=settings.seed)
         timer.lap("noise")
     return raw
+
+
+def _spacings(rays: Sequence[Sequence[LaunchGrid]]) -> dict[Purpose, float]:
+    """Spacing of all halves' rays together, by what they are for; ``all`` where one lattice serves both."""
+    density: dict[Purpose, float] = {}
+    kinds: dict[Purpose, tuple[Purpose, ...]] = {
+        "all": ("coherent", "diffuse"),
+        "coherent": ("coherent",),
+        "diffuse": ("diffuse",),
+    }
+    for grid in (g for grids in rays for g in grids):
+        for kind in kinds[grid.purpose]:
+            density[kind] = density.get(kind, 0.0) + grid.spacing**-2
+    if all(g.purpose == "all" for grids in rays for g in grids):
+        return {"all": float(density["coherent"] ** -0.5)}
+    return {kind: float(d**-0.5) for kind, d in density.items()}
 
 
 def block_error_db(settings: TraceSettings) -> float:

@@ -19,7 +19,7 @@ class Layer:
     ----------
     channel : ``HH``, ``HV``, ``VH`` or ``VV`` (transmit first)
     order : number of bounces, or 0 when all orders are summed
-    half : 0 for all rays, or 1 / 2 for one independent half of them
+    half : 0 for all rays, or 1 / 2 for one of two independent sets, by its share ``sarmitsuba.constants.HALF_SHARES``
     """
 
     channel: str

@@ -1,4 +1,4 @@
-"""Error bars from two independent halves of the rays, at no extra tracing."""
+"""Error bars from two independent sets of the rays (halves, by three to one), at no extra tracing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 
 F32 = NDArray[np.float32]
 
-# error of the mean of two halves over what their difference shows, dB: both have the same density, so a third of the
-# error (rims of shadows and cells cut by them, drawn alike by either) is in both. Mean of the four scenes at four
-# densities of benchmarks/error_bars.py, where it lies between -0.8 and 3.9; 4 to 7 on Munich
+# error of the weighted mean of two halves over half their difference, dB: mean of five scenes, Munich among them, at
+# four densities (benchmarks/error_bars.py), where means of four runs lie between -0.6 and 3.2
 SHARED_DB = 1.8
-# rms difference of estimate and truth over all runs of that benchmark, Munich among them, dB
-SHARED_SCATTER_DB = 1.9
+# rms difference of estimate and truth over all runs of that benchmark, dB
+SHARED_SCATTER_DB = 1.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class ErrorBars:
 def half_planes(
     data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
 ) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
-    """Estimate of a channel (sum of its halves) and their difference, orders summed.
+    """Estimate of a channel (sum of its halves) and half the difference of the halves' own estimates, orders summed.
 
     Raises
     ------
@@ -69,7 +69,8 @@ def half_planes(
         if not picks:
             raise DataError(f"error bars: channel {channel} has no half {half}; simulate with keep_halves on")
         planes.append(data[picks].sum(axis=0, dtype=np.complex64) if len(picks) > 1 else data[picks[0]])
-    return planes[0] + planes[1], planes[0] - planes[1]
+    each = [np.float32(0.5 / HALF_SHARES[half]) for half in (1, 2)]
+    return planes[0] + planes[1], planes[0] * each[0] - planes[1] * each[1]
 
 
 def estimate_error(
@@ -77,13 +78,13 @@ def estimate_error(
 ) -> ErrorBars:
     r"""Sampling error of the sum of two halves from their difference.
 
-    Halves are stored at half their own estimate each, so that they add up to the mean of two independent estimates
-    :math:`x_1, x_2`; the variance of the mean is :math:`\langle |x_1 - x_2|^2 \rangle / 4`, which is the energy
-    of the stored halves' difference:
+    Halves are stored as their share (``HALF_SHARES``) of their own estimate, so that they add up to the weighted mean
+    of two independent estimates :math:`x_1, x_2`:
 
-    .. math:: \epsilon^2 = s \sum |d_1 - d_2|^2 / \sum |d_1 + d_2|^2
+    .. math:: \epsilon^2 = s \sum |x_1 - x_2|^2 / 4 / \sum |d_1 + d_2|^2, \quad d_i = w_i x_i
 
-    with s (``SHARED_DB``) the measured allowance for what both halves share because their rays are equally dense.
+    with s (``SHARED_DB``) measured. Independent errors alone would make it 1 dB for sets of equal error and -3 dB where
+    the sparser one's is 8 dB larger; what both sets blur alike makes it more.
 
     Parameters
     ----------
@@ -94,8 +95,7 @@ def estimate_error(
 
     Notes
     -----
-    Ray sampling only: too few bounces, block length, gridding and physical optics itself are not in it. The shared part
-    is an allowance, not a measurement: facets that return mostly from rims much finer than the rays exceed it.
+    Ray sampling only: too few bounces, block length, gridding and physical optics itself are not in it.
     """
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     totals, spreads, maps = [], [], []

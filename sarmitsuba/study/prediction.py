@@ -119,8 +119,10 @@ def predict(
         window = launch_window(scene)
         flags = replace(planned.flags, taper=planned.flags.taper and window.taper > 0)
         start = clock()
-        rays = ray_lattices(scene, window, planned.flags, n_halves=len(halves))
-        seconds["launch grid"] = (clock() - start) * len(halves)
+        sets = [ray_lattices(scene, window, planned.flags, subset=h, half=h) for h in halves]
+        seconds["launch grid"] = clock() - start
+        rays = sets[0]
+        more = sum(g.n_rays for grids in sets for g in grids) / sum(g.n_rays for g in rays)
         job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, ClockTimer(clock))
         target = data[: len(layers) // len(halves)]
         max_order = len(orders) if settings.keep_orders else 0
@@ -138,12 +140,11 @@ def predict(
             return job.timer.seconds
 
         stages = _steady(batch)
-        repeats = len(halves) / done
-        for stage in ("trace", "synthesise"):
-            seconds[stage] = stages.get(stage, 0.0) * repeats
+        seconds["trace"] = stages.get("trace", 0.0) * more / done
+        seconds["synthesise"] = stages.get("synthesise", 0.0) * len(halves) / done
         seconds["plan"] += sum(_steady(lambda: {"": _choosing(job, scene, clock)}).values())
         seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
-        stats = _scaled(stats, repeats)
+        stats = _scaled(stats, more / done)
         interval = int(facts["key_pulse_interval"])
         planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
     if scene.points:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.spec import Scene
@@ -46,8 +47,6 @@ def add_points(
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
     picks = [i for i, la in enumerate(layers) if la.channel[0] == la.channel[1] and la.order in (0, 1)]
-    # both halves of the rays see the whole point: their mean is what counts
-    share = 0.5 if any(layers[i].half for i in picks) else 1.0
     sample = np.arange(window.n_samples) * window.sample_spacing
     added = 0
     step = max(1, _BATCH // window.n_samples)
@@ -68,9 +67,9 @@ def add_points(
             added += int(np.count_nonzero(amplitude))
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
-            profile = (share * echo * np.sinc(offset)).astype(np.complex64)
-            for i in picks:
-                data[i, pick] += profile
+            profile = (echo * np.sinc(offset)).astype(np.complex64)
+            for i in picks:  # both halves of the rays see the whole point
+                data[i, pick] += profile * np.float32(HALF_SHARES[layers[i].half])
     return added
 
 

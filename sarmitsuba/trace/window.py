@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.spec import Geometry, Scene
@@ -278,7 +279,7 @@ def _on_level(antenna: F64, frame: LaunchFrame, x: F64, y: F64, z: float) -> tup
 
 
 def ray_lattices(
-    scene: Scene, window: LaunchWindow, flags: KernelFlags, *, subset: int = 0, n_halves: int = 1
+    scene: Scene, window: LaunchWindow, flags: KernelFlags, *, subset: int = 0, half: int = 0
 ) -> tuple[LaunchGrid, ...]:
     """Lattices that together sample one pulse: one for all returns, or a coarser one of its own for the diffuse.
 
@@ -287,10 +288,10 @@ def ray_lattices(
     Parameters
     ----------
     subset : independent sets of rays (halves, passes)
-    n_halves : the coherent rays are shared out among that many sets of equal density; every set has all its diffuse
-        rays, because footprints wider than a cell would leave cells out
+    half : 1 and 2 share out the coherent rays by ``HALF_SHARES``; both have all diffuse rays, because footprints wider
+        than a cell would leave cells out
     """
-    sparser = float(np.sqrt(n_halves))
+    sparser = float(1.0 / np.sqrt(HALF_SHARES[half]))
 
     def build(spacing: float, purpose: Purpose) -> LaunchGrid:
         return lattice(

@@ -3,20 +3,21 @@
 import numpy as np
 import pytest
 
+from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.study.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_halves
 
 
 def halves(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:
-    """Two stored halves of a random image, each half of truth + independent noise of rms ``error``."""
+    """Two stored halves of a random image, each its share of truth + independent noise of rms ``error``."""
     rng = np.random.default_rng(seed)
 
     def noise() -> np.ndarray:
         return (rng.standard_normal((128, 128)) + 1j * rng.standard_normal((128, 128))) / np.sqrt(2.0)
 
     truth = noise()
-    data = np.stack([0.5 * (truth + error * noise()), 0.5 * (truth + error * noise())]).astype(np.complex64)
+    data = np.stack([HALF_SHARES[h] * (truth + error * noise()) for h in (1, 2)]).astype(np.complex64)
     return data, (Layer("VV", 0, 1), Layer("VV", 0, 2)), truth
 
 
@@ -26,7 +27,8 @@ def test_estimate_is_the_error_of_the_mean(error: float) -> None:
     bars = estimate_error(data, layers)
     true = np.sum(np.abs(data.sum(axis=0) - truth) ** 2) / np.sum(np.abs(truth) ** 2)
     # tol: Monte Carlo, two chi-square sums of 2 * 16384 terms each, and the noise in the denominator (0.2 dB at 0.3)
-    assert abs(bars.noise_db[0] - 10 * np.log10(true)) < 0.3
+    weights = sum(HALF_SHARES[h] ** 2 for h in (1, 2))  # of sets with equal errors in their weighted mean
+    assert abs(bars.noise_db[0] - 10 * np.log10(true * 0.5 / weights)) < 0.3
     # tol: theory, noise / sqrt(2); Monte Carlo as above
     assert abs(bars.noise_db[0] - 20 * np.log10(error / np.sqrt(2))) < 0.3
     assert bars.error_db[0] == pytest.approx(bars.noise_db[0] + SHARED_DB)
@@ -35,7 +37,9 @@ def test_estimate_is_the_error_of_the_mean(error: float) -> None:
 
 def test_map_has_the_local_error() -> None:
     data, layers, _ = halves(0.1)
-    data[0, :, 64:] = data[1, :, 64:]  # right half: no difference, no error
+    data[0, :, 64:] = data[1, :, 64:] * np.float32(
+        HALF_SHARES[1] / HALF_SHARES[2]
+    )  # right: no difference, no error
     bars = estimate_error(data, layers)
     assert bars.per_pixel.shape == (1, 128, 128)
     # tol: mean over 64 x 128 pixels of a 25-pixel rms: 3 % bias and spread
