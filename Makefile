@@ -21,7 +21,7 @@ test: $(VENV)/.test
 test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -m slow
 
-# docs/benchmarks.md; half an hour on two idle cores
+# docs/benchmarks.md; a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test
 	$(BIN)/python benchmarks/run_all.py
 
