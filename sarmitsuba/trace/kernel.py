@@ -276,13 +276,7 @@ def trace(
         # ---- material and reflection
         material = info.x & 0x7FFFFFFF
         mat = dr.gather(mi.Vector4f, scene.material_table, material, active)
-        d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
-        if flags.fresnel:
-            h = field.incidence_basis(d, n, dr, mi)
-            r_te, r_tm = field.fresnel(cos_i, c32(mat.x, mat.y), dr)
-            e_out = tuple(field.reflect_field(x, d, d_out, h, r_te, r_tm, dr, c32) for x in e)
-        else:
-            e_out = tuple(field.reflect_field_pec(x, n, dr) for x in e)
+        d_out, e_out = _reflected(e, d, n, mat, flags, mi, dr)
 
         # ---- close: receiving polarisation of this direction home
         q_h, q_v = field.polarisation_basis(-s, up, dr)
@@ -381,13 +375,7 @@ def trace(
             over = d64 - smooth * (2.0 * dr.dot(d64, smooth))
             n64 = dr.select((dr.dot(d64, smooth) < 0.0) & (dr.dot(over, n64) > 1e-3), smooth, n64)
             n = v32(n64)
-            d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
-            if flags.fresnel:
-                h = field.incidence_basis(d, n, dr, mi)
-                r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, n), 1e-7), c32(mat.x, mat.y), dr)
-                e_out = tuple(field.reflect_field(x, d, d_out, h, r_te, r_tm, dr, c32) for x in e)
-            else:
-                e_out = tuple(field.reflect_field_pec(x, n, dr) for x in e)
+            d_out, e_out = _reflected(e, d, n, mat, flags, mi, dr)
             turn_a, turn_b = bend(u), bend(v)
             spread = (
                 _mirrored_step(spread[0], turn_a, d, n, dr),
@@ -410,6 +398,18 @@ def trace(
 
     final = dr.while_loop(state, cond, body, label="bounces", mode="symbolic")
     return TraceCounts(final[1], final[11]), final[12]
+
+
+def _reflected(
+    e: Sequence[Any], d: Any, n: Any, mat: Any, flags: KernelFlags, mi: Any, dr: Any
+) -> tuple[Any, Any]:
+    """Direction and fields ``e`` after the mirror of normal ``n`` that the ray ``d`` hits; ``mat`` its table row."""
+    d_out = dr.normalize(d - n * (2.0 * dr.dot(d, n)))
+    if not flags.fresnel:
+        return d_out, tuple(field.reflect_field_pec(x, n, dr) for x in e)
+    h = field.incidence_basis(d, n, dr, mi)
+    r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, n), 1e-7), mi.Complex2f(mat.x, mat.y), dr)
+    return d_out, tuple(field.reflect_field(x, d, d_out, h, r_te, r_tm, dr, mi.Complex2f) for x in e)
 
 
 def _mirrored_step(step: Any, turn: Any, d: Any, n: Any, dr: Any) -> Any:

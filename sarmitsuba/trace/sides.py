@@ -73,8 +73,7 @@ def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray
     flat = smooth & (off_plane < FLAT_BEND + (rounding / np.maximum(height, 1e-300))[:, None])
 
     sharp = ~smooth
-    sides = np.zeros((n, N_SIDES, 4))
-    sides[:, :, 3] = -1.0
+    sides = _unused(n)
     offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
     sides[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
@@ -150,8 +149,7 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     lines = np.bincount(of, minlength=count)
     place = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
     few = (lines <= N_SIDES)[of[order]]
-    table = np.zeros((count, N_SIDES, 4))
-    table[:, :, 3] = -1.0
+    table = _unused(count)
     kept = order[few]
     table[of[kept], place[few]] = np.column_stack([inward[kept], offset[kept]])
 
@@ -179,10 +177,7 @@ def _straight(
     ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
     edge = np.tile(np.arange(n), 2)
     key = np.tile(facet[own], 2) * (int(edges.ids.max()) + 1) + ends
-    order = np.argsort(key, kind="stable")
-    start = np.flatnonzero(np.diff(key[order], prepend=-1))
-    two = start[np.diff(start, append=2 * n) == 2]  # corners of the facet where just two of its edges meet
-    a, b = edge[order[two]], edge[order[two + 1]]
+    a, b = (edge[end] for end in _twins(key))  # corners of the facet where just two of its edges meet
     inward, length = edges.inward[face, k], edges.length[face, k]
     bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
     allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
@@ -225,8 +220,7 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
     covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
     valid &= covered > FACING
 
-    out = np.zeros((n, N_SIDES, 4))
-    out[:, :, 3] = -1.0
+    out = _unused(n)
     row = np.arange(n)
     for k in range(N_SIDES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)
@@ -256,16 +250,26 @@ def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64
     ids = place.reshape(n, 3)
     start, end = ids, np.roll(ids, -1, axis=1)
     key = (np.minimum(start, end) * (ids.max() + 1) + np.maximum(start, end)).ravel()
-    order = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    pair = first[np.diff(first, append=len(key)) == 2]
-    a, b = order[pair], order[pair + 1]
+    a, b = _twins(key)
     mate = np.full(3 * n, -1, dtype=np.int64)
     mate[a], mate[b] = b // 3, a // 3
     across = np.zeros((3 * n, 3))
     flat_inward = inward.reshape(-1, 3)
     across[a], across[b] = flat_inward[b], flat_inward[a]
     return mate.reshape(n, 3), across.reshape(n, 3, 3)
+
+
+def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and second place of every value that occurs just twice; values are not negative."""
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    pair = first[np.diff(first, append=len(key)) == 2]
+    return order[pair], order[pair + 1]
+
+
+def _unused(n: int) -> F64:
+    """(n, N_SIDES, 4) sides that limit nothing."""
+    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_SIDES, 1))
 
 
 __all__ = ["FLAT_BEND", "N_SIDES", "SMOOTH_BEND", "facet_sides"]

@@ -185,7 +185,6 @@ def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, compl
         near = (end + start) * (0.5 + turn * turn * (1.0 / 24.0))
         along = dr.select(short, near, complex_t(step.imag, -step.real))
         total += along * (qu * (by - ay) - qv * (bx - ax))
-    total = complex_t(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
+    total = complex_t(total.imag, -total.real) * (piece.weight * dr.rcp(dr.select(small, 1.0, squared)))
     x = 0.25 * sum(turns[1:], turns[0])
-    flat = complex_t(1.0 - 0.5 * x * x, x) * (piece.area() * dr.rcp(piece.weight))
-    return dr.select(small, flat, total) * piece.weight
+    return dr.select(small, complex_t(1.0 - 0.5 * x * x, x) * piece.area(), total)
