@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from sarmitsuba.scene.convexity import SLACK, is_convex_body, one_sided
+from sarmitsuba.scene.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 from sarmitsuba.scene.spec import Geometry
 
 F64 = NDArray[np.float64]
@@ -149,11 +149,11 @@ class ShapeFacts:
         Edges between two surfaces count for each of them.
         """
         f = self._welded
-        ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+        ends = np.sort(face_edges(f), axis=1)
         rows = np.column_stack([ends, np.tile(self.surface, 3)])
         _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
         edge = first[count != 2]
-        own = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        own = face_edges(self.faces)
         start, stop = (self.vertices[own[edge, i], :2] for i in (0, 1))
         step = stop - start
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -244,21 +244,19 @@ class ShapeFacts:
     @cached_property
     def _welded(self) -> NDArray[np.int64]:
         """(n_faces, 3) vertex numbers after merging vertices at the same place."""
-        rounded = np.round(self.vertices / max(self.slack, 1e-12)).astype(np.int64)
-        _, number = np.unique(rounded, axis=0, return_inverse=True)
-        return np.asarray(number.reshape(-1)[self.faces])
+        return joined(self.vertices, self.faces, self.slack)
 
     @cached_property
     def _edges(self) -> tuple[NDArray[np.int64], F64]:
         """Pairs of faces that share an edge (n, 2), those edges' middles (n, 3)."""
         f = self._welded
-        ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+        ends = np.sort(face_edges(f), axis=1)
         face = np.tile(np.arange(len(f)), 3)
         key = ends[:, 0] * (int(f.max()) + 1 if f.size else 1) + ends[:, 1]
         order = np.argsort(key, kind="stable")
         key, face = key[order], face[order]
         same = key[1:] == key[:-1]
-        own = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        own = face_edges(self.faces)
         middle = self.vertices[own[order[:-1][same]]].mean(axis=1)
         return np.stack([face[:-1][same], face[1:][same]], axis=1), middle
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
 
 # vertices this far from a plane lie in it, over the longest edge of the bounds: float64 rounding of a transformed mesh,
 # and float32 of a file
@@ -28,6 +29,18 @@ def one_sided(normals: F64, corners: F64, points: F64, slack: float) -> bool:
         if not ((height.min(axis=1) >= -slack) | (height.max(axis=1) <= slack)).all():
             return False
     return True
+
+
+def joined(vertices: F64, faces: I32, slack: float) -> I64:
+    """(n_f, 3) vertex numbers after merging vertices within about ``slack`` (m) of each other."""
+    rounded = np.round(vertices / max(slack, 1e-12)).astype(np.int64)
+    _, number = np.unique(rounded, axis=0, return_inverse=True)
+    return np.asarray(number.reshape(-1)[faces], dtype=np.int64)
+
+
+def face_edges(faces: I32 | I64) -> I64:
+    """(3 n_f, 2) ends of the first edge of every face, then of the second ones, then of the third."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
 
 
 def is_convex_body(vertices: F64, faces: I32) -> bool:
@@ -62,9 +75,8 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     if abs(float(solid.sum()) / (4.0 * np.pi) - 1.0) > 1e-6:
         return False
 
-    _, number = np.unique(np.round(vertices / slack).astype(np.int64), axis=0, return_inverse=True)
-    f = number.reshape(-1)[faces]
-    ends = np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1)
+    f = joined(vertices, faces, slack)
+    ends = np.sort(face_edges(f), axis=1)
     key = ends[:, 0] * (int(f.max()) + 1) + ends[:, 1]
     order = np.argsort(key, kind="stable")
     key, face = key[order], np.tile(np.arange(len(f)), 3)[order]
@@ -80,4 +92,4 @@ def is_convex_body(vertices: F64, faces: I32) -> bool:
     return not concave.any() and one_sided(normals, a + middle, points, slack)
 
 
-__all__ = ["SLACK", "is_convex_body", "one_sided"]
+__all__ = ["SLACK", "face_edges", "is_convex_body", "joined", "one_sided"]

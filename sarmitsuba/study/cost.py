@@ -59,7 +59,7 @@ _PIECES = (
 # ray spacing of the sweeps' reference, in automatic ones
 SWEEP_FACTOR = 0.5
 # what a reference may be made of: share of the image's extents, ray spacing in automatic ones; best first. Always
-# denser than every candidate: of equal density it would share about a third of their error (error_bars.SHARED_DB)
+# denser than every candidate: of equal density it would share what that density blurs
 _REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 0.6), (0.35, 0.6))
 
 
