@@ -22,6 +22,7 @@ from typing import Any
 import harness
 import numpy as np
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo import block, direct
 from sarmitsuba.radar.antenna import Antenna, Pointing
@@ -29,7 +30,6 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.spec import TraceSettings
-from sarmitsuba.trace.backend import ensure_backend
 
 SLANT_RANGE = 10e3  # m: airborne
 EXTENT = 400.0  # m: a city quarter
@@ -117,7 +117,7 @@ def run_direct(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to finish, profiles (K, n_samples)."""
-    from sarmitsuba.trace.adders import DirectAdder
+    from sarmitsuba.trace.accumulators import DirectAdder
 
     t0 = time.perf_counter()
     plan = direct.plan_direct(radar, start, stop, box, width, extra)
@@ -132,7 +132,7 @@ def run_block(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to synthesise, profiles (K, n_samples)."""
-    from sarmitsuba.trace.adders import BlockAdder
+    from sarmitsuba.trace.accumulators import BlockAdder
 
     t0 = time.perf_counter()
     plan = block.plan_block(radar, start, stop, np.zeros(3), box, width, extra_half_length=extra)

@@ -7,9 +7,9 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.scene.city import make_city
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.mesh.city import make_city
 
     report = harness.Report(
         "buildings",

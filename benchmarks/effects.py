@@ -24,22 +24,22 @@ from typing import Any
 
 import numpy as np
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
+from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.library import list_scenes, resolve, resolve_radar
-from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.spec import TOLERANCE_DB, Scene
-from sarmitsuba.simulate import TraceJob, simulate
-from sarmitsuba.study.prediction import ClockTimer, peak_memory, predict
-from sarmitsuba.trace.adders import BlockAdder
-from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.prediction import ClockTimer, peak_memory, predict
+from sarmitsuba.simulation.raw import TraceJob, simulate
+from sarmitsuba.simulation.window import diffuse_spacing, launch_window
+from sarmitsuba.trace.accumulators import BlockAdder
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
-from sarmitsuba.trace.pilot import plan_scene
-from sarmitsuba.trace.window import diffuse_spacing, launch_window
 
 DEPTH = 8  # "everything on": where the pilot stops looking, too
 # of the predictions, each in a process of its own

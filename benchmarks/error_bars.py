@@ -11,8 +11,8 @@ TOLERANCE = 1.5  # dB
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.error_bars import SHARED_DB
+    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.error_bars import SHARED_DB
 
     report = harness.Report(
         "error_bars",
@@ -86,14 +86,14 @@ def run(quick: bool) -> harness.Report:
 
 def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> list[dict]:  # type: ignore[no-untyped-def]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.focus import default_grid
+    from sarmitsuba.cost.report import Rays
+    from sarmitsuba.cost.sweep import Setting, crop, mean_image
+    from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.methods import simulate_image
-    from sarmitsuba.study.cost_report import Rays
-    from sarmitsuba.study.error_bars import estimate_error
-    from sarmitsuba.study.sweep import Setting, crop, mean_image
-    from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.error_bars import estimate_error
+    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     plan, window = plan_scene(whole), launch_window(whole)
     rays = Rays.of(whole, plan)

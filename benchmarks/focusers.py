@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focus import default_grid, focus
-from sarmitsuba.focus.backprojection import backproject, backproject_numpy
-from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focus.omega_k import omega_k
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.omega_k import omega_k
 from sarmitsuba.image.metrics import image_error_db, point_target_in
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.trace.backend import ensure_backend
 
 # (interpolation, oversampling): the defaults of each, and linear cheaper and dearer by a factor of two
 SETTINGS = [

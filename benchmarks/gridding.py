@@ -4,10 +4,10 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
+    from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.echo.gridding import spreading_kernel
-    from sarmitsuba.focus import default_grid
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import Setting, crop, run_trial
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.loader.xml import load_scene
 
     report = harness.Report(
         "gridding",

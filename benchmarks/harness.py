@@ -209,8 +209,8 @@ def munich() -> Path | None:
 
 def load_munich(**parameters: str) -> Any:
     """Munich under the airborne X-band radar: 400 m x 400 m, 512 pulses; None where it is not installed."""
-    from sarmitsuba.scene.library import resolve_radar
-    from sarmitsuba.scene.loader import load_scene
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.loader.xml import load_scene
 
     path = munich()
     if path is None:
@@ -238,7 +238,7 @@ def main(run: Callable[[bool], Report]) -> None:
     )
     args = parser.parse_args()
     warnings.simplefilter("ignore", SarmitsubaWarning)
-    from sarmitsuba.trace.backend import ensure_backend
+    from sarmitsuba.backend import ensure_backend
 
     ensure_backend()
     run(args.quick).save(args.output)

@@ -18,9 +18,9 @@ LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sq
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.focus import default_grid
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.loader.xml import load_scene
 
     report = harness.Report(
         "methods",
@@ -39,9 +39,9 @@ def run(quick: bool) -> harness.Report:
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
-    from sarmitsuba.study.cost_report import Rays
-    from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window, scatterer_cell
+    from sarmitsuba.cost.report import Rays
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     window, plan = launch_window(whole), plan_scene(whole)
     rays = Rays.of(whole, plan)
@@ -109,8 +109,8 @@ def run(quick: bool) -> harness.Report:
 
 def _interactive(report: harness.Report, quick: bool) -> None:
     """Seconds of the two image-domain methods on Munich, once compiled: the whole run, and one more image."""
-    from sarmitsuba.focus import default_grid
-    from sarmitsuba.methods import Preview, simulate_image
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.simulation.image import Preview, simulate_image
 
     scene = None if quick else harness.load_munich()
     if scene is None:
@@ -127,7 +127,7 @@ def _interactive(report: harness.Report, quick: bool) -> None:
     timing = harness.interleave(jobs, harness.ROUNDS)
     report.table(
         "Munich, once compiled: seconds from the loaded scene, and of one more image of a prepared scene "
-        "(`sarmitsuba.methods.Preview`)",
+        "(`sarmitsuba.simulation.image.Preview`)",
         ["method", "whole run", "one more image"],
         [[name, str(timing[name]), str(timing[f"{name} again"])] for name in ("raster", "image")],
     )
@@ -146,9 +146,9 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
-    from sarmitsuba.scene.city import make_city
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import Setting, run_trial
+    from sarmitsuba.cost.sweep import Setting, run_trial
+    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.mesh.city import make_city
 
     out: dict[str, list[float]] = {
         m: [] for m in (("image", "raster") if quick else ("hybrid", "image", "raster"))

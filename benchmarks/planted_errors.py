@@ -14,17 +14,15 @@ from unittest.mock import patch
 
 import numpy as np
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.study import (
-    validation_canonical,
-    validation_corners,
-    validation_diffuse,
-    validation_materials,
-    validation_radiometry,
-    validation_rough,
-)
-from sarmitsuba.study.validation import Case
-from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.validation.cases import canonical as validation_canonical
+from sarmitsuba.validation.cases import corners as validation_corners
+from sarmitsuba.validation.cases import diffuse as validation_diffuse
+from sarmitsuba.validation.cases import materials as validation_materials
+from sarmitsuba.validation.cases import radiometry as validation_radiometry
+from sarmitsuba.validation.cases import rough as validation_rough
+from sarmitsuba.validation.comparison import Case
 
 CASES: dict[str, Callable[[bool], Case]] = {
     "plate": validation_canonical.plate,
@@ -61,20 +59,20 @@ def dropped_factor_two() -> AbstractContextManager[None]:
 def flipped_phase_sign() -> AbstractContextManager[None]:
     import drjit as dr
 
-    from sarmitsuba.trace import adders
+    from sarmitsuba.trace import accumulators as adders
 
     return _replaced(adders, "carrier", lambda f: lambda *a: dr.conj(f(*a)))
 
 
 def one_way_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import adders
+    from sarmitsuba.trace import accumulators as adders
 
     # exp(-j 2 pi R / lambda): the way back is forgotten
     return _replaced(adders, "carrier", lambda f: lambda x, w, mi, dr: f(x, 2.0 * w, mi, dr))
 
 
 def float32_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import adders
+    from sarmitsuba.trace import accumulators as adders
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:
@@ -96,7 +94,7 @@ def _single(x: Any) -> Any:
 
 
 def wrong_reciprocity() -> AbstractContextManager[None]:
-    from sarmitsuba.trace.diffuse_operator import DiffuseOperator
+    from sarmitsuba.trace.scattering_matrix import DiffuseOperator
 
     # of every two calls the second asks for the reversed path: it returns nothing
     def make(f: Any) -> Any:
@@ -161,7 +159,7 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
 
 def lambert_without_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.scene import diffuse
+    from sarmitsuba.materials import diffuse
 
     return _replaced(diffuse, "lambert_sigma0", lambda f: lambda theta, albedo: 4.0 * albedo * np.cos(theta))
 

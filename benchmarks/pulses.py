@@ -4,8 +4,8 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.loader.xml import load_scene
 
     report = harness.Report(
         "pulses",

@@ -67,8 +67,8 @@ def main() -> int:
 def run(wanted: list[str], output: Path, quick: bool) -> list[str]:
     import importlib
 
+    from sarmitsuba.backend import ensure_backend
     from sarmitsuba.errors import SarmitsubaWarning
-    from sarmitsuba.trace.backend import ensure_backend
 
     warnings.simplefilter("ignore", SarmitsubaWarning)
     ensure_backend()

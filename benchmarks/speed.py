@@ -38,9 +38,9 @@ def rough(scene: Any) -> Any:
 
 
 def run(quick: bool) -> harness.Report:
+    from sarmitsuba.cost.sweep import crop
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.sweep import crop
+    from sarmitsuba.loader.xml import load_scene
 
     report = harness.Report(
         "speed",
@@ -113,8 +113,8 @@ STAGES = ("build", "plan", "launch grid", "trace", "synthesise")
 
 
 def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, harness.Timing]]:
-    from sarmitsuba.simulate import simulate
-    from sarmitsuba.trace.pilot import plan_scene
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.raw import simulate
 
     plan = plan_scene(scene)
     # hybrid and raw must use the same scatterers and launch window, which follow from the whole aperture
@@ -136,7 +136,7 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
 
 
 def _cell(scene: Any) -> float:
-    from sarmitsuba.trace.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     return float(scatterer_cell(scene, launch_window(scene).incidence))
 
@@ -144,7 +144,7 @@ def _cell(scene: Any) -> float:
 def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
     """Errors of raw and of hybrid with several block lengths against converged raw, and their times."""
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulate import simulate
+    from sarmitsuba.simulation.raw import simulate
 
     few = harness.with_settings(thinned(scene, CONVERGED_EVERY), method="raw")
     converged = simulate(harness.with_settings(few, **_denser(scene, 0.5)), pass_index=5).data
@@ -171,7 +171,7 @@ def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None
 
 
 def _denser(scene: Any, factor: float) -> dict[str, float]:
-    from sarmitsuba.trace.window import diffuse_spacing, launch_window
+    from sarmitsuba.simulation.window import diffuse_spacing, launch_window
 
     own = diffuse_spacing(scene, launch_window(scene))
     return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
@@ -198,7 +198,7 @@ class _Sink:
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        from sarmitsuba.trace.adders import carrier
+        from sarmitsuba.trace.accumulators import carrier
         from sarmitsuba.trace.modules import modules
 
         dr, mi = modules()
@@ -233,14 +233,14 @@ def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
 def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     """Seconds of one launch, for three adders; its number of rays."""
     from sarmitsuba.echo.block import plan_block
-    from sarmitsuba.simulate import Timer, TraceJob
-    from sarmitsuba.trace.adders import BlockAdder
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.raw import Timer, TraceJob
+    from sarmitsuba.simulation.window import launch_window
+    from sarmitsuba.trace.accumulators import BlockAdder
     from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace
     from sarmitsuba.trace.launch import PulseBatch, lattice
     from sarmitsuba.trace.modules import modules
-    from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import launch_window
 
     dr, _ = modules()
     radar = scene.radar

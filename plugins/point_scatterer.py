@@ -3,7 +3,7 @@
 import mitsuba as mi
 from sarmitsuba_plugins.surface import RadarSurface
 
-from sarmitsuba.scene.tables import POINT_SCATTERER
+from sarmitsuba.loader.tables import POINT_SCATTERER
 
 
 class PointScatterer(RadarSurface):

@@ -3,7 +3,7 @@
 import mitsuba as mi
 from sarmitsuba_plugins.surface import RadarSurface
 
-from sarmitsuba.scene.tables import RADAR_MATERIAL
+from sarmitsuba.loader.tables import RADAR_MATERIAL
 
 
 class RadarMaterial(RadarSurface):

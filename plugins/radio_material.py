@@ -3,7 +3,7 @@
 import mitsuba as mi
 from sarmitsuba_plugins.surface import RadarSurface
 
-from sarmitsuba.scene.tables import RADIO_MATERIAL
+from sarmitsuba.loader.tables import RADIO_MATERIAL
 
 SIONNA = True  # left to Sionna RT where it is imported
 

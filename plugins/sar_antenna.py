@@ -2,8 +2,8 @@
 
 import mitsuba as mi
 
-from sarmitsuba.scene.plugins import describe, given_values
-from sarmitsuba.scene.tables import SENSOR
+from sarmitsuba.loader.plugins import describe, given_values
+from sarmitsuba.loader.tables import SENSOR
 
 
 class SarAntenna(mi.Sensor):

@@ -5,8 +5,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from sarmitsuba.scene.plugins import describe, given_values
-from sarmitsuba.scene.tables import INTEGRATOR
+from sarmitsuba.loader.plugins import describe, given_values
+from sarmitsuba.loader.tables import INTEGRATOR
 
 
 class SarPath(mi.SamplingIntegrator):
@@ -30,7 +30,7 @@ class SarPath(mi.SamplingIntegrator):
         ``seed`` is used unless it is 0, then the integrator's is; for ``spp`` see ``ray_spacing``.
         """
         import sarmitsuba
-        from sarmitsuba.scene.loader_mitsuba import scene_from_mitsuba
+        from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 
         loaded = scene_from_mitsuba(scene, sensor, self)
         image = sarmitsuba.focus(sarmitsuba.simulate(loaded, seed=int(seed) or None))

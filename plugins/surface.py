@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import mitsuba as mi
 
-from sarmitsuba.scene.parameters import ParamTable
-from sarmitsuba.scene.plugins import describe, given_values
+from sarmitsuba.loader.parameters import ParamTable
+from sarmitsuba.loader.plugins import describe, given_values
 
 
 class RadarSurface(mi.BSDF):

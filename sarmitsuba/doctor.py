@@ -9,8 +9,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+from sarmitsuba.backend import Backend, ensure_backend, gpu_description
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.trace.backend import Backend, ensure_backend, gpu_description
 
 _PINNED = {"mitsuba": "3.9.1", "drjit": "1.5.0"}
 _NEEDED = ("numpy", "scipy", "trimesh", "OpenEXR", "matplotlib", "h5py", "threadpoolctl", "tqdm")
@@ -142,7 +142,7 @@ def _backend(backend: Backend) -> list[Check]:
 
 
 def _library() -> Check:
-    from sarmitsuba.scene.library import list_scenes
+    from sarmitsuba.loader.library import list_scenes
 
     try:
         names = [entry.name for entry in list_scenes()]

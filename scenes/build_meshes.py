@@ -16,9 +16,9 @@ from solids import box, check_closed, merged
 from urban_block import urban_block
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.city import city_mesh
-from sarmitsuba.scene.meshes import clean_mesh, write_ply
-from sarmitsuba.scene.tessellate import sphere
+from sarmitsuba.mesh.city import city_mesh
+from sarmitsuba.mesh.meshes import clean_mesh, write_ply
+from sarmitsuba.mesh.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"
 Parts = dict[str, trimesh.Trimesh]

@@ -2,7 +2,7 @@
 
 import matplotlib
 
-from sarmitsuba.trace.backend import prepare_llvm
+from sarmitsuba.backend import prepare_llvm
 
 matplotlib.use("Agg")
 

@@ -7,7 +7,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.explain import definition
 
 if TYPE_CHECKING:
-    from sarmitsuba.study.cost_report import CostReport
+    from sarmitsuba.cost.report import CostReport
 
 NAME = "cost"
 HELP = "measure what accuracy costs on a scene and recommend a setting"
@@ -43,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep, print, draw."""
+    from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
-    from sarmitsuba.scene.library import resolve_radar
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.study.cost import study_cost
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.loader.xml import load_scene
 
     if args.budget <= 0.0 or args.target_error >= 0.0:
         raise SceneError(

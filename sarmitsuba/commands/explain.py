@@ -13,7 +13,7 @@ from sarmitsuba.commands.console import Console
 if TYPE_CHECKING:
     from sarmitsuba.effects.plan import EffectsPlan
     from sarmitsuba.scene.spec import Scene
-    from sarmitsuba.study.prediction import Prediction
+    from sarmitsuba.simulation.prediction import Prediction
 
 NAME = "explain"
 HELP = "show the effects plan of a scene, and predicted time and memory"
@@ -46,9 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Explain."""
-    from sarmitsuba.scene.library import resolve_radar
-    from sarmitsuba.scene.loader import load_scene
-    from sarmitsuba.trace.backend import ensure_backend
+    from sarmitsuba.backend import ensure_backend
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.loader.xml import load_scene
 
     ensure_backend()
     radar: Path | None = resolve_radar(args.radar) if args.radar else None
@@ -67,8 +67,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def explain(scene: "Scene", *, predicted: bool = True) -> "tuple[EffectsPlan, Prediction | None]":
     """Plan of a scene and, unless the method needs no raw data, the prediction of its run."""
-    from sarmitsuba.study.prediction import predict
-    from sarmitsuba.trace.pilot import plan_scene
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.prediction import predict
 
     if predicted and scene.settings.method not in _WITHOUT_RAW:
         return predict(scene)

@@ -74,7 +74,7 @@ def focus_into(
 ) -> Path:
     """Focus, write image and pictures into the folder, add to the facts; return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focus import focus
+    from sarmitsuba.focusing import focus
 
     with watch.stage("focus"):
         image = focus(

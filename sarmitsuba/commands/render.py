@@ -80,8 +80,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     watch = results.Stopwatch()
     with results.output_folder(args.output, force=args.force) as folder:
-        from sarmitsuba.scene.loader import load_scene
-        from sarmitsuba.trace.backend import ensure_backend
+        from sarmitsuba.backend import ensure_backend
+        from sarmitsuba.loader.xml import load_scene
 
         with watch.stage("start"):
             backend = ensure_backend()
@@ -163,13 +163,13 @@ def _simulate(
 ) -> "RawData":
     """Raw data of one pass, or of as many as the wanted error or the time limit asks for."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulate import simulate
+    from sarmitsuba.simulation.raw import simulate
 
     settings = scene.settings
     if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
-    from sarmitsuba.study.refine import refine
+    from sarmitsuba.simulation.passes import refine
 
     with watch.stage("simulate"):
         refined = refine(
@@ -197,7 +197,7 @@ def _image_only(
 ) -> Path:
     """Simulate the image without raw data and write it; return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.methods import simulate_image
+    from sarmitsuba.simulation.image import simulate_image
 
     method = scene.settings.method
     if args.no_focus or args.raw != "compressed":
@@ -235,7 +235,7 @@ def _radar(text: str | None) -> Path | None:
     """File of a radar description, given by path or shipped name."""
     if text is None:
         return None
-    from sarmitsuba.scene.library import resolve_radar
+    from sarmitsuba.loader.library import resolve_radar
 
     return resolve_radar(text)
 

@@ -19,7 +19,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import parameters, write_image, write_raw
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.study.error_bars import with_error_bars
+from sarmitsuba.simulation.error_bars import with_error_bars
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
 PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"

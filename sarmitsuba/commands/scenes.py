@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """List or copy."""
-    from sarmitsuba.scene import library
+    from sarmitsuba.loader import library
 
     if args.copy:
         name, target = args.copy

@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Run cases; exit status 1 when a comparison is out of tolerance."""
     from sarmitsuba.io.atomic import make_folder
-    from sarmitsuba.study.validation import Case, all_cases
-    from sarmitsuba.study.validation_report import report, summary_lines, write
+    from sarmitsuba.validation.comparison import Case, all_cases
+    from sarmitsuba.validation.report import report, summary_lines, write
     from sarmitsuba.view.validation import plot_case
 
     entries = all_cases()

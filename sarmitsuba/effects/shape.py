@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from sarmitsuba.scene.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
+from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 from sarmitsuba.scene.spec import Geometry
 
 F64 = NDArray[np.float64]

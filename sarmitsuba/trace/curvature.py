@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.scene.meshes import weld
+from sarmitsuba.mesh.meshes import weld
 
 F64 = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.diffuse import diffuse_tables
-from sarmitsuba.scene.meshes import weld
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.mesh.boundary_edges import facet_sides
+from sarmitsuba.mesh.meshes import weld
 from sarmitsuba.scene.spec import Geometry, Material
 from sarmitsuba.trace.curvature import facet_curvature
 from sarmitsuba.trace.modules import modules
-from sarmitsuba.trace.sides import facet_sides
 
 DIFFUSE_NODES = 256
 
@@ -28,7 +28,7 @@ class TraceScene:
     mi_scene : ``mi.Scene`` holding one mesh
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
-    side_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.trace.sides`
+    side_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes

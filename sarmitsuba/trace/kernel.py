@@ -16,14 +16,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.mesh.boundary_edges import N_SIDES
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.trace import curvature, field, scatterers, tube
+from sarmitsuba.trace import curvature, field, tube
+from sarmitsuba.trace import speckle as scatterers
 from sarmitsuba.trace.beam import BeamPattern, fade
-from sarmitsuba.trace.diffuse_operator import DiffuseOperator, texture
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
 from sarmitsuba.trace.modules import modules
-from sarmitsuba.trace.sides import N_SIDES
+from sarmitsuba.trace.scattering_matrix import DiffuseOperator, texture
 
 
 class Adder(Protocol):

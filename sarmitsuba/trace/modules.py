@@ -4,7 +4,7 @@ import sys
 from functools import lru_cache
 from typing import Any
 
-from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.backend import ensure_backend
 
 
 def modules() -> tuple[Any, Any]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.study.validation import Case, Comparison
+from sarmitsuba.validation.comparison import Case, Comparison
 
 _COLUMNS = 4
 _THEORY, _SIMULATED, _TOLERANCE = "0.45", "tab:red", "0.88"

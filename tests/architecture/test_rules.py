@@ -45,7 +45,7 @@ def room(name: str) -> str | None:
     parts = name.split(".")
     if len(parts) < 2:
         return None
-    if parts[1] in BASE or name == "sarmitsuba.trace.backend":  # the back end knows nothing of radar
+    if parts[1] in BASE or name == "sarmitsuba.backend":  # the back end knows nothing of radar
         return "base"
     return parts[1] if parts[1] in ORDER else None
 

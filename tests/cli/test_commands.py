@@ -76,8 +76,8 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         monkeypatch.setitem(sys.modules, name, fake)
 
     backend = types.SimpleNamespace(variant="none")
-    module("sarmitsuba.trace.backend", ensure_backend=lambda: backend)
-    module("sarmitsuba.scene.loader", load_scene=load_scene)
+    module("sarmitsuba.backend", ensure_backend=lambda: backend)
+    module("sarmitsuba.loader.xml", load_scene=load_scene)
     module("sarmitsuba.simulate", simulate=fake_simulate)
     module("sarmitsuba.focus", focus=fake_focus)
     return seen

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focus.aperture import direction_gain, look_directions
-from sarmitsuba.focus.backprojection import backproject, backproject_numpy
-from sarmitsuba.focus.grid import default_grid
-from sarmitsuba.focus.ideal import ideal_radar
+from sarmitsuba.focusing.aperture import direction_gain, look_directions
+from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.grid import default_grid
+from sarmitsuba.focusing.ideal import ideal_radar
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
@@ -103,7 +103,7 @@ def test_grid_and_list_of_points_give_the_same_pixels() -> None:
 
 
 def test_batches_of_pulses_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sarmitsuba.focus import backprojection
+    from sarmitsuba.focusing import backprojection
 
     raw = noise_data(ideal_radar(n_samples=200, resolution=2.0))
     points = pixels(100, 50.0)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focus import default_grid
+from sarmitsuba.cost.sweep import crop
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.methods import simulate_image
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.study.error_bars import estimate_error
-from sarmitsuba.study.sweep import crop
-from sarmitsuba.trace.window import diffuse_spacing, launch_window, ray_spacing, scatterer_cell
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.simulation.error_bars import estimate_error
+from sarmitsuba.simulation.image import simulate_image
+from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing, scatterer_cell
 
 
 @pytest.mark.parametrize("name", ["tower", "buildings16"])

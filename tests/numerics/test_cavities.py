@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.spec import Material
-from sarmitsuba.study.paths import record_paths, square_grid
-from sarmitsuba.study.rcs import monostatic_rcs
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
+from sarmitsuba.simulation.paths import record_paths, square_grid
+from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
-from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.launch import LaunchFrame
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

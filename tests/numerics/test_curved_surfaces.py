@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.loader import SAGITTA_OVER_WAVELENGTH
-from sarmitsuba.scene.tessellate import cylinder, sphere
-from sarmitsuba.study.paths import record_paths
-from sarmitsuba.study.rcs import monostatic_rcs
-from sarmitsuba.study.theory_mie import sphere_po
-from sarmitsuba.study.theory_rcs import cylinder_rcs
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
+from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH
+from sarmitsuba.mesh.tessellate import cylinder, sphere
+from sarmitsuba.simulation.paths import record_paths
+from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.theory.mie import sphere_po
+from sarmitsuba.theory.rcs import cylinder_rcs
 from sarmitsuba.trace import curvature
 from sarmitsuba.trace import geometry as trace_geometry
 from sarmitsuba.trace.curvature import facet_curvature
 from sarmitsuba.trace.launch import frame_towards, lattice
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

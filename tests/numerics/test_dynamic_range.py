@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import sarmitsuba
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.direct import plan_direct, spread_reference
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.trace.adders import DirectAdder
-from sarmitsuba.trace.backend import ensure_backend
+from sarmitsuba.trace.accumulators import DirectAdder
 from sarmitsuba.trace.modules import modules
 
 

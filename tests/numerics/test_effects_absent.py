@@ -10,11 +10,11 @@ import pytest
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.library import resolve
-from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
-from sarmitsuba.simulate import simulate
+from sarmitsuba.simulation.raw import simulate
 
 # switches of the kernel that an effect of the plan sets
 SWITCHES = (
@@ -64,7 +64,7 @@ def history() -> Iterator[Any]:
     """Dr.Jit's record of the kernels that ran."""
     import drjit as dr
 
-    from sarmitsuba.trace.backend import ensure_backend
+    from sarmitsuba.backend import ensure_backend
 
     ensure_backend()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

@@ -7,13 +7,13 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.focus import focus
-from sarmitsuba.scene.meshes import write_ply
-from sarmitsuba.study.paths import record_paths
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
+from sarmitsuba.focusing import focus
+from sarmitsuba.mesh.meshes import write_ply
+from sarmitsuba.simulation.paths import record_paths
 from sarmitsuba.trace import kernel
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import frame_towards, lattice
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
-from sarmitsuba.scene.diffuse import diffuse_tables
-from sarmitsuba.scene.materials import permittivity_from_conductivity
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.library import permittivity_from_conductivity
 from sarmitsuba.scene.spec import DIFFUSE_LAWS, Material
-from sarmitsuba.study.paths import coherent_flags
-from sarmitsuba.study.rcs import RcsResult, monostatic_rcs
-from sarmitsuba.study.validation_targets import PEC, dihedral
+from sarmitsuba.simulation.paths import coherent_flags
+from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.validation.targets import PEC, dihedral
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -8,14 +8,14 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.study.paths import coherent_flags, record_paths
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
-from sarmitsuba.trace.adders import carrier
+from sarmitsuba.simulation.paths import coherent_flags, record_paths
+from sarmitsuba.trace.accumulators import carrier
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 BANDS = {"L": 1.27e9, "X": 9.65e9, "W": 94e9}
 RANGES = (1e3, 10e3, 100e3, 800e3, 36_000e3)

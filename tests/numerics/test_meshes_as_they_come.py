@@ -9,12 +9,12 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.meshes import clean_mesh, smooth_groups, write_ply
+from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups, write_ply
 from sarmitsuba.scene.spec import Geometry, Material
-from sarmitsuba.study.paths import aimed_at, record_paths
-from sarmitsuba.study.rcs import monostatic_rcs
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram
+from sarmitsuba.simulation.paths import aimed_at, record_paths
+from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import geometry as trace_geometry
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import sarmitsuba
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.scene import tables
-from sarmitsuba.scene.parameters import Param
+from sarmitsuba.loader import tables
+from sarmitsuba.loader.parameters import Param
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path">{sar_path}</integrator>

@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.spec import Material
-from sarmitsuba.study.paths import aimed_at, coherent_flags, record_paths
-from sarmitsuba.study.rcs import monostatic_rcs
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram, plate
+from sarmitsuba.simulation.paths import aimed_at, coherent_flags, record_paths
+from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
-from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -9,9 +9,9 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.trace.adders import GridAdder
+from sarmitsuba.trace.accumulators import GridAdder
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>

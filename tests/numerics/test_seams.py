@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
+from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.scene.spec import Geometry
-from sarmitsuba.study import rcs
-from sarmitsuba.study.paths import aimed_at, record_paths, square_grid
-from sarmitsuba.study.rcs import monostatic_rcs
-from sarmitsuba.study.theory_rcs import plate_amplitude
-from sarmitsuba.study.validation_targets import PEC, geometry, parallelogram, plate
+from sarmitsuba.simulation import rcs
+from sarmitsuba.simulation.paths import aimed_at, record_paths, square_grid
+from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.theory.rcs import plate_amplitude
 from sarmitsuba.trace import kernel, tube
-from sarmitsuba.trace.backend import ensure_backend
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.modules import modules
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

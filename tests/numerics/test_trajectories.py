@@ -9,7 +9,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import DataError, RadarError
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.scene.spec import Scene
 

@@ -8,10 +8,10 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import to_chirped
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import coherence, point_target_in
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulate import MAX_GRID_BYTES
+from sarmitsuba.simulation.raw import MAX_GRID_BYTES
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 

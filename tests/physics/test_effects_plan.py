@@ -11,16 +11,16 @@ from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaError, SceneError
-from sarmitsuba.focus import focus
+from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.methods import simulate_image
-from sarmitsuba.scene.library import resolve
-from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.spec import Geometry, Material, Scene
-from sarmitsuba.scene.tessellate import cube, sphere
-from sarmitsuba.simulate import simulate
-from sarmitsuba.trace.pilot import plan_scene, run_pilot, sampling_of
-from sarmitsuba.trace.window import launch_window, scatterer_cell
+from sarmitsuba.simulation.image import simulate_image
+from sarmitsuba.simulation.pilot import plan_scene, run_pilot, sampling_of
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
 F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)
@@ -348,7 +348,7 @@ def test_pilot_notices_a_kernel_with_other_kinds_of_return(
 ) -> None:
     """A third as many kinds expected divides the number of calls all the same."""
     monkeypatch.setattr(
-        "sarmitsuba.trace.pilot._kinds_of_a_hit", lambda flags: ["coherent", "diffuse", "retro"]
+        "sarmitsuba.simulation.pilot._kinds_of_a_hit", lambda flags: ["coherent", "diffuse", "retro"]
     )
     with pytest.raises(SarmitsubaError, match="the pilot expects 3"):
         plan_scene(scene(base, plain(90.0), box([-6, -8, 0], [6, 8, 9])), pilot=True)

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.focus import focus
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.simulate import simulate
-from sarmitsuba.trace.sides import facet_sides
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.mesh.boundary_edges import facet_sides
+from sarmitsuba.simulation.raw import simulate
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0
 

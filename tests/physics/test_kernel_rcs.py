@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.mesh.tessellate import sphere
 from sarmitsuba.scene.spec import Geometry, Material
-from sarmitsuba.scene.tessellate import sphere
-from sarmitsuba.study.rcs import monostatic_rcs
+from sarmitsuba.simulation.rcs import monostatic_rcs
 
 FREQUENCY = 9.65e9
 WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.focus import default_grid, focus
+from sarmitsuba.cost.sweep import crop
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.methods import Preview, simulate_image
-from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.scene.spec import PointTarget, Scene
-from sarmitsuba.simulate import simulate
-from sarmitsuba.study.sweep import crop
+from sarmitsuba.simulation.image import Preview, simulate_image
+from sarmitsuba.simulation.raw import simulate
 
 
 def points_only(**parameters: str) -> Scene:
@@ -127,9 +127,9 @@ def test_preview_repeats_itself_and_passes_differ() -> None:
 
 
 def test_one_look_takes_fewer_coherent_rays_where_they_are_sparse_already() -> None:
-    from sarmitsuba.methods import LOOK_SPACING, look_sampling
-    from sarmitsuba.trace.pilot import plan_scene
-    from sarmitsuba.trace.window import diffuse_spacing, launch_window, ray_spacing
+    from sarmitsuba.simulation.image import LOOK_SPACING, look_sampling
+    from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing
 
     city = load_scene("buildings16")
     window, plan = launch_window(city), plan_scene(city)

@@ -9,12 +9,12 @@ import pytest
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focus import default_grid, focus
-from sarmitsuba.focus.backprojection import backproject
-from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focus.omega_k import omega_k
-from sarmitsuba.focus.profiles import band_weights
-from sarmitsuba.focus.windows import parse_window
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing.backprojection import backproject
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.omega_k import omega_k
+from sarmitsuba.focusing.profiles import band_weights
+from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db, point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.radar.antenna import Antenna

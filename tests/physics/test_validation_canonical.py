@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.study import theory, validation_canonical, validation_corners
-from sarmitsuba.study.validation import CaseEntry, summarise
+from sarmitsuba import theory
+from sarmitsuba.validation.cases import canonical as validation_canonical
+from sarmitsuba.validation.cases import corners as validation_corners
+from sarmitsuba.validation.comparison import CaseEntry, summarise
 
 FAST = validation_canonical.CASES + validation_corners.CASES
 

@@ -2,8 +2,10 @@
 
 import pytest
 
-from sarmitsuba.study import validation_geometry, validation_ground, validation_radiometry
-from sarmitsuba.study.validation import CaseEntry
+from sarmitsuba.validation.cases import geometry as validation_geometry
+from sarmitsuba.validation.cases import ground as validation_ground
+from sarmitsuba.validation.cases import radiometry as validation_radiometry
+from sarmitsuba.validation.comparison import CaseEntry
 
 FAST = ("slope", "received_power", "traced_rcs", "point_rcs")
 CASES = validation_geometry.CASES + validation_radiometry.CASES + validation_ground.CASES

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.study import theory, validation_diffuse, validation_materials, validation_rough
-from sarmitsuba.study.validation import CaseEntry
+from sarmitsuba import theory
+from sarmitsuba.validation.cases import diffuse as validation_diffuse
+from sarmitsuba.validation.cases import materials as validation_materials
+from sarmitsuba.validation.cases import rough as validation_rough
+from sarmitsuba.validation.comparison import CaseEntry
 
 CASES = validation_materials.CASES + validation_diffuse.CASES + validation_rough.CASES
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.study import theory, validation_statistics
-from sarmitsuba.study.validation import CaseEntry
+from sarmitsuba import theory
+from sarmitsuba.validation.cases import statistics as validation_statistics
+from sarmitsuba.validation.comparison import CaseEntry
 
 
 @pytest.mark.parametrize("entry", validation_statistics.CASES, ids=lambda e: e.name)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sarmitsuba.trace import backend
-from sarmitsuba.trace.backend import LlvmChoice, find_llvm
+from sarmitsuba import backend
+from sarmitsuba.backend import LlvmChoice, find_llvm
 
 
 def folder_with(root: Path, *names: str) -> None:
@@ -73,7 +73,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-SHOW = "from sarmitsuba.trace.backend import ensure_backend as e; b = e(); assert b == e(); print(b.variant)"
+SHOW = "from sarmitsuba.backend import ensure_backend as e; b = e(); assert b == e(); print(b.variant)"
 
 
 def test_a_fresh_process_gets_a_variant_that_computes() -> None:
@@ -83,7 +83,7 @@ def test_a_fresh_process_gets_a_variant_that_computes() -> None:
 
 
 def test_a_variant_that_can_trace_is_kept() -> None:
-    before = "from sarmitsuba.trace.backend import prepare_llvm; prepare_llvm(); import mitsuba as mi; "
+    before = "from sarmitsuba.backend import prepare_llvm; prepare_llvm(); import mitsuba as mi; "
     result = run(before + "mi.set_variant('llvm_ad_spectral'); " + SHOW)
     assert result.stdout.strip() == "llvm_ad_spectral", result.stderr
     result = run(before + "mi.set_variant('scalar_rgb'); " + SHOW, SARMITSUBA_VARIANT="llvm_ad_rgb")

@@ -5,15 +5,15 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.diffuse import (
+from sarmitsuba.materials.diffuse import (
     DiffuseTable,
     diffuse_tables,
     geometrical_optics_sigma0,
     shared_energy_sigma0,
     small_perturbation_sigma0,
 )
-from sarmitsuba.scene.fresnel import fresnel
-from sarmitsuba.scene.iem import iem_backscatter
+from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.laws.iem import iem_backscatter
 from sarmitsuba.scene.spec import DIFFUSE_LAWS, DiffuseLaw, Material
 from sarmitsuba.units import db_from_power
 

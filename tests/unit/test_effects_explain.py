@@ -6,11 +6,11 @@ import time
 import pytest
 
 from sarmitsuba.cli import main
-from sarmitsuba.focus import focus
-from sarmitsuba.scene.library import resolve
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.simulate import simulate
-from sarmitsuba.study.prediction import predict
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.simulation.prediction import predict
+from sarmitsuba.simulation.raw import simulate
 
 
 def test_table(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,12 +11,12 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.registry import effects
 from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.library import resolve
-from sarmitsuba.scene.loader import load_scene
 from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
-from sarmitsuba.simulate import block_error_db
+from sarmitsuba.simulation.raw import block_error_db
 
 
 @pytest.fixture(scope="module")

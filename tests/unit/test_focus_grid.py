@@ -8,9 +8,9 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
-from sarmitsuba.focus.aperture import ground_cell_area, matched_weights
-from sarmitsuba.focus.grid import default_grid, natural_spacing
-from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
+from sarmitsuba.focusing.grid import default_grid, natural_spacing
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 
 
 def request(**changes: object) -> SimpleNamespace:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focus.profiles import band_weights, parse_interpolation, plan_profiles
-from sarmitsuba.focus.windows import parse_window
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.profiles import band_weights, parse_interpolation, plan_profiles
+from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.radar.radar import Radar
 
 

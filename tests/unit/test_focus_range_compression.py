@@ -8,8 +8,8 @@ import pytest
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focus.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focus.range_compression import compression_filter, range_compress
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.range_compression import compression_filter, range_compress
 from sarmitsuba.image.metrics import image_error_db
 
 

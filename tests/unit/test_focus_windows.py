@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focus.windows import Window, parse_window
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.metrics import cut_metrics
 
 # name: -3 dB width in cells, highest sidelobe in dB, noise-equivalent width in dB

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.meshes import clean_mesh, smooth_groups
-from sarmitsuba.scene.tessellate import cube, cylinder, rectangle, sphere
+from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.mesh.tessellate import cube, cylinder, rectangle, sphere
 
 
 def as_set(vertices, faces):

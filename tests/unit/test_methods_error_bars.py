@@ -6,7 +6,7 @@ import pytest
 from sarmitsuba.constants import HALF_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.study.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_halves
+from sarmitsuba.simulation.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_halves
 
 
 def halves(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sarmitsuba.cost.sweep import crop
 from sarmitsuba.errors import DataError
-from sarmitsuba.scene.loader import load_scene
+from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.scene.spec import Scene
-from sarmitsuba.study.refine import fingerprint, refine
-from sarmitsuba.study.sweep import crop
+from sarmitsuba.simulation.passes import fingerprint, refine
 
 
 @pytest.fixture(scope="module")

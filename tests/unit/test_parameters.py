@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.scene.parameters import Param, ParamTable, did_you_mean
-from sarmitsuba.scene.tables import INTEGRATOR, SENSOR, TABLES
+from sarmitsuba.loader.parameters import Param, ParamTable, did_you_mean
+from sarmitsuba.loader.tables import INTEGRATOR, SENSOR, TABLES
 
 WHERE = 'scene.xml: sensor "radar"'
 

@@ -1,16 +1,16 @@
 import re
 from pathlib import Path
 
-from sarmitsuba.scene.format_doc import fill_tables
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.scene.tables import TABLES
+from sarmitsuba.loader.format_doc import fill_tables
+from sarmitsuba.loader.tables import TABLES
+from sarmitsuba.loader.xml import load_scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "scene_format.md"
 
 
 def test_the_page_is_up_to_date() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert fill_tables(text) == text, "run: python -m sarmitsuba.scene.format_doc docs/scene_format.md"
+    assert fill_tables(text) == text, "run: python -m sarmitsuba.loader.format_doc docs/scene_format.md"
 
 
 def test_the_page_holds_every_plugin() -> None:

@@ -6,9 +6,9 @@ import pytest
 import trimesh
 
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.scene.library import list_scenes
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.scene.meshes import write_ply
+from sarmitsuba.loader.library import list_scenes
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.mesh.meshes import write_ply
 from sarmitsuba.scene.spec import EFFECT_NAMES
 
 SENSOR = '<sensor type="sar_antenna" id="radar"/>'

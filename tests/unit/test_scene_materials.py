@@ -3,7 +3,8 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.materials import (
+from sarmitsuba.loader.tables import RADAR_MATERIAL, RADIO_MATERIAL
+from sarmitsuba.materials.library import (
     ITU_BANDS,
     ORDINARY_BSDFS,
     itu_permittivity,
@@ -12,7 +13,6 @@ from sarmitsuba.scene.materials import (
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.scene.tables import RADAR_MATERIAL, RADIO_MATERIAL
 
 X_BAND = 9.6e9
 WHERE = 'scene.xml: bsdf "m"'

@@ -9,10 +9,10 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.scene.library import resolve
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.scene.loader_mitsuba import scene_from_mitsuba
-from sarmitsuba.scene.tables import TABLES
+from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.tables import TABLES
+from sarmitsuba.loader.xml import load_scene
 
 MIXED = """<scene version="3.0.0">
 <integrator type="sar_path"><integer name="max_depth" value="2"/><string name="speckle" value="off"/></integrator>
@@ -168,7 +168,7 @@ sarmitsuba.register_plugins()
 {last}
 sarmitsuba.register_plugins()
 import mitsuba as mi
-from sarmitsuba.scene.loader_mitsuba import scene_from_mitsuba
+from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 scene = mi.load_file({path!r})
 ours, theirs = sarmitsuba.load_scene({path!r}), scene_from_mitsuba(scene)
 other = {{m.name: m.permittivity for m in theirs.materials}}

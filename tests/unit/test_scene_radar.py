@@ -6,8 +6,8 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.scene.radar_builder import RadarInput, build_radar
-from sarmitsuba.scene.tables import FILM, SENSOR
+from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.loader.tables import FILM, SENSOR
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
 

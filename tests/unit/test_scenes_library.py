@@ -11,11 +11,11 @@ import pytest
 import trimesh
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.city import city_mesh, make_city
-from sarmitsuba.scene.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
-from sarmitsuba.scene.loader import load_scene
-from sarmitsuba.scene.meshes import clean_mesh, write_ply
-from sarmitsuba.scene.tessellate import sphere
+from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
+from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.mesh.city import city_mesh, make_city
+from sarmitsuba.mesh.meshes import clean_mesh, write_ply
+from sarmitsuba.mesh.tessellate import sphere
 
 WANTED = {
     "bridge",

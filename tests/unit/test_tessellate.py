@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.tessellate import cube, cylinder, disk, rectangle, sphere
+from sarmitsuba.mesh.tessellate import cube, cylinder, disk, rectangle, sphere
 
 
 def normals(v, f):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.study import theory
 from sarmitsuba.units import db_from_power
 
 # 10 wavelengths

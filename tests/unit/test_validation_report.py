@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.study.validation import TOPICS, Case, Comparison, all_cases, summarise
-from sarmitsuba.study.validation_report import report, summary_lines
+from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, all_cases, summarise
+from sarmitsuba.validation.report import report, summary_lines
 from sarmitsuba.view.validation import plot_case
 
 

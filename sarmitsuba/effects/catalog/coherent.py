@@ -9,7 +9,7 @@ from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.registry import Decision, Effect, Verdict
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse import diffuse_tables
 
 
 class Coherent(Effect):

@@ -8,7 +8,7 @@ import numpy as np
 from sarmitsuba.effects.facts import Facts
 from sarmitsuba.effects.registry import Decision, Effect, Verdict
 from sarmitsuba.effects.text import names
-from sarmitsuba.scene.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse import diffuse_tables
 
 
 class Diffuse(Effect):

@@ -1,0 +1,114 @@
+"""What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+
+
+def direction_gain(radar: Radar, pulse: int | slice, direction: F64) -> F64:
+    """Relative two-way amplitude of the antenna towards unit vectors, zero behind the aperture.
+
+    Parameters
+    ----------
+    radar : gives the pattern and its pointing
+    pulse : a pulse index, or a slice whose length matches the last but one axis of ``direction``
+    direction : (..., 3) float64, scene frame, from the antenna
+
+    Returns
+    -------
+    (...) float64, 1 at boresight
+    """
+    if radar.antenna.pattern == "isotropic":
+        return np.ones(direction.shape[:-1])
+    p = radar.pointing
+    gain = radar.antenna.two_way_amplitude(
+        np.sum(direction * p.azimuth_axis[pulse], axis=-1),
+        np.sum(direction * p.elevation_axis[pulse], axis=-1),
+    )
+    return np.asarray(np.where(np.sum(direction * p.boresight[pulse], axis=-1) > 0.0, gain, 0.0))
+
+
+def look_directions(radar: Radar, point: ArrayLike) -> F64:
+    """Unit vectors from every antenna position to points (..., 3), giving (..., n_pulses, 3) float64."""
+    line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
+    return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
+
+
+def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window = "rectangular") -> F64:
+    """Weight w g^2 of every pulse in backprojection's pixel at points (..., 3), giving (..., n_pulses) float64."""
+    w = parse_window(azimuth_window).aperture(radar.track.n_pulses)
+    return np.asarray(w * direction_gain(radar, slice(None), look_directions(radar, point)) ** 2)
+
+
+def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
+    r"""Noise-equivalent area of the impulse response on the horizontal plane, m^2.
+
+    The image of unit clutter (sigma0 = 1) has this mean intensity,
+    :math:`A = \iint |h|^2 dA`, h the impulse response of unit peak. Every pulse t and frequency f samples the ground's
+    spectrum at :math:`(4 \pi f / c) \mathbf u_t`, u the horizontal part of the line of sight, so by Parseval
+
+    .. math:: A = \frac{(2 \pi)^2}{(4 \pi / c)^2}
+              \frac{\sum_t W_t^2 / |\mathbf u \times \dot{\mathbf u}| \int V^2 / f \, df}{(\sum_t W_t)^2 (\int V df)^2}
+
+    Parameters
+    ----------
+    radar : gives track and waveform
+    point : (3,) m, scene frame
+    weights : (n_pulses,) weight of every pulse at that point
+    range_window : over the band
+
+    Raises
+    ------
+    DataError
+        The aperture does not turn about the point (fewer than two pulses, or flight straight at it).
+
+    Notes
+    -----
+    Ignores the PRF's azimuth ambiguities and, for pulses near the horizontal line of sight, the wavefront's curvature
+    over the cell.
+    """
+    if radar.track.n_pulses < 2:
+        raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
+    u, weights = _by_direction(look_directions(radar, point)[:, :2], weights)
+    seen = weights > 0.0
+    turn = np.zeros(1)
+    if u.shape[0] > 1:
+        turn = np.abs(u[:, 0] * np.gradient(u[:, 1]) - u[:, 1] * np.gradient(u[:, 0]))
+    if not seen.any() or turn[seen].min() < 1e-15:
+        raise DataError(
+            "focus: the line of sight to the image's centre does not turn, or no pulse illuminates it; "
+            "move the image into the beam and off the flight line"
+        )
+    wave = radar.waveform
+    v = (np.arange(1024) + 0.5) / 1024 - 0.5
+    f = wave.center_frequency + wave.bandwidth * v
+    V = parse_window(range_window)(v)
+    band = float(np.mean(V**2 / f) / (np.mean(V) ** 2 * wave.bandwidth))
+    aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
+    return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2
+
+
+def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
+    """Horizontal lines of sight in the order of their angle, pulses from one and the same direction merged.
+
+    A radar that stands still, or flies back and forth, samples the same spectrum again: its weights add.
+    """
+    angle = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
+    order = np.argsort(angle, kind="stable")
+    new = np.concatenate([[True], np.diff(angle[order]) > 1e-12])
+    return u[order][new], np.asarray(np.bincount(np.cumsum(new) - 1, weights[order]))
+
+
+def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
+    """Angle between the vertical and the line of sight from mid-aperture at points (..., 3), rad."""
+    line = radar.track.center_position - np.asarray(point, dtype=np.float64)
+    return np.asarray(np.arccos(np.clip(line[..., 2] / np.linalg.norm(line, axis=-1), -1.0, 1.0)))
+
+
+__all__ = ["direction_gain", "ground_cell_area", "incidence_angle", "look_directions", "matched_weights"]

@@ -1,0 +1,258 @@
+"""Time-domain backprojection for any track and any set of pixels."""
+
+import importlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.backprojection_kernel import AXES_STRIDE, PULSE_STRIDE, accumulate
+from sarmitsuba.focusing.profiles import ProfilePlan, plan_profiles, plan_spectrum
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# bytes of profiles per batch of pulses: they should stay in the last-level cache while every pixel reads them
+_BATCH_BYTES = 12 << 20
+# pixels per launch, bounds the device memory of positions
+_TILE_PIXELS = 1 << 20
+# layers that share one pass over the geometry; more would spill registers
+_MAX_LAYERS = 4
+# pixels of one lane, by layers in the pass: they share the load of the antenna's position
+_PIXELS_PER_LANE = {1: 4, 2: 2, 3: 2, 4: 1}
+# pixels whose summed weight is below this part of the aperture's were not illuminated
+_DARK = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """Pixels of one launch: where they go in the flat image, and how to make their positions."""
+
+    index: NDArray[np.int64]  # (pixels per lane, lanes), -1 for padding
+    positions: F64  # (pixels per lane, lanes, 3)
+
+
+class _Meter:
+    """Adds up the work done and tells the caller, with its rate."""
+
+    def __init__(self, progress: Progress, total: float) -> None:
+        self.progress, self.total, self.done = progress, total, 0.0
+        self.start = time.perf_counter()
+
+    def add(self, work: float) -> None:
+        self.done += work
+        rate = self.done / max(time.perf_counter() - self.start, 1e-9)
+        self.progress("focus", self.done, self.total, {"pixel-pulses/s": rate})
+
+
+def backproject(
+    raw: RawData,
+    target: ImageGrid | ArrayLike,
+    *,
+    range_window: str = "rectangular",
+    azimuth_window: str = "rectangular",
+    interpolation: str = "kernel",
+    oversampling: int = 0,
+    progress: Progress = silent,
+) -> C64:
+    r"""Focus range-compressed data by summing every pulse at every pixel's own range.
+
+    .. math:: I(p) = \frac{\sum_t w_t g_t R_t^2 s_t(R_t) e^{+j 4 \pi f_c R_t / c}}{K \sum_t w_t g_t^2},
+              \quad R_t = |p - A_t|
+
+    with g the antenna's relative two-way amplitude towards p, so that :math:`|I|^2` is the RCS at a point's peak
+    whatever the range, track, window and pattern.
+
+    Parameters
+    ----------
+    raw : range-compressed data
+    target : a grid, or an (n, 3) list of scene-frame points, m
+    range_window, azimuth_window : names for :func:`sarmitsuba.focusing.windows.parse_window`; azimuth is over the
+        pulse index
+    interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
+    oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
+    progress : called after every batch of pulses
+
+    Returns
+    -------
+    (n_layers, n_azimuth, n_range) or (n_layers, n) complex64, m (square root of RCS)
+
+    Notes
+    -----
+    Ignores the antenna's motion within a pulse and the atmosphere. Pixels that no pulse saw are zero. Memory beyond
+    the image is bounded: pulses and pixels go in batches.
+    """
+    if raw.domain != "compressed":
+        raise DataError("backprojection: the data are not range compressed; call range_compress first")
+    from sarmitsuba.backend import ensure_backend
+
+    backend = "cuda" if ensure_backend().variant.startswith("cuda_") else "llvm"
+    import drjit as dr
+
+    types = importlib.import_module(f"drjit.{backend}")
+
+    plan = plan_profiles(
+        raw.radar, parse_window(range_window), interpolation=interpolation, oversampling=oversampling
+    )
+    weights = parse_window(azimuth_window).aperture(raw.radar.track.n_pulses)
+    shape = target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
+    n_layers = len(raw.layers)
+    image = np.empty((n_layers, int(np.prod(shape))), dtype=np.complex64)
+    meter = _Meter(progress, float(image.size) * raw.radar.track.n_pulses)
+    for start in range(0, n_layers, _MAX_LAYERS):
+        layers = slice(start, min(start + _MAX_LAYERS, n_layers))
+        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start]):
+            _focus_tile(dr, types, raw, layers, plan, weights, tile, image, meter)
+    return image.reshape(n_layers, *shape)
+
+
+def _focus_tile(
+    dr: Any,
+    types: Any,
+    raw: RawData,
+    layers: slice,
+    plan: ProfilePlan,
+    weights: F64,
+    tile: _Tile,
+    image: C64,
+    meter: "_Meter",
+) -> None:
+    """Sum all pulses for one tile and store its calibrated pixels in ``image``."""
+    radar = raw.radar
+    n_layers = layers.stop - layers.start
+    stride = 2 * n_layers + 1
+    per_lane, lanes = tile.index.shape
+    pixels = [
+        tuple(types.Float64(np.ascontiguousarray(tile.positions[i, :, axis])) for axis in range(3))
+        for i in range(per_lane)
+    ]
+    reference = float(np.linalg.norm(tile.positions[0, lanes // 2] - radar.track.center_position))
+    antenna = None if radar.antenna.pattern == "isotropic" else radar.antenna
+    scales = tuple(
+        dr.opaque(types.Float64, v)
+        for v in (
+            1.0 / plan.step,
+            2.0 * radar.waveform.center_frequency / SPEED_OF_LIGHT,
+            float(plan.last),
+            1.0 / reference**2,
+        )
+    )
+    state = [dr.zeros(types.Float32, lanes) for _ in range(per_lane * stride)]
+    for batch in _batches(radar.track.n_pulses, plan, n_layers):
+        n = batch.stop - batch.start
+        samples = plan.paired(raw.data[layers, batch])
+        counts = tuple(dr.opaque(types.UInt32, v) for v in (n, plan.n_stored, n * plan.n_stored))
+        state = accumulate(
+            dr,
+            types,
+            state,
+            pixels,
+            types.Float64(_pulse_table(radar, plan, batch)),
+            types.Float32(_axes_table(radar, weights, batch)),
+            types.Float32(samples.ravel()),
+            counts,
+            scales,
+            plan.kernel,
+            n_layers,
+            antenna,
+        )
+        dr.eval(state)
+        dr.sync_thread()
+        meter.add(float(np.count_nonzero(tile.index >= 0)) * n * n_layers)
+
+    scale = reference**2 / radar.amplitude_constant
+    dark = _DARK * weights.sum()
+    for i in range(per_lane):
+        keep = tile.index[i] >= 0
+        weight = state[i * stride + stride - 1].numpy().astype(np.float64)
+        with np.errstate(divide="ignore"):
+            factor = np.where(weight > dark, scale / weight, 0.0)[keep]
+        for layer in range(n_layers):
+            re, im = (state[i * stride + 2 * layer + part].numpy()[keep] for part in (0, 1))
+            image[layers.start + layer, tile.index[i][keep]] = (re + 1j * im) * factor
+
+
+def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int) -> Iterator[slice]:
+    """Slices of pulses whose profiles fit the batch size."""
+    size = max(8, _BATCH_BYTES // (16 * plan.n_stored * n_layers))
+    for start in range(0, n_pulses, size):
+        yield slice(start, min(start + size, n_pulses))
+
+
+def _pulse_table(radar: Radar, plan: ProfilePlan, batch: slice) -> F64:
+    table = np.empty((batch.stop - batch.start, PULSE_STRIDE))
+    table[:, :3] = radar.track.position[batch]
+    table[:, 3] = radar.window.start_range[batch] / plan.step
+    return table.ravel()
+
+
+def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]:
+    table = np.zeros((batch.stop - batch.start, AXES_STRIDE), dtype=np.float32)
+    table[:, 0:3] = radar.pointing.azimuth_axis[batch]
+    table[:, 3] = weights[batch]
+    table[:, 4:7] = radar.pointing.elevation_axis[batch]
+    table[:, 8:11] = radar.pointing.boresight[batch]
+    return table.ravel()
+
+
+def _tiles(target: ImageGrid | ArrayLike, per_lane: int) -> Iterator[_Tile]:
+    """Cut the pixels into launches; the pixels of one lane are azimuth neighbours, lanes run along range."""
+    if isinstance(target, ImageGrid):
+        n_azimuth, n_range = target.shape
+        across = target.across_distance()
+        flat = target.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, target.height])
+        rows = max(per_lane, _TILE_PIXELS // n_range // per_lane * per_lane)
+        for start in range(0, n_azimuth, rows):
+            row = np.arange(start, min(start + rows, n_azimuth))
+            padded = np.concatenate([row, np.full(-row.size % per_lane, -1)]).reshape(-1, per_lane)
+            index = padded[:, :, None] * n_range + np.arange(n_range)
+            index[padded < 0] = -1
+            along = target.azimuth[padded]
+            position = (
+                flat + along[:, :, None, None] * target.along + across[None, None, :, None] * target.across
+            )
+            yield _Tile(
+                index.transpose(1, 0, 2).reshape(per_lane, -1),
+                position.transpose(1, 0, 2, 3).reshape(per_lane, -1, 3),
+            )
+        return
+    points = np.asarray(target, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError(f"backprojection: points have the shape {points.shape}, (n, 3) is needed")
+    for start in range(0, points.shape[0], _TILE_PIXELS):
+        pick = np.arange(start, min(start + _TILE_PIXELS, points.shape[0]))
+        padded = np.concatenate([pick, np.full(-pick.size % per_lane, -1)]).reshape(-1, per_lane).T
+        yield _Tile(padded, points[padded])
+
+
+def backproject_numpy(
+    raw: RawData, points: ArrayLike, *, range_window: str = "rectangular"
+) -> NDArray[np.complex128]:
+    """Reference backprojection at (n, 3) points: float64, exact trigonometric interpolation, isotropic antenna.
+
+    Slow; it is what the compiled kernel is tested against. Returns (n_layers, n) complex128.
+    """
+    radar, points = raw.radar, np.asarray(points, dtype=np.float64)
+    plan = plan_spectrum(radar, parse_window(range_window))
+    bins = np.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
+    image = np.zeros((len(raw.layers), points.shape[0]), dtype=np.complex128)
+    for t in range(radar.track.n_pulses):
+        r = np.linalg.norm(points - radar.track.position[t], axis=1)
+        spectrum = np.fft.fft(raw.data[:, t].astype(np.complex128), n=plan.n_fft) * plan.gains / plan.n_fft
+        position = (r - radar.window.start_range[t]) / plan.sample_spacing
+        profile = spectrum @ np.exp(2j * np.pi / plan.n_fft * np.outer(bins, position))
+        image += profile * r**2 * np.exp(4j * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * r)
+    return image / (radar.amplitude_constant * radar.track.n_pulses)
+
+
+__all__ = ["backproject", "backproject_numpy"]

@@ -1,0 +1,212 @@
+"""Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.mesh.convexity import is_convex_body
+from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.spec import (
+    EFFECT_NAMES,
+    Geometry,
+    ImageRequest,
+    Material,
+    PointTarget,
+    Scene,
+    TraceSettings,
+)
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# Farther from the file's origin than this the scene gets its own: float32 positions stay exact to 1 mm
+RECENTRE_DISTANCE = 5e3
+# Coordinates beyond this are a mistake of units
+MAX_COORDINATE = 1e9
+_MAX_MESH_NOTES = 12
+# faces up to which a lone mesh is tried to be proven convex: about 0.2 s
+MAX_PROVEN_FACES = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles of one mesh and what they are made of.
+
+    Parameters
+    ----------
+    name : of the mesh
+    vertices : (n_v, 3) float64, m, file frame
+    faces : (n_f, 3) int32
+    material : index into the scene's materials
+    smooth : all faces belong to one smooth surface, however much they bend
+    convex : one closed convex body by its kind
+    """
+
+    name: str
+    vertices: F64
+    faces: I32
+    material: int
+    smooth: bool = False
+    convex: bool = False
+
+
+def assemble(
+    name: str,
+    path: Path | None,
+    surfaces: Sequence[Surface],
+    materials: Sequence[Material],
+    points: Sequence[PointTarget],
+    radar: RadarInput,
+    settings: TraceSettings,
+    notes: Sequence[str] = (),
+) -> Scene:
+    """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
+
+    Parameters
+    ----------
+    name, path : of the file
+    surfaces, points : in the file frame
+    materials : that ``surfaces`` point into
+    radar : validated parameters of sensor and film
+    settings : of the integrator
+    notes : collected so far
+
+    Raises
+    ------
+    SceneError : there is nothing to see, or a mesh cannot be repaired
+    RadarError : the radar does not see the scene
+    """
+    label = path.name if path else name
+    visible = any(not materials[s.material].invisible for s in surfaces)
+    if not visible and not points:
+        what = "every shape is invisible" if surfaces else "there is no shape"
+        raise SceneError(
+            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
+        )
+    geometry, repairs = _geometry(label, surfaces)
+    for point in points:
+        _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
+    offset = _offset(geometry, points)
+    geometry = replace(geometry, vertices=geometry.vertices - offset)
+    moved = tuple(replace(p, position=p.position - offset) for p in points)
+    built, image, radar_notes = build_radar(radar, _bounds(geometry, moved), offset)
+    angle_notes: list[str] = []
+    for material in dict.fromkeys(materials[s.material] for s in surfaces):
+        _check_angle(label, material, built, image, angle_notes)
+    return Scene(
+        name=name,
+        path=path,
+        geometry=geometry,
+        materials=tuple(materials),
+        points=moved,
+        radar=built,
+        settings=settings,
+        image=image,
+        offset=offset,
+        notes=(*notes, *repairs, *radar_notes, *angle_notes),
+    )
+
+
+def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
+    """Say when level ground is seen at an angle where the material's diffuse law does not hold."""
+    table = diffuse_tables(material, radar.waveform.wavelength)
+    look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
+    incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
+    if table.valid_from < table.valid_to and not table.valid_from <= incidence <= table.valid_to:
+        first, last, seen = np.degrees([table.valid_from, table.valid_to, incidence])
+        warn_once(
+            notes,
+            f'{label}: material "{material.name}": level ground is seen at {seen:.1f} deg, outside the {first:.0f} ... '
+            f"{last:.0f} deg where diffuse_law = {material.diffuse_law} holds; take another law or look angle",
+        )
+
+
+def trace_settings(integrator: Mapping[str, Any], film: Mapping[str, Any]) -> TraceSettings:
+    """Settings of validated ``sar_path`` parameters; the film's gridding width holds unless they give one."""
+    values = {name: value for name, value in integrator.items() if name not in EFFECT_NAMES}
+    values["gridding_width"] = values["gridding_width"] or film["gridding_width"]
+    return TraceSettings(**values, effects={name: integrator[name] for name in EFFECT_NAMES})
+
+
+def warn_once(notes: list[str], text: str) -> None:
+    """Add a note and give it as a warning, unless it is there already."""
+    if text not in notes:
+        notes.append(text)
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+
+
+def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
+    if not surfaces:
+        return Geometry.empty(), []
+    vertices, faces, material, group, counts, convex, notes = [], [], [], [], [], [], []
+    n_vertices = n_groups = 0
+    for surface in surfaces:
+        # NaN and infinity are counted by the mesh check
+        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices[np.isfinite(surface.vertices)])
+        try:
+            v, f, repaired = clean_mesh(surface.name, surface.vertices, surface.faces)
+        except SceneError as error:
+            raise SceneError(f"{label}: {error}") from error
+        g = np.zeros(f.shape[0], dtype=np.int32) if surface.smooth else smooth_groups(v, f)
+        vertices.append(v)
+        faces.append(f + n_vertices)
+        group.append(g + n_groups)
+        material.append(np.full(f.shape[0], surface.material, dtype=np.int32))
+        counts.append(f.shape[0])
+        # of several bodies it would be of no use to know which are convex
+        alone = len(surfaces) == 1 and f.shape[0] <= MAX_PROVEN_FACES
+        convex.append((surface.convex and not repaired) or (alone and is_convex_body(v, f)))
+        n_vertices += v.shape[0]
+        n_groups += int(g.max()) + 1
+        notes += repaired
+    if len(notes) > _MAX_MESH_NOTES:
+        notes = [
+            *notes[:_MAX_MESH_NOTES],
+            f"... and {len(notes) - _MAX_MESH_NOTES} more such repairs of meshes",
+        ]
+    geometry = Geometry(
+        vertices=np.concatenate(vertices),
+        faces=np.concatenate(faces).astype(np.int32),
+        face_material=np.concatenate(material),
+        face_group=np.concatenate(group).astype(np.int32),
+        mesh_names=tuple(s.name for s in surfaces),
+        mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        mesh_convex=tuple(convex),
+    )
+    return geometry, [f"{label}: {note}" for note in notes]
+
+
+def _check_size(what: str, coordinates: F64) -> None:
+    if (np.abs(coordinates) > MAX_COORDINATE).any():
+        largest = float(np.nanmax(np.abs(coordinates)))
+        raise SceneError(
+            f"{what}: coordinate {largest:g} m lies beyond {MAX_COORDINATE:g} m; check units and to_world"
+        )
+
+
+def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
+    """(2, 3) bounds of triangles and points together, m."""
+    clouds = [np.array([p.position for p in points])] if points else []
+    if geometry.n_faces:
+        clouds.append(geometry.bounds)
+    cloud = np.concatenate(clouds)
+    return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
+
+
+def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
+    center = _bounds(geometry, points).mean(axis=0)
+    if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
+        return np.zeros(3)
+    return np.asarray(np.round(center))
+
+
+__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "trace_settings", "warn_once"]

@@ -1,0 +1,167 @@
+"""The same `Scene` from an already loaded ``mi.Scene``, so that ``mi.load_file`` and ``mi.render`` work."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.loader import tables
+from sarmitsuba.loader.assemble import Surface, assemble, trace_settings
+from sarmitsuba.loader.properties import Element, Overrides
+from sarmitsuba.loader.shapes import MeshReader, Placed
+from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH, MaterialBook, point_target, radar_input
+from sarmitsuba.materials.library import ADAPTER_BSDFS
+from sarmitsuba.scene.spec import Scene
+
+_NAME = "scene"
+# classes of Mitsuba's BSDFs whose name is not their plugin's in capitals
+_BSDF_CLASSES = {
+    "smoothdiffuse": "diffuse",
+    "smoothconductor": "conductor",
+    "smoothdielectric": "dielectric",
+    "smoothplastic": "plastic",
+    "twosidedbrdf": "twosided",
+    "maskbsdf": "mask",
+}
+_SHAPES = ("sphere", "disk", "cylinder", "rectangle")
+
+
+def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -> Scene:
+    """Read geometry, materials and radar out of a loaded Mitsuba scene.
+
+    Parameters
+    ----------
+    mi_scene : ``mi.Scene``
+    sensor : ``mi.Sensor`` or its index in the scene
+    integrator : ``mi.Integrator``; None takes the scene's
+
+    Raises
+    ------
+    SceneError, RadarError : as `load_scene`, without file names
+
+    Notes
+    -----
+    Mitsuba has merged meshes by material and holds vertices in float32, good to 1e-7 of their distance from
+    the origin; `load_scene` keeps both. Instances keep their shape group to themselves and are refused.
+    """
+    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
+    if isinstance(antenna, int) or not hasattr(antenna, "given"):
+        found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
+        raise RadarError(f"{_NAME}: the sensor is no sar_antenna ({found}); add one, pass it to mi.render")
+    none = Overrides()
+    sensor_element = _own(antenna, tables.SENSOR.plugin, "sensor")
+    film = antenna.film()
+    film_element = _own(film, tables.FILM.plugin, "film") if hasattr(film, "given") else None
+    radar = radar_input(sensor_element, film_element, none)
+    tracer = integrator if integrator is not None else mi_scene.integrator()
+    if hasattr(tracer, "given"):
+        integrator_element = _own(tracer, tables.INTEGRATOR.plugin, "integrator")
+    else:
+        integrator_element = Element("integrator", tables.INTEGRATOR.plugin, "", _NAME, Path(), {})
+    settings = trace_settings(none.read(integrator_element, tables.INTEGRATOR)[0], radar.film)
+
+    frequency = float(radar.sensor["center_frequency"])
+    notes: list[str] = []
+    book = MaterialBook(frequency, none, notes, settings.default_rms_height)
+    reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
+    surfaces, points = [], []
+    bsdfs: dict[int, Element] = {}
+    for number, shape in enumerate(mi_scene.shapes()):
+        bsdf = shape.bsdf()
+        element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
+        name = shape.id() or f"shape_{number}"
+        if element.plugin == tables.POINT_SCATTERER.plugin:
+            placed = _placed(shape, name)
+            points.append(point_target(placed.element, name, placed.to_world, element, none))
+            continue
+        curved = not shape.is_mesh()
+        known = _placed(shape, name) if curved else None
+        vertices, faces = reader.triangles(known) if known else _mesh(shape)
+        material = book.index(element, f'{_NAME}: shape "{name}"')
+        convex = known is not None and known.is_convex
+        surfaces.append(Surface(name, vertices, faces, material, curved, convex))
+    return assemble(_NAME, None, surfaces, book.materials, points, radar, settings, notes)
+
+
+def _own(plugin: Any, name: str, kind: str) -> Element:
+    """Element of one of our own plugin objects."""
+    label = f'{kind} "{plugin.id()}"' if plugin.id() else f"{kind} {name}"
+    return Element(kind, name, plugin.id(), f"{_NAME}: {label}", Path(), dict(plugin.given))
+
+
+def _bsdf(bsdf: Any) -> Element:
+    """Element of a BSDF: ours, Sionna RT's or Mitsuba's."""
+    if bsdf is None:
+        return Element("bsdf", "diffuse", "", _NAME, Path(), {})
+    name = bsdf.id()
+    if hasattr(bsdf, "given"):
+        element = _own(bsdf, bsdf.table.plugin, "bsdf")
+        element.children.extend(("_arg_0", _bsdf(inner)) for inner in bsdf.nested)
+        return element
+    where = f'{_NAME}: bsdf "{name}"'
+    if hasattr(bsdf, "scattering_coefficient"):
+        values = {"xpd_coefficient": _scalar(bsdf.xpd_coefficient)}
+        scattering = _scalar(bsdf.scattering_coefficient)
+        if scattering > 0.0:  # Sionna's default of 0 stands for "not given"
+            values["scattering_coefficient"] = scattering
+        if hasattr(bsdf, "itu_type"):
+            return Element(
+                "bsdf", "itu-radio-material", name, where, Path(), {**values, "type": str(bsdf.itu_type)}
+            )
+        values["relative_permittivity"] = _scalar(bsdf.relative_permittivity)
+        values["conductivity"] = _scalar(bsdf.conductivity)
+        return Element("bsdf", "radio-material", name, where, Path(), values)
+    text = str(bsdf)
+    plugin = _plugin(bsdf.class_name())
+    element = Element("bsdf", plugin, name, where, Path(), {})
+    if plugin in ADAPTER_BSDFS:
+        # Mitsuba does not hand out nested BSDFs; their class stands in the text of the outer one
+        for inner in re.findall(r"= ?(\w[\w-]*)\[", text):
+            nested = _plugin(inner)
+            if nested in tables.TABLES:
+                raise SceneError(
+                    f"{where}: {nested} inside {plugin} cannot be read from a loaded scene; put it on the "
+                    "shape"
+                )
+            if "texture" not in nested and "spectrum" not in nested:
+                element.children.append(("_arg_0", Element("bsdf", nested, "", where, Path(), {})))
+                break
+    return element
+
+
+def _plugin(class_name: str) -> str:
+    lower = class_name.lower()
+    return class_name if class_name in tables.TABLES else _BSDF_CLASSES.get(lower, lower)
+
+
+def _scalar(value: Any) -> float:
+    return float(np.asarray(value).ravel()[0])
+
+
+def _mesh(shape: Any) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
+    faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3).astype(np.int32)
+    return vertices, faces
+
+
+def _placed(shape: Any, name: str) -> Placed:
+    """Shape without triangles of its own; its matrix maps the unit shape to the world."""
+    import mitsuba as mi
+
+    plugin = shape.class_name().lower()
+    where = f'{_NAME}: shape "{name}"'
+    if plugin not in _SHAPES:
+        raise SceneError(
+            f"{where}: a {plugin} cannot be read from a loaded scene; load the file with "
+            "sarmitsuba.load_scene"
+        )
+    parameters = mi.traverse(shape)
+    matrix = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4, -1)[:, :, 0]
+    return Placed(Element("shape", plugin, name, where, Path(), {}), name, matrix)
+
+
+__all__ = ["scene_from_mitsuba"]

@@ -1,0 +1,130 @@
+"""Which image to focus when the scene file does not say: about the aim point, as large as the geometry."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.swath import Box
+from sarmitsuba.scene.spec import ImageRequest
+
+F64 = NDArray[np.float64]
+
+MAX_PIXELS = 2**30  # of one image plane: 8 GiB
+MAX_CELLS = 2048  # automatic extents stop here: an image of 4096 x 4096 pixels at half a cell
+_MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
+
+
+def build_image_request(
+    film: Mapping[str, Any],
+    given: frozenset[str],
+    where: str,
+    scene: Box,
+    antenna: F64,
+    cells: tuple[float, float],
+    offset: F64,
+) -> tuple[ImageRequest, tuple[str, ...]]:
+    """Fill in what ``range_film`` leaves open.
+
+    Parameters
+    ----------
+    film, given, where : validated parameters, the names that the file sets, start of every error
+    scene : bounds of all geometry about the aim point, in the axes along, across and up
+    antenna : (3,) float64, m, mid-aperture position in the scene frame
+    cells : azimuth cell and slant-range cell, m
+    offset : (3,) what to subtract from file coordinates, m
+
+    Returns
+    -------
+    request in the scene frame, and notes
+    """
+    aim = scene.origin
+    center = np.array(
+        [
+            film["image_center_x"] - offset[0] if "image_center_x" in given else aim[0],
+            film["image_center_y"] - offset[1] if "image_center_y" in given else aim[1],
+        ]
+    )
+    height = film["image_height"] - offset[2] if "image_height" in given else aim[2]
+    if antenna[2] <= height:
+        raise RadarError(
+            f"{where}: image_height = {height + offset[2]:g} m is not below the antenna at "
+            f"{antenna[2] + offset[2]:g} m; raise the antenna or lower the image plane"
+        )
+    along, across = scene.axes[0, :2], scene.axes[1, :2]
+    shift = center - aim[:2]
+    middle = np.array([shift @ along, shift @ across])
+    reach = float((center - antenna[:2]) @ across)  # from the track's ground trace to the image centre
+    if reach <= 0.0:
+        raise RadarError(
+            f"{where}: the image centre lies {-reach:g} m on the far side of the ground track; "
+            "set look_side or image_center_x, image_center_y"
+        )
+    drop = float(antenna[2] - height)
+    slant = float(np.hypot(reach, drop))
+    ground_cell = cells[1] * slant / reach
+    layover = max(0.0, float(scene.high[2]) - (height - aim[2])) * drop / reach
+
+    def automatic(axis: int, cell: float, extra: float) -> tuple[float, bool]:
+        half = max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis]))
+        wanted = 2.0 * (half + extra + _MARGIN_CELLS * cell)
+        return min(wanted, MAX_CELLS * cell), wanted > MAX_CELLS * cell
+
+    notes = []
+    extent_azimuth, extent_range = film["image_extent_azimuth"], film["image_extent_range"]
+    if extent_azimuth == 0.0:
+        extent_azimuth, cut = automatic(0, cells[0], 0.0)
+        if cut:
+            notes.append(
+                f"{where}: image_extent_azimuth limited to {extent_azimuth:g} m; give it for a larger image"
+            )
+    if extent_range == 0.0:
+        extent_range, cut = automatic(1, ground_cell, layover)
+        extent_range = min(extent_range, 1.9 * reach)
+        if cut:
+            notes.append(
+                f"{where}: image_extent_range limited to {extent_range:g} m; give it for a larger image"
+            )
+    elif 0.5 * extent_range >= reach:
+        raise RadarError(
+            f"{where}: image_extent_range = {extent_range:g} m reaches across the ground track, which is "
+            f"{reach:g} m from the image centre; give less than {2 * reach:g} m"
+        )
+    request = ImageRequest(
+        grid=film["image_grid"],
+        center_x=float(center[0]),
+        center_y=float(center[1]),
+        height=float(height),
+        extent_azimuth=float(extent_azimuth),
+        extent_range=float(extent_range),
+        spacing_azimuth=film["pixel_spacing_azimuth"],
+        spacing_range=film["pixel_spacing_range"],
+    )
+    _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
+    return request, tuple(notes)
+
+
+def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -> None:
+    azimuth = image.extent_azimuth / (image.spacing_azimuth or 0.5 * cells[0])
+    across = image.extent_range / (image.spacing_range or 0.5 * cells[1])
+    if max(azimuth, across, azimuth * across) > MAX_PIXELS:
+        raise RadarError(
+            f"{where}: an image of {azimuth:.4g} x {across:.4g} pixels is larger than {MAX_PIXELS} pixels; "
+            "shrink its extents or widen its pixel spacings"
+        )
+
+
+def image_box(image: ImageRequest, scene: Box) -> Box:
+    """Box over the image's area that reaches from the lowest to the highest geometry and the image plane."""
+    shift = np.array([image.center_x, image.center_y]) - scene.origin[:2]
+    middle = np.array([shift @ scene.axes[0, :2], shift @ scene.axes[1, :2]])
+    half = 0.5 * np.array([image.extent_azimuth, image.extent_range])
+    plane = image.height - float(scene.origin[2])
+    low = np.array([*(middle - half), min(plane, float(scene.low[2]))])
+    high = np.array([*(middle + half), max(plane, float(scene.high[2]))])
+    return Box(scene.origin, scene.axes, low, high)
+
+
+__all__ = ["MAX_CELLS", "build_image_request", "image_box"]

@@ -1,0 +1,98 @@
+"""The scenes and radars that come with the program, found by bare name wherever it is installed."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.parameters import did_you_mean
+
+_COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class LibraryEntry:
+    """One shipped file.
+
+    Parameters
+    ----------
+    name : bare name that the command line and ``load_scene`` take
+    title : first line of the comment that opens the file
+    description : rest of that comment, lines as written, without indentation
+    path : the file
+    """
+
+    name: str
+    title: str
+    description: str
+    path: Path
+
+
+def scenes_dir() -> Path:
+    """Return the folder of the shipped scenes: inside an installed package, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "_scenes"
+    beside = package.parent / "scenes"
+    folder = inside if inside.is_dir() else beside
+    if not folder.is_dir():
+        raise SceneError(f"{beside}: the shipped scenes are missing; install the package again")
+    return folder
+
+
+def list_scenes() -> tuple[LibraryEntry, ...]:
+    """Return the shipped scenes in order of their names."""
+    return _entries(scenes_dir())
+
+
+def list_radars() -> tuple[LibraryEntry, ...]:
+    """Return the shipped radar descriptions (sensor, film, integrator) in order of their names."""
+    return _entries(scenes_dir() / "radars")
+
+
+def resolve(name_or_path: str | Path) -> Path:
+    """Return the file of a scene: a path, or the bare name of a shipped scene.
+
+    An existing file wins over a shipped scene of the same name.
+
+    Raises
+    ------
+    SceneError
+        There is neither such a file nor such a scene; the message lists the names and the closest.
+    """
+    return _resolve(name_or_path, scenes_dir(), "scene")
+
+
+def resolve_radar(name_or_path: str | Path) -> Path:
+    """Return the file of a radar description: a path, or the bare name of a shipped one; see `resolve`."""
+    return _resolve(name_or_path, scenes_dir() / "radars", "radar")
+
+
+def _entries(folder: Path) -> tuple[LibraryEntry, ...]:
+    found = []
+    for path in sorted(folder.glob("*.xml")):
+        match = _COMMENT.search(path.read_text(encoding="utf-8"))
+        lines = [line.strip() for line in match.group(1).strip().splitlines()] if match else [path.stem]
+        found.append(LibraryEntry(path.stem, lines[0], "\n".join(lines[1:]).strip(), path))
+    return tuple(found)
+
+
+def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    text = str(name_or_path)
+    if path.is_dir():
+        raise SceneError(f"{text}: a folder, not a {what} file; name the XML file in it")
+    if path.name == text and path.suffix in ("", ".xml"):
+        shipped = folder / f"{path.stem}.xml"
+        if path.stem and shipped.is_file():
+            return shipped
+        names = sorted(p.stem for p in folder.glob("*.xml"))
+        guess = did_you_mean(path.stem, names)
+        raise SceneError(
+            f"{text}: no such file, and no shipped {what} of that name{guess}; shipped: {', '.join(names)}"
+        )
+    raise SceneError(f"{text}: no such {what} file; check the path")
+
+
+__all__ = ["LibraryEntry", "list_radars", "list_scenes", "resolve", "resolve_radar", "scenes_dir"]

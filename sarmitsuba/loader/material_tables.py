@@ -1,0 +1,133 @@
+"""The parameters of the material plugins."""
+
+from sarmitsuba.loader.parameters import Param, ParamTable
+from sarmitsuba.materials.library import ITU_BANDS
+from sarmitsuba.scene.spec import DIFFUSE_LAWS
+
+_ITU_NAMES = tuple(ITU_BANDS)
+
+RADAR_MATERIAL = ParamTable(
+    plugin="radar_material",
+    element="bsdf",
+    doc="Surface of a half space: `material`, or `permittivity_real` with its loss or conductivity.",
+    hints={
+        "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
+        "type": 'did you mean "material"?',
+        "roughness": 'did you mean "rms_height"?',
+    },
+    params=(
+        Param("material", "string", "", "pec, or a material of ITU-R P.2040-3", choices=("pec", *_ITU_NAMES)),
+        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+        Param(
+            "permittivity_imag",
+            "float",
+            0.0,
+            "loss eps'' of the relative permittivity eps' - j eps''",
+            "",
+            0.0,
+            1e12,
+        ),
+        Param("conductivity", "float", 0.0, "in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
+        Param(
+            "diffuse_law",
+            "string",
+            "none",
+            "angular law of the incoherent return",
+            choices=tuple(DIFFUSE_LAWS),
+        ),
+        Param(
+            "diffuse_level_db",
+            "float",
+            -20.0,
+            "sigma0 (constant), gamma (constant_gamma) or sigma0 at normal incidence (lambert)",
+            "dB",
+            -200.0,
+            60.0,
+        ),
+        Param("correlation_length", "float", 0.0, "of the surface height", "m", 0.0, 1e3),
+        Param(
+            "cross_polar_ratio_db",
+            "float",
+            -300.0,
+            "cross- over co-polar diffuse power; -300 = none",
+            "dB",
+            -300.0,
+            0.0,
+        ),
+    ),
+)
+
+POINT_SCATTERER = ParamTable(
+    plugin="point_scatterer",
+    element="bsdf",
+    doc="On a `sphere` shape: its centre becomes an ideal isotropic scatterer; the sphere is not traced.",
+    params=(
+        Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
+        Param("phase_deg", "float", 0.0, "of its reflectivity", "deg", -360.0, 360.0),
+    ),
+)
+
+_COLORS = tuple(
+    Param(name, "ignored", "", "colour on the screen; no effect")
+    for name in ("color", "reflectance", "base_color")
+)
+_SCATTERING = (
+    Param("thickness", "float", 0.1, "accepted; surfaces are half spaces here", "m", 0.0, 1e9),
+    Param(
+        "scattering_coefficient",
+        "float",
+        0.0,
+        "S: share S^2 of the reflected power is scattered by Lambert's law",
+        "",
+        0.0,
+        1.0,
+    ),
+    Param("xpd_coefficient", "float", 0.0, "share of the scattered power that is cross-polar", "", 0.0, 1.0),
+    *(
+        Param(name, "ignored", 0.0, "directive lobe; read as Lambert's law")
+        for name in ("alpha_r", "alpha_i", "lambda_", "scattering_pattern")
+    ),
+    *_COLORS,
+)
+
+ITU_RADIO_MATERIAL = ParamTable(
+    plugin="itu-radio-material",
+    element="bsdf",
+    doc="Sionna RT's ITU material.",
+    params=(Param("type", "string", "", "material of ITU-R P.2040", choices=_ITU_NAMES), *_SCATTERING),
+)
+
+RADIO_MATERIAL = ParamTable(
+    plugin="radio-material",
+    element="bsdf",
+    doc="Sionna RT's general material.",
+    params=(
+        Param("relative_permittivity", "float", 1.0, "real part", "", 1.0, 1e9),
+        Param("conductivity", "float", 0.0, "", "S/m", 0.0, 1e9),
+        *_SCATTERING,
+    ),
+)
+
+ABSORBER = ParamTable(
+    plugin="absorber-radio-material",
+    element="bsdf",
+    doc="Sionna RT's perfect absorber: blocks and returns nothing.",
+    params=_COLORS,
+)
+
+HOLDER = ParamTable(
+    plugin="holder-material",
+    element="bsdf",
+    doc="Sionna RT's wrapper around one nested material, whose meaning it takes.",
+    params=(),
+)
+
+__all__ = [
+    "ABSORBER",
+    "HOLDER",
+    "ITU_RADIO_MATERIAL",
+    "POINT_SCATTERER",
+    "RADAR_MATERIAL",
+    "RADIO_MATERIAL",
+]

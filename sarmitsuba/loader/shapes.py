@@ -1,0 +1,327 @@
+"""Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.parameters import did_you_mean, one_line
+from sarmitsuba.loader.properties import Element, Opaque
+from sarmitsuba.mesh import tessellate
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+MAX_FACES = 400_000  # of one tessellated shape
+SPHERE_MIN_SAGITTA = 1.4e-5  # of the radius; gives MAX_FACES
+_MESH_FILES = ("ply", "obj", "stl")
+_COMMON = ("to_world", "flip_normals")
+_MESH = (*_COMMON, "filename", "face_normals", "flip_tex_coords")
+# parameters of every shape that is understood; those without geometry are accepted and ignored
+SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
+    "ply": _MESH,
+    "obj": _MESH,
+    "stl": _MESH,
+    "serialized": (*_MESH, "shape_index"),
+    "rectangle": _COMMON,
+    "cube": _COMMON,
+    "disk": _COMMON,
+    "sphere": (*_COMMON, "center", "radius"),
+    "cylinder": (*_COMMON, "p0", "p1", "radius"),
+    "shapegroup": (),
+    "instance": ("to_world",),
+    "merge": (),
+}
+_MAX_NESTING = 16
+_MAX_POINT = 1e15  # beyond, distances between points overflow
+# what a reader that meets arbitrary bytes raises
+_READER_ERRORS = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,
+    AssertionError,
+    EOFError,
+    ImportError,
+    MemoryError,
+    struct.error,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A shape element and where it stands.
+
+    Parameters
+    ----------
+    element : of a shape with a surface
+    name : its id, or a name made up from plugin and number
+    to_world : (4, 4) float64, file frame
+    """
+
+    element: Element
+    name: str
+    to_world: F64
+
+    @property
+    def is_curved(self) -> bool:
+        """True for shapes whose facets stand for one smooth surface."""
+        return self.element.plugin in ("sphere", "disk", "cylinder")
+
+    @property
+    def is_convex(self) -> bool:
+        """True for shapes that are one closed convex body wherever they are placed: affine maps keep convexity."""
+        return self.element.plugin in ("sphere", "cube")
+
+
+@dataclass
+class MeshReader:
+    """Turns shapes into triangles; keeps the mesh files it has read.
+
+    Parameters
+    ----------
+    sagitta : bound of the distance between a curved shape and its facets, m
+    notes : filled with one line for every shape that misses the bound
+    """
+
+    sagitta: float
+    notes: list[str] = field(default_factory=list)
+    _files: dict[tuple[Path, int], tuple[F64, I32]] = field(default_factory=dict)
+
+    def triangles(self, placed: Placed) -> tuple[F64, I32]:
+        """(n_v, 3) float64 vertices in the file frame, m, and (n_f, 3) int32 faces.
+
+        Raises
+        ------
+        SceneError : the mesh file is missing or unreadable, or a value makes no shape
+        """
+        vertices, faces = self._local(placed)
+        matrix = placed.to_world
+        with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
+            return vertices @ matrix[:3, :3].T + matrix[:3, 3], faces
+
+    def _local(self, placed: Placed) -> tuple[F64, I32]:
+        element, where = placed.element, placed.element.where
+        plugin = element.plugin
+        if plugin in _MESH_FILES or plugin == "serialized":
+            return self._file(element)
+        if plugin == "rectangle":
+            return tessellate.rectangle()
+        if plugin == "cube":
+            return tessellate.cube()
+        linear = placed.to_world[:3, :3]
+        radius = _radius(element)
+        if plugin == "disk":
+            return tessellate.disk(max(self._local_sagitta(linear[:, :2]), 1e-10))
+        if plugin == "sphere":
+            wanted = self._local_sagitta(linear)
+            sagitta = max(wanted, SPHERE_MIN_SAGITTA * radius)
+            if sagitta > wanted:
+                self.notes.append(
+                    f"{where}: tessellated to a sagitta of {sagitta / wanted * self.sagitta:.3g} m, not "
+                    f"{self.sagitta:.3g} m, at {MAX_FACES} faces"
+                )
+            vertices, faces = tessellate.sphere(radius, sagitta)
+            return vertices + sphere_center(element), faces
+        return self._cylinder(element, radius, linear)
+
+    def _local_sagitta(self, linear: F64) -> float:
+        """Bound in the coordinates of a shape that ``linear`` maps to the world."""
+        if not np.isfinite(linear).all():
+            return self.sagitta  # refused when the mesh is checked
+        scale = float(np.linalg.norm(linear, 2))
+        return self.sagitta / scale if scale > 0.0 else self.sagitta
+
+    def _cylinder(self, element: Element, radius: float, linear: F64) -> tuple[F64, I32]:
+        p0 = _vector(element, "p0", np.zeros(3))
+        p1 = _vector(element, "p1", np.array([0.0, 0.0, 1.0]))
+        length = float(np.linalg.norm(p1 - p0))
+        if length == 0.0:
+            raise SceneError(f"{element.where}: p0 and p1 are the same point; move one of them")
+        z = (p1 - p0) / length
+        x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+        x /= np.linalg.norm(x)
+        frame = np.stack([x, np.cross(z, x), z])
+        with np.errstate(over="ignore", invalid="ignore"):
+            across = linear @ frame[:2].T
+        sagitta = max(self._local_sagitta(across), 1e-9 * radius)
+        vertices, faces = tessellate.cylinder(radius, 0.0, length, sagitta)
+        return p0 + vertices @ frame, faces
+
+    def _file(self, element: Element) -> tuple[F64, I32]:
+        path = mesh_path(element)
+        index = element.values.get("shape_index", 0)
+        key = (path, int(index) if isinstance(index, int) else 0)
+        if key not in self._files:
+            reader = _read_serialized if element.plugin == "serialized" else _read_mesh
+            self._files[key] = reader(path, key[1], element.where)
+        return self._files[key]
+
+
+def placed_shapes(root: Element) -> Iterator[Placed]:
+    """Every shape with a surface, shape groups through their instances.
+
+    Raises
+    ------
+    SceneError : a shape is of an unknown kind or has an unknown parameter
+    """
+    taken: dict[str, int] = {}
+    for element in root.of_kind("shape"):
+        yield from _expand(element, np.eye(4), taken, 0)
+
+
+def sphere_center(element: Element) -> F64:
+    """(3,) float64 centre of a sphere element in its own coordinates."""
+    return _vector(element, "center", np.zeros(3))
+
+
+def mesh_path(element: Element) -> Path:
+    """File of a mesh element.
+
+    Raises
+    ------
+    SceneError : it has no file name, or there is no such file
+    """
+    name = element.values.get("filename")
+    if not isinstance(name, str) or not name:
+        raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
+    path = element.folder / name
+    if not path.is_file():
+        raise SceneError(f'{element.where}: mesh file "{name}" not found in {element.folder}; check filename')
+    return path
+
+
+def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> Iterator[Placed]:
+    plugin = element.plugin
+    if plugin not in SHAPE_PARAMETERS:
+        known = ", ".join(SHAPE_PARAMETERS)
+        guess = did_you_mean(plugin, SHAPE_PARAMETERS)
+        raise SceneError(
+            f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
+        )
+    for name, value in element.given().items():
+        if name not in (*SHAPE_PARAMETERS[plugin], "bsdf") and not _is_object(value):
+            guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
+            known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
+            raise SceneError(
+                f'{element.where}: unknown parameter "{name}"{guess or f"; {plugin} knows {known}"}'
+            )
+    if depth > _MAX_NESTING:
+        raise SceneError(f"{element.where}: shapes are nested more than {_MAX_NESTING} deep; flatten them")
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = outer @ _matrix(element)
+    if not np.isfinite(matrix).all():
+        raise SceneError(f"{element.where}: nested to_world overflow; check their numbers")
+    if plugin in ("instance", "merge"):
+        inner = list(element.of_kind("shape"))
+        if plugin == "instance":
+            inner = [part for group in inner for part in (group.of_kind("shape"))]
+        if not inner:
+            raise SceneError(
+                f"{element.where}: {plugin} holds no shape; refer to a shapegroup with shapes in it"
+            )
+        for part in inner:
+            yield from _expand(part, matrix, taken, depth + 1)
+    elif plugin != "shapegroup":
+        name = element.id or plugin
+        taken[name] = taken.get(name, 0) + 1
+        yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix)
+
+
+def _is_object(value: Any) -> bool:
+    """True for nested emitters, media and textures, which have no meaning here."""
+    return isinstance(value, Opaque) and value.kind in ("emitter", "medium", "texture", "sensor", "volume")
+
+
+def _matrix(element: Element) -> F64:
+    value = element.values.get("to_world")
+    if value is None:
+        return np.eye(4)
+    matrix = np.asarray(value, dtype=np.float64) if isinstance(value, np.ndarray) else np.zeros(0)
+    if matrix.shape != (4, 4):
+        raise SceneError(f'{element.where}: to_world is not a transform; give <transform name="to_world">')
+    if not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise SceneError(f"{element.where}: to_world is not a finite affine transform; check its numbers")
+    return matrix
+
+
+def _vector(element: Element, name: str, default: F64) -> F64:
+    value = element.values.get(name, default)
+    if not isinstance(value, np.ndarray) or value.shape != (3,) or not (np.abs(value) <= _MAX_POINT).all():
+        raise SceneError(
+            f'{element.where}: {name} = {one_line(value)} is not a finite point; give <point name="{name}">'
+        )
+    return value
+
+
+def _radius(element: Element) -> float:
+    value = element.values.get("radius", 1.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
+        raise SceneError(
+            f"{element.where}: radius = {one_line(value)} m is not between 0 m and 1e9 m; give a positive "
+            "radius"
+        )
+    return float(value)
+
+
+def _read_mesh(path: Path, index: int, where: str) -> tuple[F64, I32]:
+    """Triangles of a ply, obj or stl file, vertices as they are."""
+    import trimesh
+
+    options = {"skip_materials": True, "maintain_order": True} if path.suffix.lower() == ".obj" else {}
+    try:
+        mesh = trimesh.load_mesh(path, process=False, **options)
+        if isinstance(mesh, trimesh.Scene):
+            mesh = mesh.to_mesh()
+        vertices = np.array(mesh.vertices, dtype=np.float64)
+        faces = np.array(mesh.faces, dtype=np.int64)
+    except OSError as error:
+        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror or error}") from error
+    except _READER_ERRORS as error:
+        what = one_line(error) or type(error).__name__
+        raise SceneError(
+            f"{where}: mesh file {path.name} is malformed: {what}; export it again as ply or obj"
+        ) from error
+    if faces.ndim != 2 or faces.shape[0] == 0:
+        raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")
+    if faces.min() < 0 or faces.max() >= vertices.shape[0]:
+        raise SceneError(
+            f"{where}: mesh file {path.name} refers to vertex {faces.max()} of {vertices.shape[0]}; export "
+            "it again"
+        )
+    return vertices, faces.astype(np.int32)
+
+
+def _read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
+    """Triangles of Mitsuba's own binary format, through Mitsuba (float32 vertices)."""
+    ensure_backend()
+    import mitsuba as mi
+
+    try:
+        mesh = mi.load_dict({"type": "serialized", "filename": str(path), "shape_index": index})
+        parameters = mi.traverse(mesh)
+        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+        faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3).astype(np.int32)
+    except (RuntimeError, KeyError, ValueError) as error:
+        what = one_line(str(error).rpartition(f'{path.name}": ')[2] or "unreadable", 120)
+        raise SceneError(f"{where}: cannot read mesh file {path.name}: {what}; export it as ply") from None
+    return vertices, faces
+
+
+__all__ = [
+    "MAX_FACES",
+    "SHAPE_PARAMETERS",
+    "MeshReader",
+    "Placed",
+    "mesh_path",
+    "placed_shapes",
+    "sphere_center",
+]

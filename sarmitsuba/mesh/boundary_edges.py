@@ -1,0 +1,275 @@
+"""Where flat facets end: the sharp sides that limit a ray tube on each triangle."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from sarmitsuba.mesh.meshes import weld
+
+F64 = NDArray[np.float64]
+
+# bend of an edge below which the surface goes on across it and tubes are not ended there
+SMOOTH_BEND = np.radians(20.0)
+# bend below which two triangles lie in one plane, rad
+FLAT_BEND = 1e-4
+N_SIDES = 4
+# triangles of the same facet so many edges away lend their sides
+RINGS = 3
+# pairs of triangles that are compared at a time; bounds the memory
+PAIRS = 200_000
+# triangles whose neighbourhoods are looked up at a time
+SLAB = 20_000
+# rounding of a coordinate in a file of float32, over the coordinate
+FLOAT32 = 2.0**-23
+# share of a triangle, seen across a side, that the side must cover to limit it
+FACING = 0.5
+
+
+def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+    """Sharp sides of the flat facet that each triangle belongs to.
+
+    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles of a convex facet
+    with up to four straight sides have these. In other facets a triangle has its own sharp sides, and of the
+    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first: the sides
+    of the arm of an L.
+
+    Parameters
+    ----------
+    corners : (n_faces, 3, 3) float64, m
+    place : (3 n_faces,) labels of the corners' places, None to work them out
+
+    Returns
+    -------
+    (n_faces, 4, 4) float32 : up to four sides ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the plane, into
+        the facet, and ``m . (p - corner 0) - c`` the distance from the side in m; unused ones are ``(0, 0, 0, -1)``
+
+    Notes
+    -----
+    Ignores T-junctions (their sides count as sharp), a fifth side, and that a side may limit part of a triangle only.
+    """
+    n = corners.shape[0]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    start, end = corners, np.roll(corners, -1, axis=1)
+    along = end - start
+    length = np.linalg.norm(along, axis=2)
+    along /= np.maximum(length, 1e-300)[:, :, None]
+    inward = np.cross(normal[:, None, :], along)
+
+    place = weld(corners.reshape(-1, 3)) if place is None else place
+    mate, mates_inward = _neighbours(place, inward)
+    bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
+    alone = mate < 0
+    smooth = ~alone & (bend < -np.cos(SMOOTH_BEND))
+    # sine of a tiny bend from the normals' difference, where the cosine has no digits left
+    off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
+    # float32 files turn small triangles far from the origin
+    rounding = FLOAT32 * np.abs(corners).max(axis=(1, 2))
+    height = np.linalg.norm(np.cross(along[:, 0], start[:, 2] - start[:, 0]), axis=1) * length[:, 0]
+    height /= np.maximum(length.max(axis=1), 1e-300)
+    flat = smooth & (off_plane < FLAT_BEND + (rounding / np.maximum(height, 1e-300))[:, None])
+
+    sharp = ~smooth
+    sides = _unused(n)
+    offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
+    sides[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
+
+    ids = place.reshape(n, 3)
+    edges = _Edges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
+    shared = np.flatnonzero(flat.any(axis=1))
+    if shared.size:
+        shared = shared[~_simple_facets(edges, shared, sides)]
+    for slab in np.array_split(shared, 1 + shared.size // SLAB):
+        near = _around(edges.mate, slab)
+        near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
+        count = (near >= 0).sum(axis=1)
+        for most in np.unique(count[count > 0]):
+            rows = np.flatnonzero(count == most)
+            for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
+                sides[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
+    return sides.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges of all triangles.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3), m
+    ids : (n, 3) labels of the corners' places
+    along, inward : (n, 3, 3) unit vectors of edge k from corner k to the next
+    length : (n, 3), m
+    rounding : (n,), m, of the corners
+    sharp : (n, 3) facets end there
+    mate : (n, 3) triangle of the same plane across the edge, -1 for none
+    """
+
+    corners: F64
+    ids: NDArray[np.int64]
+    along: F64
+    inward: F64
+    length: F64
+    rounding: F64
+    sharp: NDArray[np.bool_]
+    mate: NDArray[np.int64]
+
+
+def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArray[np.bool_]:
+    """Fill in the sides of ``faces`` whose whole facet is convex with at most ``N_SIDES`` straight sides; which are."""
+    n = len(edges.corners)
+    row, k = np.nonzero(edges.mate >= 0)
+    links = coo_matrix((np.ones(row.size), (row, edges.mate[row, k])), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    facet = np.unique(label[faces], return_inverse=True)[1]
+    count = int(facet.max()) + 1
+    origin = np.zeros((count, 3))
+    origin[facet] = edges.corners[faces, 0]
+    size = np.zeros(count)
+    points = edges.corners[faces] - origin[facet][:, None]
+    np.maximum.at(size, facet, np.abs(points).max(axis=(1, 2)))
+    rounding = np.zeros(count)
+    np.maximum.at(rounding, facet, edges.rounding[faces])
+    slack = 1e-6 * size + 2.0 * rounding
+
+    own, k = np.nonzero(edges.sharp[faces])
+    line = _straight(edges, facet, faces, own, k)
+    first = np.unique(line, return_index=True)[1]  # an edge of every line
+    share = edges.length[faces[own], k]
+    inward = _sums(line, edges.inward[faces[own], k] * share[:, None])
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+    middle = points[own, k] + 0.5 * (edges.along[faces[own], k] * share[:, None])
+    offset = _sums(line, np.einsum("ei,ei->e", inward[line], middle)[:, None] * share[:, None])[:, 0]
+    offset /= np.maximum(_sums(line, share[:, None])[:, 0], 1e-300)
+    of = facet[own[first]]
+    order = np.argsort(of, kind="stable")
+    lines = np.bincount(of, minlength=count)
+    place = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
+    few = (lines <= N_SIDES)[of[order]]
+    table = _unused(count)
+    kept = order[few]
+    table[of[kept], place[few]] = np.column_stack([inward[kept], offset[kept]])
+
+    mine = table[facet]
+    height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
+    outside = np.zeros(count, dtype=bool)
+    np.logical_or.at(outside, facet, (height < -slack[facet][:, None, None]).any(axis=(1, 2)))
+    simple = ((lines <= N_SIDES) & ~outside)[facet]
+    used = (mine[:, :, :3] != 0.0).any(axis=2)
+    mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
+    sides[faces[simple]] = mine[simple]
+    return np.asarray(simple)
+
+
+def _straight(
+    edges: _Edges,
+    facet: NDArray[np.int64],
+    faces: NDArray[np.int64],
+    own: NDArray[np.int64],
+    k: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Number of the straight side that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
+    n = own.size
+    face = faces[own]
+    ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
+    edge = np.tile(np.arange(n), 2)
+    key = np.tile(facet[own], 2) * (int(edges.ids.max()) + 1) + ends
+    a, b = (edge[end] for end in _twins(key))  # corners of the facet where just two of its edges meet
+    inward, length = edges.inward[face, k], edges.length[face, k]
+    bend = np.linalg.norm(np.cross(inward[a], inward[b]), axis=1)
+    allowed = FLAT_BEND + 2.0 * edges.rounding[face[a]] / np.maximum(np.minimum(length[a], length[b]), 1e-300)
+    go_on = (bend < allowed) & (np.einsum("ei,ei->e", inward[a], inward[b]) > 0.0)
+    links = coo_matrix((np.ones(int(go_on.sum())), (a[go_on], b[go_on])), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def _sums(group: NDArray[np.int64], rows: F64) -> F64:
+    """Sums of the rows of each group."""
+    out = np.zeros((int(group.max(initial=-1)) + 1, rows.shape[1]))
+    np.add.at(out, group, rows)
+    return out
+
+
+def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
+    """(len(faces), N_SIDES, 4) sides that limit each triangle, out of those of ``near`` (n, m), nearest first."""
+    n = len(faces)
+    valid = edges.sharp[near].reshape(n, -1)
+    inward = edges.inward[near].reshape(n, -1, 3)
+    along = edges.along[near].reshape(n, -1, 3)
+    length = edges.length[near].reshape(n, -1)
+    corner = edges.corners[faces, 0]
+    start = edges.corners[near].reshape(n, -1, 3) - corner[:, None]
+    offset = np.einsum("nsi,nsi->ns", inward, start)
+    points = edges.corners[faces] - corner[:, None]
+    slack = 1e-6 * np.abs(points).max(axis=(1, 2)) + 2.0 * edges.rounding[faces]
+
+    height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
+    valid &= (height > -slack[:, None, None]).all(axis=2)
+    lowest = height.min(axis=2)
+    # how much of the triangle, seen across the side, the side covers; pieces of one straight side together
+    place = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
+    low, high = place.min(axis=2), place.max(axis=2)
+    cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(
+        high - low, 1e-300
+    )
+    same = np.einsum("nsi,nri->nsr", inward, inward) > 1.0 - FLAT_BEND**2
+    same &= np.abs(offset[:, :, None] - offset[:, None, :]) < slack[:, None, None]
+    covered = np.einsum("nsr,nr->ns", same, np.where(valid, cover, 0.0))
+    valid &= covered > FACING
+
+    out = _unused(n)
+    row = np.arange(n)
+    for k in range(N_SIDES):
+        best = np.where(valid, lowest, np.inf).argmin(axis=1)
+        found = valid[row, best]
+        side = np.concatenate([inward[row, best], offset[row, best][:, None]], axis=1)
+        out[found, k] = side[found]
+        valid &= ~same[row, best]
+        valid[row, best] = False
+    return out
+
+
+def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, m) triangles of the same plane up to ``RINGS`` edges away and the triangle itself, each once; -1 pads."""
+    front = faces[:, None]
+    rings = []
+    for _ in range(RINGS):
+        front = np.where(front[:, :, None] >= 0, mate[front], -1).reshape(len(faces), 3 * front.shape[1])
+        rings.append(front)
+    found = np.sort(np.concatenate([faces[:, None], *rings], axis=1), axis=1)
+    found[:, 1:][found[:, 1:] == found[:, :-1]] = -1
+    return found
+
+
+def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
+    """Face across each side (-1: none, or more than one) and that face's inward vector at the common edge."""
+    n = inward.shape[0]
+    ids = place.reshape(n, 3)
+    start, end = ids, np.roll(ids, -1, axis=1)
+    key = (np.minimum(start, end) * (ids.max() + 1) + np.maximum(start, end)).ravel()
+    a, b = _twins(key)
+    mate = np.full(3 * n, -1, dtype=np.int64)
+    mate[a], mate[b] = b // 3, a // 3
+    across = np.zeros((3 * n, 3))
+    flat_inward = inward.reshape(-1, 3)
+    across[a], across[b] = flat_inward[b], flat_inward[a]
+    return mate.reshape(n, 3), across.reshape(n, 3, 3)
+
+
+def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and second place of every value that occurs just twice; values are not negative."""
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    pair = first[np.diff(first, append=len(key)) == 2]
+    return order[pair], order[pair + 1]
+
+
+def _unused(n: int) -> F64:
+    """(n, N_SIDES, 4) sides that limit nothing."""
+    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_SIDES, 1))
+
+
+__all__ = ["FLAT_BEND", "N_SIDES", "SMOOTH_BEND", "facet_sides"]

@@ -1,0 +1,107 @@
+"""Whether the radar sees the scene, and whether without ambiguity."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+
+
+def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
+    """Raise a RadarError when image and geometry, or beam and geometry, have nothing in common.
+
+    Parameters
+    ----------
+    radar : with track, antenna and pointing
+    scene, box : bounds of the geometry and of the image, in the same axes
+    where, film_where : start of an error about the sensor, about the film
+
+    Returns
+    -------
+    the part of the scene that the image holds
+    """
+    drop = float(radar.track.center_position[2] - box.origin[2])
+    reach = max(float(-scene.local(radar.track.center_position[None])[0, 1]), 1e-9)
+    layover = max(0.0, float(scene.high[2])) * max(drop, 0.0) / reach
+    shared = box.overlap(scene.low - np.array([0.0, layover, 0.0]), scene.high)
+    if shared is None:
+        raise RadarError(
+            f"{film_where}: the image covers {_span(box, 0)} along and {_span(box, 1)} across the "
+            f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: nothing to see; "
+            "move the aim point or image_center_x, image_center_y"
+        )
+    seen = replace(box, low=shared[0], high=shared[1])
+    if radar.antenna.pattern == "isotropic":
+        return seen
+    points = seen.samples() @ seen.axes + seen.origin
+    pick = np.unique(np.linspace(0, radar.track.n_pulses - 1, 65).astype(int))
+    line = points[None] - radar.track.position[pick][:, None]
+    line /= np.linalg.norm(line, axis=2, keepdims=True)
+    ahead = np.einsum("npc,nc->np", line, radar.pointing.boresight[pick]) > 0.0
+    inside = ahead.any(axis=1)
+    worst = []
+    for axis, width in (
+        (radar.pointing.azimuth_axis, radar.antenna.azimuth_beamwidth),
+        (radar.pointing.elevation_axis, radar.antenna.elevation_beamwidth),
+    ):
+        sine = np.einsum("npc,nc->np", line, axis[pick])
+        inside &= (sine.min(axis=1) < sine_to_null(width)) & (sine.max(axis=1) > -sine_to_null(width))
+        gap = np.maximum(np.maximum(sine.min(axis=1), -sine.max(axis=1)), 0.0)
+        worst.append(float(np.degrees(np.arcsin(np.clip(gap.min(), 0.0, 1.0)))))
+    if not inside.any():
+        raise RadarError(
+            f"{where}: the scene is outside the beam, {worst[0]:.3g} deg off in azimuth and "
+            f"{worst[1]:.3g} deg in elevation (half-power widths "
+            f"{np.degrees(radar.antenna.azimuth_beamwidth):.3g} deg and "
+            f"{np.degrees(radar.antenna.elevation_beamwidth):.3g} deg); aim at it or widen the beam"
+        )
+    return seen
+
+
+def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[str, ...]:
+    """Warnings about Doppler and range ambiguity, one line each.
+
+    Parameters
+    ----------
+    radar : complete
+    box : the part of the scene that the image holds
+    where : start of every line
+    derived : the prf follows from the number of pulses and the resolution
+    """
+    track = radar.track
+    if track.n_pulses < 2:
+        return ()
+    notes = []
+    prf = 1.0 / float(np.median(np.diff(track.time)))
+    pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
+    position, velocity = track.position[pick], track.velocity[pick]
+    lam = radar.waveform.wavelength
+    at_once = radar.mode == "spotlight" or not track.is_straight
+    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
+    speed = float(np.linalg.norm(velocity, axis=1).max())
+    beam = beam_bandwidth(radar.antenna, speed, lam)
+    needed = min(needed, beam)
+    if prf < needed * (1.0 - 1e-9):
+        remedy = "raise n_pulses or coarsen azimuth_resolution" if derived else "raise prf"
+        notes.append(
+            f"{where}: prf = {prf:.6g} Hz is below the Doppler bandwidth {needed:.6g} Hz; "
+            f"{remedy} or narrow the beam"
+        )
+    length = radar.window.extent + SPEED_OF_LIGHT * radar.waveform.pulse_width / 2.0
+    if length > SPEED_OF_LIGHT / (2.0 * prf):
+        notes.append(
+            f"{where}: the echoes of one pulse last {length:.6g} m in range, longer than the "
+            f"unambiguous range {SPEED_OF_LIGHT / (2.0 * prf):.6g} m at prf = {prf:.6g} Hz; lower prf, speed "
+            "or pulse_width"
+        )
+    return tuple(notes)
+
+
+def _span(box: Box, axis: int) -> str:
+    return f"{box.low[axis]:.6g} to {box.high[axis]:.6g} m"
+
+
+__all__ = ["ambiguities", "check_sight"]

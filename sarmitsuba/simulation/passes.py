@@ -1,0 +1,312 @@
+"""Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
+
+import dataclasses
+import hashlib
+import json
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.cost.report import Rays
+from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.encoding import to_json
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulation.error_bars import estimate_error, with_error_bars
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.raw import simulate
+
+STATE_FILE = "passes.npz"
+# weight of a pass as a power of its rays: a little above the 2 by which error energy falls, so that what the coarser
+# passes share does not stay
+WORTH = 3.0
+# most rays of one lattice; denser passes are repeated instead
+MAX_RAYS = 16_000_000
+
+
+@dataclass
+class Passes:
+    """Running mean of the passes so far.
+
+    Parameters
+    ----------
+    fingerprint : of the scene and settings that the passes belong to
+    count : passes done
+    seconds : spent on them, over all runs
+    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, halves apart
+    layers : labels
+    history : after every pass: seconds so far, error (dB)
+    metadata : of the last pass's raw data
+    levels : of every pass, how often its rays were doubled
+    weight : of all passes together
+    """
+
+    fingerprint: str
+    count: int = 0
+    seconds: float = 0.0
+    data: NDArray[np.complex64] | None = None
+    layers: tuple[Layer, ...] = ()
+    history: list[tuple[float, float]] = field(default_factory=list)
+    metadata: dict[str, Any] = field(default_factory=dict)
+    levels: list[int] = field(default_factory=list)
+    weight: float = 0.0
+
+    def add(self, raw: RawData, level: int) -> None:
+        """Take in one more pass, weighted by what its rays are worth."""
+        own = 2.0 ** (WORTH * level)
+        self.weight += own
+        self.count += 1
+        self.levels.append(level)
+        self.layers, self.metadata = raw.layers, dict(raw.metadata)
+        if self.data is None:
+            self.data = raw.data.copy()
+        else:
+            self.data += (raw.data - self.data) * np.float32(own / self.weight)
+
+    def save(self, path: Path) -> None:
+        """Write all of it; the file appears whole or not at all."""
+        facts = {
+            "fingerprint": self.fingerprint,
+            "count": self.count,
+            "seconds": self.seconds,
+            "history": self.history,
+            "levels": self.levels,
+            "weight": self.weight,
+            "layers": [dataclasses.astuple(layer) for layer in self.layers],
+            "metadata": to_json(self.metadata),
+        }
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(
+                file,
+                data=np.asarray(self.data),
+                facts=np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8),
+            )
+
+    @staticmethod
+    def load(path: Path, fingerprint: str) -> "Passes":
+        """Read what an earlier run left; start afresh where there is none.
+
+        Raises
+        ------
+        DataError
+            The file belongs to another scene or other settings, or cannot be read.
+        """
+        if not path.exists():
+            return Passes(fingerprint)
+        try:
+            with np.load(path) as file:
+                facts = json.loads(file["facts"].tobytes().decode())
+                data = file["data"]
+            passes = Passes(
+                fingerprint=str(facts["fingerprint"]),
+                count=int(facts["count"]),
+                seconds=float(facts["seconds"]),
+                data=data,
+                layers=tuple(Layer(*row) for row in facts["layers"]),
+                history=[(float(a), float(b)) for a, b in facts["history"]],
+                metadata=facts["metadata"],
+                levels=[int(v) for v in facts["levels"]],
+                weight=float(facts["weight"]),
+            )
+        except (OSError, KeyError, ValueError, EOFError) as error:
+            raise DataError(
+                f"{path}: cannot read the passes of an earlier run: {error}; remove the file"
+            ) from error
+        if passes.fingerprint != fingerprint:
+            raise DataError(
+                f"{path}: holds passes of another scene or of other settings; remove it or choose another output"
+            )
+        return passes
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What :func:`refine` came to.
+
+    Parameters
+    ----------
+    raw : mean over all passes, halves apart
+    image : focused from it, with ``sampling_error`` in its metadata
+    passes : done, over all runs
+    error_db : estimated sampling error of the image (worst channel), dB
+    met : whether the target was reached
+    history : after every pass: seconds so far, error (dB)
+    """
+
+    raw: RawData
+    image: SarImage
+    passes: int
+    error_db: float
+    met: bool
+    history: tuple[tuple[float, float], ...]
+
+
+def refine(
+    scene: Scene,
+    *,
+    target_error_db: float | None = None,
+    time_limit: float | None = None,
+    state: Path | str | None = None,
+    grid: ImageGrid | None = None,
+    range_window: str = "rectangular",
+    azimuth_window: str = "rectangular",
+    max_passes: int = 1000,
+    progress: Progress | None = None,
+) -> Refinement:
+    """Add passes of rays until the estimated sampling error meets the target or the time is up.
+
+    Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
+    pass before as far as memory and the time left allow: error energy falls faster than one over the rays, so denser
+    lattices beat more of them. The result is the mean of all passes, weighted by their density. The error of the image
+    is estimated from the two halves of the rays.
+
+    Parameters
+    ----------
+    scene : method ``hybrid`` or ``raw``
+    target_error_db : energy of the error over that of the image; default the scene's; 0 = no target
+    time_limit : s, of this run; default the scene's; 0 = no limit. At least one pass is made
+    state : file that holds the passes between runs; None keeps nothing
+    grid : of the image; default what the scene asks for
+    range_window, azimuth_window : of the image
+    max_passes : bound on all passes
+    progress : called after every pass with the error and, where there is one, the limit
+
+    Returns
+    -------
+    Refinement
+
+    Raises
+    ------
+    DataError
+        Neither a target nor a limit is given, or the state file belongs to another scene.
+
+    Notes
+    -----
+    The passes reduce the error of ray sampling and no other; see :func:`sarmitsuba.simulation.error_bars.estimate_error`.
+    """
+    target = scene.settings.target_error_db if target_error_db is None else target_error_db
+    limit = scene.settings.time_limit if time_limit is None else time_limit
+    if target >= 0.0 and limit <= 0.0:
+        raise DataError(f"{scene.name}: refining needs target_error_db below 0 dB or a time_limit above 0 s")
+    report = progress or silent
+    noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
+    quiet = {**scene.settings.effects, "noise": "off"}
+    scene = replace(scene, settings=replace(scene.settings, keep_halves=True, effects=quiet))
+    grid = grid or default_grid(scene.radar, scene.image)
+    file = Path(state) if state is not None else None
+    mark = fingerprint(scene)
+    passes = Passes.load(file, mark) if file else Passes(mark)
+    windows: dict[str, Any] = {"range_window": range_window, "azimuth_window": azimuth_window}
+
+    plan = plan_scene(scene)
+    rays = Rays.of(scene, plan)
+    begin = time.perf_counter()
+    took = 0.0  # seconds of the last pass with its check
+    ratio_db: float | None = None  # image error less raw error; the image is focused only when it matters
+    while True:
+        if passes.data is not None:
+            raw = RawData(passes.data, passes.layers, "compressed", scene.radar, passes.metadata)
+            raw_error = max(estimate_error(raw.data, raw.layers, pixels=False).error_db)
+            image: SarImage | None = None
+            error = raw_error + (ratio_db or 0.0)
+            if ratio_db is None or (target < 0.0 and error <= target + 0.3):
+                image = focus(raw, grid, **windows)
+                error = max(estimate_error(image.data, image.layers, pixels=False).error_db)
+                ratio_db = error - raw_error
+            elapsed = time.perf_counter() - begin
+            info = {"dB error": error} | ({"dB wanted": target} if target < 0.0 else {})
+            report("refine", *_share(error, target, elapsed, limit), info)
+            passes.history[-1] = (passes.seconds, float(error))
+            if (target < 0.0 and error <= target) or passes.count >= max_passes:
+                break
+            left = limit - elapsed if limit > 0.0 else np.inf
+        else:
+            left = np.inf
+        level = _next_level(passes, took, left)
+        if level is None:
+            break
+        last = time.perf_counter()
+        denser: dict[str, Any] = dict(rays.at(2.0 ** (-0.5 * level)))
+        settings = replace(scene.settings, **denser)
+        passes.add(simulate(replace(scene, settings=settings), plan=plan, pass_index=passes.count), level)
+        took = time.perf_counter() - last
+        passes.seconds += took
+        passes.history.append((passes.seconds, float("nan")))
+        if file:
+            passes.save(file)
+
+    if image is None:
+        image = focus(raw, grid, **windows)
+        error = max(estimate_error(image.data, image.layers, pixels=False).error_db)
+        passes.history[-1] = (passes.seconds, float(error))
+    if noisy:
+        raw = add_noise(raw, seed=scene.settings.seed)
+        image = focus(raw, grid, **windows)
+    met = target < 0.0 and error <= target
+    facts = {
+        "passes": passes.count,
+        "levels": passes.levels,
+        "seconds": passes.seconds,
+        "target_error_db": target,
+        "time_limit_s": limit,
+        "met": met,
+        "history": [[round(s, 3), round(e, 3)] for s, e in passes.history],
+    }
+    raw = replace(raw, metadata={**raw.metadata, "refinement": facts})
+    image = with_error_bars(replace(image, metadata={**image.metadata, "refinement": facts}))
+    return Refinement(raw, image, passes.count, float(error), met, tuple(passes.history))
+
+
+def _next_level(passes: Passes, took: float, left: float) -> int | None:
+    """Density of the next pass: twice the rays if that fits time and memory, else as before, None when time is up."""
+    if not passes.levels:
+        return 0
+    level = max(passes.levels)
+    rays = passes.metadata.get("sampling", {}).get("rays_per_key_pulse", 0)
+    if 2.0 * took <= 1.2 * left and rays <= MAX_RAYS:
+        return level + 1
+    return level if took <= 1.5 * left and left > 0.0 else None
+
+
+def _share(error: float, target: float, elapsed: float, limit: float) -> tuple[float, float]:
+    """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
+    by_error = 10.0 ** ((target - error) / 20.0) if target < 0.0 else 0.0  # error energy falls as 1 / rays^2
+    by_time = elapsed / limit if limit > 0.0 else 0.0
+    return 100.0 * min(1.0, max(by_error, by_time)), 100.0
+
+
+def fingerprint(scene: Scene) -> str:
+    """Hash of everything that the passes of a scene depend on."""
+    digest = hashlib.sha256()
+
+    def feed(value: Any) -> None:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for item in dataclasses.fields(value):
+                digest.update(item.name.encode())
+                feed(getattr(value, item.name))
+        elif isinstance(value, np.ndarray):
+            digest.update(str(value.dtype).encode() + str(value.shape).encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, (tuple, list)):
+            for item in value:
+                feed(item)
+        elif isinstance(value, dict):
+            feed(sorted(value.items()))
+        else:
+            digest.update(repr(value).encode())
+
+    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
+    feed((scene.geometry, scene.materials, scene.points, scene.radar, settings, scene.image))
+    return digest.hexdigest()
+
+
+__all__ = ["STATE_FILE", "Passes", "Refinement", "fingerprint", "refine"]

@@ -1,0 +1,434 @@
+"""Pilot trace: how much returns at which bounce, from a few per cent of the rays at a few pulses of the aperture.
+
+Rays go out in square patches about as large as a resolution cell and as dense as in the full run, so that every
+patch sums coherently what one pixel would. Most patches lie at random; the others lie on small features of the
+geometry (separate pieces, concave edges) that random ones would miss. Patches fade out towards their rim, else
+the rim of a patch on a smooth plain would return what the plain does not.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.effects.facts import KINDS, Facts, PilotResult, Sampling
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan, plan_effects
+from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulation.window import (
+    LaunchWindow,
+    diffuse_spacing,
+    launch_window,
+    ray_spacing,
+    scatterer_cell,
+)
+from sarmitsuba.trace.accumulators import carrier
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch, project
+from sarmitsuba.trace.modules import modules
+
+F64 = NDArray[np.float64]
+
+ORDERS = 8
+CHANNELS = ("HH", "VV")
+# rays on a side of a patch: enough for the fade-out to suppress the rim by 30 dB
+SIDE = 8
+# share of the full run's rays, and most rays whatever the run. A pilot's ray costs two to three of the run's: all
+# effects, two polarisations, patches in no order
+RAY_SHARE = 0.006
+MAX_RAYS = 300_000
+# patches of a pulse, whatever the run: recording and launching take longer than tracing these
+LEAST_PATCHES = 128
+# a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s; seconds
+# predicted with the rates below, which are those of two cores
+SHORTEST_RUN = 2.0
+RAYS_PER_SECOND = 5e6
+SAMPLES_PER_SECOND = 2e6  # range-compressed samples synthesised
+PIXEL_PULSES_PER_SECOND = 4e8
+# share of a run that proofs from the geometry may take
+PROOF_SHARE = 0.05
+# effects up to this rank decide which kinds of return there are, all that the sampling depends on
+KINDS_RANK = 20
+# key pulses share about this many pulses when nothing else is known
+USUAL_INTERVAL = 100
+# scatterer cells that the kernel shares a tube among, each with contributions of its own
+CELLS_A_TUBE = 4
+# a feature that so many random patches meet needs none of its own
+ENOUGH_PATCHES = 8.0
+
+
+def plan_scene(
+    scene: Scene,
+    trace_scene: TraceScene | None = None,
+    *,
+    pilot: bool | None = None,
+    window: LaunchWindow | None = None,
+) -> EffectsPlan:
+    """Decide the effects of a scene: by static facts, and by a pilot trace where they are not enough.
+
+    Parameters
+    ----------
+    scene : as loaded
+    trace_scene : built already, or None to build it when a pilot needs it
+    pilot : force or forbid the pilot; None lets the size of the run decide
+    window : of this scene, None to work it out
+    """
+    if scene.geometry.n_faces == 0:
+        return plan_effects(scene)
+    window = window or launch_window(scene)
+    sampling = sampling_of(scene, None, window)
+    seconds = run_seconds(scene, sampling)
+    shape = Facts(scene).shape_within(PROOF_SHARE * seconds)
+    draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
+    if _kinds(scene, draft) != _kinds(scene, None):
+        sampling = sampling_of(scene, draft, window)
+    depth = draft.decision("max_depth")
+    decided = depth is not None and depth.source == "fact" and not depth.on
+    wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
+    returns = draft.flags.coherent or draft.flags.diffuse
+    if decided or not wanted or not returns:
+        return plan_effects(scene, sampling, shape=shape)
+    draft = plan_effects(scene, shape=shape, warn=False)
+    result = run_pilot(scene, draft, sampling, window, trace_scene, shape=shape)
+    return plan_effects(scene, sampling, result, shape=shape)
+
+
+def sampling_of(scene: Scene, draft: EffectsPlan | None, window: LaunchWindow) -> Sampling:
+    """How the full run will sample the scene if the draft stands, or with all returns where there is none yet."""
+    settings = scene.settings
+    diffuse, coherent = _kinds(scene, draft)
+    spacing = ray_spacing(scene, window, diffuse and not coherent, coherent)
+    n = scene.radar.track.n_pulses
+    interval = {"raw": 1, "image": n, "raster": n}.get(
+        settings.method, settings.key_pulse_interval or USUAL_INTERVAL
+    )
+    return Sampling(
+        ray_spacing=spacing,
+        n_rays=_rays_a_pulse(scene, window, diffuse and coherent, spacing),
+        cell=float(scatterer_cell(scene, window.incidence)),
+        box=window.box,
+        key_pulses=-(-n // interval),
+    )
+
+
+def _kinds(scene: Scene, draft: EffectsPlan | None) -> tuple[bool, bool]:
+    """Whether there are diffuse and coherent returns: by the draft, or for all that there may be."""
+    if draft is None:
+        return any(m.diffuse_law != "none" for m in scene.materials), True
+    return draft.flags.diffuse, draft.flags.coherent
+
+
+def _rays_a_pulse(scene: Scene, window: LaunchWindow, both: bool, spacing: float) -> int:
+    """Rays of all lattices of one pulse; ``both``: diffuse and coherent returns."""
+    rays = window.area / spacing**2
+    if both and scene.settings.diffuse_ray_spacing == 0:
+        rays = window.area / ray_spacing(scene, window, False, True) ** 2
+        rays += window.area / diffuse_spacing(scene, window) ** 2
+    return int(rays)
+
+
+def run_seconds(scene: Scene, sampling: Sampling) -> float:
+    """About what simulating and focusing takes on two cores, s; `explain` predicts it properly."""
+    radar, image = scene.radar, scene.image
+    pixel = sampling.cell * radar.waveform.range_cell
+    pixels = image.extent_azimuth * image.extent_range / max(pixel, 1e-9) * 2.0
+    return float(
+        sampling.n_rays * sampling.key_pulses / RAYS_PER_SECOND
+        + radar.track.n_pulses * radar.window.n_samples * len(radar.channels) / SAMPLES_PER_SECOND
+        + pixels * radar.track.n_pulses * len(radar.channels) / PIXEL_PULSES_PER_SECOND
+    )
+
+
+def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:
+    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
+    return run_seconds(scene, sampling) >= SHORTEST_RUN or scene.settings.keep_orders
+
+
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """Patches of one pulse: ``grid`` holds SIDE^2 rays of each in turn; the first ``n_random`` lie at random."""
+
+    grid: LaunchGrid
+    n_random: int
+    n_features: int
+
+
+def run_pilot(
+    scene: Scene,
+    draft: EffectsPlan,
+    sampling: Sampling,
+    window: LaunchWindow,
+    trace_scene: TraceScene | None = None,
+    *,
+    pulses: Sequence[int] | None = None,
+    shape: ShapeFacts | None = None,
+) -> PilotResult:
+    """Trace the pilot.
+
+    Parameters
+    ----------
+    scene : as loaded
+    draft : plan from static facts; effects that the user switched off stay off
+    sampling, window : of the full run
+    trace_scene : built already, or None
+    pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
+    shape : of the geometry, None to work it out
+
+    Notes
+    -----
+    Ignores mechanisms that only pulses between those chosen see, unless a patch is so small that its own lobe
+    spans the gap, as it is for returns of single resolution cells.
+    """
+    ensure_backend()
+    start = time.perf_counter()
+    n = scene.radar.track.n_pulses
+    chosen = (
+        tuple(pulses)
+        if pulses is not None
+        else tuple(np.unique(np.linspace(0, n - 1, 5).round().astype(int)))
+    )
+    trace_scene = trace_scene or build_trace_scene(
+        scene.geometry, scene.materials, scene.radar.waveform.wavelength
+    )
+    budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
+    per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
+    rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
+    shape = shape or Facts(scene).shape
+    points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
+    powers, randoms, seconds = [], [], 0.0
+    features = 0
+    flags = _flags(scene, draft)
+    for pulse in chosen:
+        patches = _place(scene, sampling, window, pulse, per_pulse, points, sizes, rng)
+        before = time.perf_counter()
+        powers.append(_trace(scene, trace_scene, window, sampling, flags, pulse, patches))
+        seconds += time.perf_counter() - before
+        randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
+        features += patches.n_features
+    power = np.concatenate(powers, axis=1)  # (4, patches, orders)
+    random = np.concatenate(randoms)
+    count = int(random.sum())
+    rays = power.shape[1] * SIDE**2
+    return PilotResult(
+        pulses=tuple(int(p) for p in chosen),
+        rays=rays,
+        n_patches=count,
+        n_features=features,
+        n_skipped=max(0, len(points) - features // len(chosen)),
+        mean=power[:, random].mean(axis=1),
+        deviation=power[:, random].std(axis=1) / np.sqrt(count),
+        share=(power[3, random] > 0).mean(axis=0),
+        peak=power.max(axis=1),
+        rays_per_second=rays / seconds if seconds > 0 else 0.0,
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
+    """All on but what the user switched off: one kernel for nearly all scenes, compiled once a machine."""
+    off = {name for name, switch in scene.settings.effects.items() if switch == "off"}
+    return KernelFlags(
+        channels=CHANNELS,
+        fresnel="fresnel" not in off,
+        roughness="roughness" not in off,
+        coherent="coherent" not in off,
+        diffuse="diffuse" not in off,
+        diffuse_double="diffuse_double" not in off,
+        speckle=True,
+        depolarisation=False,
+        polarised_diffuse=draft.flags.polarised_diffuse,
+        antenna_pattern=draft.flags.antenna_pattern,
+        visibility="visibility" not in off,
+        tube_phase="tube_phase" not in off,
+        taper=False,
+    )
+
+
+def _kinds_of_a_hit(flags: KernelFlags) -> list[str]:
+    """Kind of every contribution that the kernel adds for one hit, in its order."""
+    cell = ["diffuse", "retro"] if flags.diffuse_double else ["diffuse"]
+    return ["coherent"] * flags.coherent + cell * (CELLS_A_TUBE * flags.diffuse)
+
+
+def _features(
+    scene: Scene, shape: ShapeFacts, sampling: Sampling, window: LaunchWindow, n_patches: int
+) -> tuple[F64, F64]:
+    """Small features that random patches would not meet often enough, strongest first: points, sizes."""
+    points, sizes = shape.features
+    if not len(points):
+        return points, sizes
+    middle = scene.radar.track.center_position
+    met = n_patches * sizes**2 / (4.0 * window.half_x * window.half_y)
+    xy = project(points, middle, window.frame)
+    inside = (np.abs(xy) <= [window.half_x, window.half_y]).all(axis=1)
+    keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * sampling.ray_spacing)
+    points, sizes = points[keep], sizes[keep]
+    # features larger than a patch get several
+    repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * sampling.ray_spacing)), 1, 4).astype(int)
+    return np.repeat(points, repeat, axis=0), np.repeat(sizes, repeat)
+
+
+def _place(
+    scene: Scene,
+    sampling: Sampling,
+    window: LaunchWindow,
+    pulse: int,
+    per_pulse: int,
+    points: F64,
+    sizes: F64,
+    rng: np.random.Generator,
+) -> _Patches:
+    n_features = min(len(points), per_pulse // 2)
+    n_random = per_pulse - n_features
+    half = np.array([window.half_x, window.half_y])
+    centre = rng.uniform(-half, half, (n_random, 2))
+    if n_features:
+        aim = project(points[:n_features], scene.radar.track.position[pulse], window.frame)
+        # the first patch of a feature sits on it; what covers the rest of a larger one is spread over it
+        first = np.ones(n_features, dtype=bool)
+        first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)
+        spread = np.where(first, 0.0, 0.5 * sizes[:n_features])[:, None]
+        aim = np.clip(aim + rng.uniform(-1.0, 1.0, aim.shape) * spread, -half, half)
+        centre = np.concatenate([centre, aim])
+    turn = 0.15 + (LATTICE_TURN % (0.25 * np.pi - 0.3))
+    step = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * sampling.ray_spacing
+    i, j = (a.ravel() for a in np.meshgrid(step, step, indexing="ij"))
+    x = centre[:, :1] + (i * np.cos(turn) - j * np.sin(turn))
+    y = centre[:, 1:] + (i * np.sin(turn) + j * np.cos(turn))
+    grid = LaunchGrid(
+        x.astype(np.float32).ravel(),
+        y.astype(np.float32).ravel(),
+        sampling.ray_spacing,
+        turn,
+        window.half_x,
+        window.half_y,
+        window.taper,
+    )
+    return _Patches(grid, n_random, n_features)
+
+
+class _PatchAdder:
+    """Coherent sums by patch, kind of return and bounce order; two channels.
+
+    ``kinds`` numbers the kind of each contribution of one hit, in the order in which the kernel adds them.
+    """
+
+    def __init__(
+        self, n_patches: int, kinds: Sequence[int], wavelength: float, reference_range: float
+    ) -> None:
+        dr, mi = modules()
+
+        self.n_lanes, self.kinds, self.n_kinds = n_patches * SIDE**2, kinds, max(kinds) + 1
+        self.wavelength, self.reference_range = wavelength, reference_range
+        self.memory = dr.zeros(mi.Float, 4 * n_patches * self.n_kinds * ORDERS)
+        fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
+        self.fade = mi.Float(np.outer(fade, fade).astype(np.float32).ravel())
+        self.counts: list[int] = []  # contributions in each recording of the loop's body
+        self.body: Any = None  # its lane number: Dr.Jit may record a body twice, with other variables
+
+    def begin(self) -> tuple[Any, ...]:
+        """The lane's number."""
+        dr, mi = modules()
+        return (dr.arange(mi.UInt32, self.n_lanes),)
+
+    def add(
+        self,
+        state: tuple[Any, ...],
+        order: Any,
+        pulse: Any,
+        half_length: Any,
+        rate: Any,
+        amplitudes: Sequence[Any],
+        active: Any,
+    ) -> tuple[Any, ...]:
+        """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        dr, mi = modules()
+
+        lane = state[0]
+        if self.body is None or lane.index != self.body.index:
+            self.body = type(lane)(lane)  # a copy keeps the index from being given away
+            self.counts.append(0)
+        kind = self.kinds[self.counts[-1] % len(self.kinds)]
+        self.counts[-1] += 1
+        patch = lane // SIDE**2
+        weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
+        phasor = carrier(half_length - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr)
+        values = [a * phasor * weight for a in amplitudes]
+        cell = (patch * self.n_kinds + kind) * ORDERS + dr.minimum(order, ORDERS) - 1
+        packet = mi.Vector4f(values[0].real, values[0].imag, values[1].real, values[1].imag)
+        dr.scatter_add(self.memory, packet, cell, active)
+        return state
+
+    def check(self) -> None:
+        """Raise unless every recording of the loop's body added one contribution a kind."""
+        self.body = None
+        if set(self.counts) != {len(self.kinds)}:
+            raise SarmitsubaError(
+                f"pilot: the kernel recorded {self.counts} contributions a hit, the pilot expects {len(self.kinds)}: "
+                f"trace/kernel.py and trace/pilot.py disagree about the kinds of return; render with max_depth given"
+            )
+
+
+def _trace(
+    scene: Scene,
+    trace_scene: TraceScene,
+    window: LaunchWindow,
+    sampling: Sampling,
+    flags: KernelFlags,
+    pulse: int,
+    patches: _Patches,
+) -> F64:
+    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
+    dr, _ = modules()
+    radar = scene.radar
+    pick = slice(pulse, pulse + 1)
+    patterned = flags.antenna_pattern
+    batch = PulseBatch(
+        position=radar.track.position[pick],
+        velocity=radar.track.velocity[pick],
+        frame=window.frame,
+        boresight=radar.pointing.boresight[pick] if patterned else None,
+        azimuth_axis=radar.pointing.azimuth_axis[pick] if patterned else None,
+        elevation_axis=radar.pointing.elevation_axis[pick] if patterned else None,
+    )
+    reference = float(np.linalg.norm(window.center - radar.track.position[pulse]))
+    look = (window.center - radar.track.position[pulse]) / reference
+    up = radar.across if abs(look[2]) > 0.9998 else np.array([0.0, 0.0, 1.0])
+    settings = KernelSettings(
+        wavelength=radar.waveform.wavelength,
+        max_depth=ORDERS,
+        cell=sampling.cell,
+        seed=scene.settings.seed,
+        amplitude=reference**2,
+        reference_range=reference,
+        up=(float(up[0]), float(up[1]), float(up[2])),
+    )
+    added = _kinds_of_a_hit(flags)
+    names = [name for name in KINDS if name in added]
+    n = patches.n_random + patches.n_features
+    kinds = [names.index(name) for name in added]
+    adder = _PatchAdder(n, kinds, radar.waveform.wavelength, reference)
+    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, adder)
+    adder.check()
+    dr.eval(state, adder.memory)
+    sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
+    field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
+    letters = {letter for c in radar.channels for letter in c}
+    used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
+    field = field[..., used]
+    power = np.zeros((4, n, ORDERS))
+    for k, name in enumerate(KINDS):
+        if name in names:
+            power[k] = np.square(np.abs(field[:, names.index(name)])).mean(axis=-1)
+    power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
+    return power
+
+
+__all__ = ["ORDERS", "plan_scene", "run_pilot", "sampling_of", "worth_a_pilot"]

@@ -1,0 +1,224 @@
+"""One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.scene.spec import Scene
+from sarmitsuba.simulation.window import LaunchWindow, azimuth_cell
+from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
+from sarmitsuba.trace.modules import modules
+
+F32 = NDArray[np.float32]
+
+# screen samples a resolution cell, per axis
+_SAMPLES_PER_CELL = 2.0
+# sigma0 at normal incidence of surfaces in scenes where nothing scatters diffusely, dB
+STAND_IN_DB = -15.0
+
+
+class Raster:
+    """A screen of parallel rays along the mid-aperture line of sight, projected onto an image grid.
+
+    Parameters
+    ----------
+    scene : gives radar and seed
+    trace_scene : what is visible
+    grid : pixels
+    window : lit part of the scene
+    range_window, azimuth_window : set the impulse response
+
+    Notes
+    -----
+    Every screen sample adds ``sigma0 dA`` to the pixel of its range and along-track position; the sums are blurred
+    with the squared impulse response and multiplied by a random field of unit mean power with the response's
+    spectrum. Ignores multiple bounces, the coherent return of smooth surfaces, the antenna's pattern (the image is
+    calibrated for it), the spread of looks over the aperture, and tracks that climb or turn.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        trace_scene: TraceScene,
+        grid: ImageGrid,
+        window: LaunchWindow,
+        range_window: str = "rectangular",
+        azimuth_window: str = "rectangular",
+    ) -> None:
+        self.scene, self.trace_scene, self.grid, self.window = scene, trace_scene, grid, window
+        self.windows = (parse_window(range_window), parse_window(azimuth_window))
+        radar = scene.radar
+        finest = min(radar.waveform.range_cell, azimuth_cell(scene)) / _SAMPLES_PER_CELL
+        self.spacing = max(scene.settings.ray_spacing, finest)
+        half_x, half_y = window.half_x + window.taper, window.half_y + window.taper
+        self.columns = int(np.ceil(2.0 * half_x / self.spacing))
+        self.rows = int(np.ceil(2.0 * half_y / self.spacing))
+        self.notes: list[str] = []
+        self.table = trace_scene.diffuse_table
+        used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
+        if all(m.diffuse_law == "none" for m in used if not m.invisible):
+            self.table = self._stand_in()
+        self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
+
+    @property
+    def n_rays(self) -> int:
+        """Samples of the screen."""
+        return self.columns * self.rows
+
+    def _stand_in(self) -> Any:
+        """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
+        _, mi = modules()
+        text = (
+            f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
+            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or take method image"
+        )
+        self.notes.append(text)
+        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
+        theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
+        one = 10.0 ** (STAND_IN_DB / 20.0) * np.cos(theta)
+        table = np.broadcast_to(one[None, :, None], (len(self.scene.materials), DIFFUSE_NODES, 2))
+        return mi.Float(np.ascontiguousarray(table, dtype=np.float32).reshape(-1))
+
+    def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
+        """Make the image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth`` in m."""
+        power = self.power(flags)
+        scene, grid = self.scene, self.grid
+        cell_range = scene.radar.waveform.range_cell
+        if grid.kind == "ground":
+            cell_range = cell_range / np.sin(self.window.incidence)
+        cells = (cell_azimuth / self.windows[1].broadening, cell_range)
+        spectra = [
+            _band(n, spacing / cell, window)
+            for n, spacing, cell, window in zip(
+                grid.shape,
+                (grid.azimuth_spacing, grid.range_spacing),
+                cells,
+                (self.windows[1], self.windows[0]),
+                strict=True,
+            )
+        ]
+        blur = np.outer(
+            *(scipy.fft.fft(np.abs(scipy.fft.ifft(s) * s.size / s.sum()) ** 2).real for s in spectra)
+        )
+        blur = blur.astype(np.float32)
+        out = np.empty((len(power), *grid.shape), dtype=np.complex64)
+        rng = np.random.default_rng([scene.settings.seed, 0x7261737465])
+        for i, plane in enumerate(power):
+            smooth = scipy.fft.ifft2(scipy.fft.fft2(plane, workers=-1) * blur, workers=-1).real
+            amplitude = np.sqrt(np.maximum(smooth, 0.0))
+            out[i] = amplitude * _speckle(rng, spectra) if flags.speckle else amplitude
+        return out
+
+    def power(self, flags: KernelFlags) -> F32:
+        """Sum of sigma0 dA over each pixel's samples, (n_channels, n_azimuth, n_range) float32, m^2."""
+        dr, mi = modules()
+        scene, window, grid = self.trace_scene, self.window, self.grid
+        track, f32 = self.scene.radar.track, mi.Float
+        channels = self.scene.radar.channels
+
+        # ---- screen
+        lane = dr.arange(mi.UInt32, self.n_rays)
+        row = lane // dr.opaque(mi.UInt32, self.columns)
+        column = lane - row * dr.opaque(mi.UInt32, self.columns)
+        gx = f32(column) * dr.opaque(f32, self.spacing) + dr.opaque(f32, self.start[0])
+        gy = f32(row) * dr.opaque(f32, self.spacing) + dr.opaque(f32, self.start[1])
+        antenna = track.center_position
+        look = window.center - antenna
+        look = look / np.linalg.norm(look)
+        axis_x, axis_y, center, d = (
+            _constant(v, mi.Vector3f, f32, dr)
+            for v in (window.frame.axis_x[0], window.frame.axis_y[0], window.center, look)
+        )
+        back = dr.opaque(f32, 4.0 * scene.extent + float(np.linalg.norm(window.center)))
+        origin = center + axis_x * gx + axis_y * gy - d * back
+
+        # ---- visible surface
+        pi = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(origin, d), coherent=True)
+        seen = pi.is_valid()
+        p = origin + d * pi.t
+        rows = pi.prim_index * 3
+        wide = dr.float64_array_t(mi.Vector4f)
+        normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
+        cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
+        material = dr.gather(mi.Vector2u, scene.face_info, pi.prim_index, seen).x
+
+        # ---- sigma0 of the law at the local incidence angle
+        theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
+        node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
+        t = theta - f32(node)
+        entry = material * DIFFUSE_NODES + node
+        low = dr.gather(mi.Vector2f, self.table, entry, seen)
+        high = dr.gather(mi.Vector2f, self.table, entry + 1, seen)
+        amplitude = low + (high - low) * t
+        area = dr.square(dr.opaque(f32, self.spacing)) / cosine
+
+        # ---- pixel of its range and along-track position, shared by four pixels
+        leg = mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64, dr)
+        along = dr.dot(leg, _constant(grid.along, mi.Vector3d, mi.Float64, dr))
+        closest2 = dr.squared_norm(leg) - dr.square(along)
+        offset = grid.origin - antenna
+        drop = float(antenna[2] - grid.height)
+        if grid.kind == "slant":
+            across = dr.sqrt(closest2)
+        else:
+            across = dr.sqrt(dr.maximum(closest2 - dr.opaque(mi.Float64, drop**2), 0.0))
+            across -= dr.opaque(mi.Float64, float(offset @ grid.across))
+        x = (along - dr.opaque(mi.Float64, float(offset @ grid.along + grid.azimuth[0]))) * dr.opaque(
+            mi.Float64, 1.0 / grid.azimuth_spacing
+        )
+        y = (across - dr.opaque(mi.Float64, float(grid.range[0]))) * dr.opaque(
+            mi.Float64, 1.0 / grid.range_spacing
+        )
+        n_azimuth, n_range = grid.shape
+        inside = seen & (x >= 0.0) & (x < dr.opaque(mi.Float64, n_azimuth - 1))
+        inside &= (y >= 0.0) & (y < dr.opaque(mi.Float64, n_range - 1))
+        ix, iy = mi.UInt32(x), mi.UInt32(y)
+        wx, wy = f32(x - dr.floor(x)), f32(y - dr.floor(y))
+
+        on_cpu = dr.backend_v(f32) == dr.JitBackend.LLVM
+        mode = dr.ReduceMode.Expand if on_cpu else dr.ReduceMode.Auto
+        ratio = dr.gather(mi.Vector4f, scene.material_table, material, seen).w
+        planes = []
+        columns = dr.opaque(mi.UInt32, n_range)
+        for channel in channels:
+            co = amplitude.x * amplitude.x if channel[0] == "H" else amplitude.y * amplitude.y
+            if channel[0] != channel[1]:
+                co = amplitude.x * amplitude.y * ratio if flags.depolarisation else f32(0.0)
+            plane = dr.zeros(f32, n_azimuth * n_range)
+            for i, wi in enumerate((1.0 - wx, wx)):
+                for j, wj in enumerate((1.0 - wy, wy)):
+                    index = (ix + i) * columns + (iy + j)
+                    dr.scatter_reduce(dr.ReduceOp.Add, plane, co * area * wi * wj, index, inside, mode)
+            planes.append(plane)
+        dr.eval(planes)
+        return np.stack([plane.numpy().reshape(grid.shape) for plane in planes])
+
+
+def _constant(value: NDArray[np.float64], vector: Any, scalar: Any, dr: Any) -> Any:
+    return vector(*(dr.opaque(scalar, float(v)) for v in value))
+
+
+def _band(n: int, share: float, window: Any) -> NDArray[np.float64]:
+    """Window over the band on n FFT bins; ``share`` is the pixel spacing over the cell."""
+    bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
+    return np.asarray(window(bins), dtype=np.float64)
+
+
+def _speckle(rng: np.random.Generator, spectra: list[NDArray[np.float64]]) -> NDArray[np.complex64]:
+    """Circular complex Gaussian field of unit mean power with the spectrum of the impulse response."""
+    shape = (spectra[0].size, spectra[1].size)
+    white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
+    white *= spectra[0][:, None].astype(np.float32)
+    white *= spectra[1].astype(np.float32)
+    power = np.sqrt(2.0 * np.mean(spectra[0] ** 2) * np.mean(spectra[1] ** 2) / white.size)
+    return np.asarray(scipy.fft.ifft2(white, workers=-1, overwrite_x=True) / np.float32(power))
+
+
+__all__ = ["Raster"]

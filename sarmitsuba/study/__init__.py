@@ -1,1 +1,0 @@
-"""Theory, radar cross sections, validation and cost."""

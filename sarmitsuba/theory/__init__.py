@@ -1,0 +1,68 @@
+"""Closed forms that the simulator is judged against, gathered under one name."""
+
+from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
+from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.geometry import (
+    BridgeReturns,
+    BuildingReturns,
+    bridge_returns,
+    building_returns,
+    foreshortening,
+    slant_offset,
+)
+from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.rcs import (
+    DihedralAmplitudes,
+    coherent_loss,
+    cylinder_rcs,
+    dihedral,
+    disc_rcs,
+    plate_amplitude,
+    plate_rcs,
+    rolled_dihedral,
+    trihedral_rcs,
+    wall_ground_amplitude,
+)
+from sarmitsuba.theory.statistics import (
+    SpeckleTest,
+    equivalent_number_of_looks,
+    intensity_test,
+    phase_test,
+    received_power,
+    single_pulse_snr,
+    speckle_cdf,
+)
+
+__all__ = [
+    "BridgeReturns",
+    "BuildingRcs",
+    "BuildingReturns",
+    "DihedralAmplitudes",
+    "SpeckleTest",
+    "bridge_returns",
+    "building_returns",
+    "canonical_building",
+    "coherent_loss",
+    "cylinder_rcs",
+    "dihedral",
+    "disc_rcs",
+    "equivalent_number_of_looks",
+    "foreshortening",
+    "fresnel",
+    "intensity_test",
+    "kirchhoff_sigma0",
+    "phase_test",
+    "plate_amplitude",
+    "plate_rcs",
+    "received_power",
+    "refracted_cosine",
+    "rolled_dihedral",
+    "single_pulse_snr",
+    "slant_offset",
+    "speckle_cdf",
+    "sphere_mie",
+    "sphere_po",
+    "sphere_po_amplitude",
+    "trihedral_rcs",
+    "wall_ground_amplitude",
+]

@@ -1,0 +1,202 @@
+"""Validation cases: closed form against simulation, with what was compared, how far apart, and why that far.
+
+A case is one piece of physics with one plot; its comparisons are the curves in it. Every comparison keeps the
+closed form, the simulated values and the tolerance with its reason, so that tests, table and plots say the same.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+TOPICS = ("canonical", "materials", "rough", "geometry", "radiometry", "statistics")
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One closed form against the simulator.
+
+    Parameters
+    ----------
+    label : what differs from the other comparisons of the case, e.g. ``X band, HH``
+    x : (n,) float64, in the case's ``x_label``
+    theory, simulated : (n,) float64, in ``unit``
+    tolerance : largest deviation that is accepted, in ``unit``
+    reason : why the deviation may be that large
+    unit : ``dB``, ``dBsm``, ``m``, ``deg`` or empty
+    floor : points are compared where the theory lies within this of its peak, in ``unit``; a closed form's
+        nulls are finer than any sampling and mean nothing in dB
+    canonical : counts in the summary over the canonical radar cross sections, where the theory itself holds
+    shown : index of the point that the table quotes; None = where the theory peaks
+    """
+
+    label: str
+    x: F64
+    theory: F64
+    simulated: F64
+    tolerance: float
+    reason: str
+    unit: str = "dBsm"
+    floor: float = np.inf
+    canonical: bool = False
+    shown: int | None = None
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """(n,) bool; the points that count."""
+        finite = np.isfinite(self.theory)
+        if not finite.any():
+            return finite
+        return finite & (self.theory >= np.max(self.theory[finite]) - self.floor)
+
+    @property
+    def deviation(self) -> F64:
+        """(n,) float64, simulated minus theory; nan where not compared."""
+        out = np.full(self.theory.shape, np.nan)
+        keep = self.compared
+        out[keep] = self.simulated[keep] - self.theory[keep]
+        return out
+
+    @property
+    def worst(self) -> float:
+        """Largest modulus of the deviation; infinite when a compared value is not a number."""
+        d = np.abs(self.deviation[self.compared])
+        return float(np.max(d)) if d.size and np.isfinite(d).all() else float("inf")
+
+    @property
+    def median(self) -> float:
+        """Median modulus of the deviation."""
+        d = np.abs(self.deviation[self.compared])
+        return float(np.median(d)) if d.size and np.isfinite(d).all() else float("inf")
+
+    @property
+    def passed(self) -> bool:
+        """Whether the worst deviation stays within the tolerance."""
+        return self.worst <= self.tolerance
+
+    @property
+    def index(self) -> int:
+        """Index of the point that the table quotes."""
+        if self.shown is not None:
+            return self.shown
+        return int(np.argmax(np.where(self.compared, self.theory, -np.inf)))
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A piece of physics: its closed form with its source, and comparisons that share one plot.
+
+    Parameters
+    ----------
+    name : of the plot's file and of the command line
+    topic : one of ``TOPICS``
+    title : a line
+    formula : the closed form in plain text
+    source : where the closed form or value is published
+    x_label, y_label : with units
+    comparisons : one curve each
+    note : what the reader must know about the set-up: target, ray spacing, cut
+    """
+
+    name: str
+    topic: str
+    title: str
+    formula: str
+    source: str
+    x_label: str
+    y_label: str
+    comparisons: tuple[Comparison, ...]
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether every comparison is within its tolerance."""
+        return all(c.passed for c in self.comparisons)
+
+    def failures(self) -> str:
+        """One line a comparison that is out of tolerance; empty when all are within."""
+        return "; ".join(
+            f"{self.name} [{c.label}]: worst deviation {c.worst:.3g} {c.unit} > {c.tolerance:g}"
+            for c in self.comparisons
+            if not c.passed
+        )
+
+
+@dataclass(frozen=True)
+class CaseEntry:
+    """A case before it is run: ``build(quick)`` returns it, with fewer bands, angles and looks when quick."""
+
+    name: str
+    topic: str
+    build: Callable[[bool], Case]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Deviation over all compared points of the canonical cases, dB.
+
+    Parameters
+    ----------
+    median, worst : of the modulus of the deviation
+    n_points, n_comparisons : that went into them
+    n_failed : comparisons of any case out of tolerance
+    """
+
+    median: float
+    worst: float
+    n_points: int
+    n_comparisons: int
+    n_failed: int
+
+
+def all_cases() -> tuple[CaseEntry, ...]:
+    """Every case, in the order of the page."""
+    from sarmitsuba.validation.cases import canonical as validation_canonical
+    from sarmitsuba.validation.cases import corners as validation_corners
+    from sarmitsuba.validation.cases import diffuse as validation_diffuse
+    from sarmitsuba.validation.cases import geometry as validation_geometry
+    from sarmitsuba.validation.cases import ground as validation_ground
+    from sarmitsuba.validation.cases import materials as validation_materials
+    from sarmitsuba.validation.cases import radiometry as validation_radiometry
+    from sarmitsuba.validation.cases import rough as validation_rough
+    from sarmitsuba.validation.cases import statistics as validation_statistics
+
+    modules = (
+        validation_canonical,
+        validation_corners,
+        validation_materials,
+        validation_diffuse,
+        validation_rough,
+        validation_geometry,
+        validation_radiometry,
+        validation_ground,
+        validation_statistics,
+    )
+    return tuple(entry for module in modules for entry in module.CASES)
+
+
+def summarise(cases: Sequence[Case]) -> Summary:
+    """Median and worst deviation over every compared point of the canonical cases."""
+    canonical = [c for case in cases for c in case.comparisons if c.canonical]
+    deviations = [np.abs(c.deviation[c.compared]) for c in canonical]
+    d = np.concatenate(deviations) if deviations else np.zeros(0)
+    failed = sum(not c.passed for case in cases for c in case.comparisons)
+    return Summary(
+        median=float(np.median(d)) if d.size else float("nan"),
+        worst=float(np.max(d)) if d.size else float("nan"),
+        n_points=int(d.size),
+        n_comparisons=len(canonical),
+        n_failed=failed,
+    )
+
+
+def db(power: object) -> F64:
+    """10 log10, with -inf for zero and no warning."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(10.0 * np.log10(np.asarray(power, dtype=np.float64)))
+
+
+__all__ = ["TOPICS", "Case", "CaseEntry", "Comparison", "Summary", "all_cases", "db", "summarise"]

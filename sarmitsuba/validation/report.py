@@ -1,0 +1,137 @@
+"""The validation page: summary, table and plots in Markdown."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
+
+TITLES = {
+    "canonical": "Canonical radar cross sections",
+    "materials": "Materials",
+    "rough": "Rough surfaces",
+    "geometry": "Geometry of the image",
+    "radiometry": "Radiometry end to end",
+    "statistics": "Statistics",
+}
+
+LIMITS = """## What the closed forms leave out, and so does the simulator
+
+- Edge diffraction, surface and creeping waves: physical optics and geometrical optics, both here and there. The
+  sphere is the exception: it is also compared with the exact Mie series.
+- Diffuse scattering between two diffuse surfaces, and a diffuse scatterer seen out through one chain of mirrors and
+  back through another longer one (the five-bounce return of a bridge).
+- Roughness that casts shadows on itself, and multiple scattering on one rough surface.
+"""
+
+
+def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images: str) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    cases : finished cases, in the order of the page
+    command : that made the page
+    facts : versions and seeds to print
+    images : folder of the plots, relative to the page
+    """
+    total = summarise(cases)
+    lines = [
+        "# Validation",
+        "",
+        f"Made by `{command}`; every figure below comes out of that run.",
+        "",
+        "Every case compares the simulator with a closed form, a published value, or what the scene was given. "
+        "The same cases, some of them with fewer bands and angles, are the tests in `tests/physics` and "
+        "`tests/statistics`.",
+        "",
+        f"**Canonical radar cross sections: median deviation {total.median:.4f} dB, worst {total.worst:.4f} dB** over "
+        f"{total.n_points} angles, frequencies and polarisations in {total.n_comparisons} comparisons. "
+        f"Comparisons of all topics out of tolerance: {total.n_failed}.",
+        "",
+        "*Deviation* is simulated minus closed form at every compared point: `median / worst` of its modulus. "
+        "Patterns are compared where the closed form lies within a stated distance of its peak, which the note below "
+        "each case gives: in nulls a ratio in dB means nothing. The values quoted are those at the peak of the "
+        "closed form or at the place that the note names.",
+        "",
+    ]
+    if facts:
+        lines += [", ".join(f"{name} {value}" for name, value in facts.items()) + ".", ""]
+    for topic in TOPICS:
+        members = [case for case in cases if case.topic == topic]
+        if not members:
+            continue
+        lines += [f"## {TITLES[topic]}", "", *_table(members), ""]
+        for case in members:
+            lines += [
+                f"### {case.title}",
+                "",
+                f"`{case.formula}`",
+                "",
+                f"Source: {case.source}. {case.note}",
+                "",
+                f"![{case.title}]({images}/{case.name}.png)",
+                "",
+            ]
+    return "\n".join([*lines, LIMITS])
+
+
+def _table(cases: Sequence[Case]) -> list[str]:
+    rows = [
+        "| case | closed form | simulated | deviation, median / worst | tolerance and its reason |",
+        "|---|---|---|---|---|",
+    ]
+    for case in cases:
+        for i, c in enumerate(case.comparisons):
+            name = f"**{case.title}**: {c.label}" if i == 0 else c.label
+            unit = f" {c.unit}" if c.unit else ""
+            ratio = " dB" if c.unit == "dBsm" else unit
+            mark = "" if c.passed else " **out of tolerance**"
+            rows.append(
+                f"| {name} | {_quote(c, c.theory)}{unit} | {_quote(c, c.simulated)}{unit} | "
+                f"{_short(c.median)} / {_short(c.worst)}{ratio} (n = {int(c.compared.sum())}){mark} | "
+                f"{_short(c.tolerance)}{ratio}: {c.reason} |"
+            )
+    return rows
+
+
+def _quote(c: Comparison, values: object) -> str:
+    value = float(np.asarray(values)[c.index])
+    return f"{value:.3f}" if abs(value) >= 0.01 or value == 0.0 else f"{value:.2e}"
+
+
+def _short(value: float) -> str:
+    if value == 0.0:
+        return "0"
+    return f"{value:.2g}" if 1e-3 <= abs(value) < 1e3 else f"{value:.0e}"
+
+
+def summary_lines(cases: Sequence[Case]) -> list[str]:
+    """One line a comparison for the terminal, and the summary last."""
+    lines = []
+    for case in cases:
+        for c in case.comparisons:
+            state = "ok  " if c.passed else "FAIL"
+            lines.append(
+                f"{state} {case.name:<20} {c.label:<58} {_quote(c, c.theory):>10} {_quote(c, c.simulated):>10} "
+                f"{_short(c.median):>8} {_short(c.worst):>8} {_short(c.tolerance):>8} {c.unit}"
+            )
+    total = summarise(cases)
+    lines.append(
+        f"canonical radar cross sections: median deviation {total.median:.4f} dB, worst {total.worst:.4f} dB, "
+        f"{total.n_points} points; {total.n_failed} comparisons out of tolerance"
+    )
+    return lines
+
+
+def write(path: Path, text: str) -> None:
+    """Write the page in one step."""
+    from sarmitsuba.io.atomic import atomic_path, make_folder
+
+    make_folder(path.parent)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+__all__ = ["report", "summary_lines", "write"]
