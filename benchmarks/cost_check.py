@@ -1,4 +1,4 @@
-"""The `cost` study on Munich, and its recommendations run: promised against measured error and time."""
+"""The `cost` study on Munich, and its recommendations run: estimated against measured error and time."""
 
 import time
 
@@ -26,7 +26,7 @@ def run(quick: bool) -> harness.Report:
         "cost_check",
         "Recommended settings",
         f"`python -m sarmitsuba cost` on {name} with a budget of {budget:g} s and {TARGETS[0]:g} dB wanted; "
-        f"swept on {found.piece}; errors of the sweeps against {found.reference}. Errors promised and measured are of "
+        f"swept on {found.piece}; errors of the sweeps against {found.reference}. Errors estimated and measured are of "
         f"{found.proof.text}, seconds of the whole scene. The other wanted errors are looked up in the same study. "
         "Every recommendation is then run again, with rays that nothing in the study used.",
     )
@@ -73,15 +73,15 @@ def run(quick: bool) -> harness.Report:
             report.notes.append(f"{recommendation.target_error_db:g} dB: {recommendation.remark}")
     report.table(
         "Recommendations",
-        ["wanted dB", "method", "promised dB", "measured dB", "promised s", "measured s", "factor"],
+        ["wanted dB", "method", "estimated dB", "measured dB", "estimated s", "measured s", "factor"],
         rows,
     )
     report.data["recommendations"] = rows
     if not quick:
         report.claim(f"study on {name}", spent, 300.0, at_least=False, unit="s")
         for target, error, ratio in zip(TARGETS, errors, ratios, strict=True):
-            report.claim(f"{target:g} dB: error off the promise", error, 2.0, at_least=False, unit="dB")
-            report.claim(f"{target:g} dB: time off the promise, factor", ratio, 1.5, at_least=False)
+            report.claim(f"{target:g} dB: error off the estimate", error, 2.0, at_least=False, unit="dB")
+            report.claim(f"{target:g} dB: time off the estimate, factor", ratio, 1.5, at_least=False)
         spare = TARGETS[0] - wanted[0].setting.error_db
         report.claim(f"{TARGETS[0]:g} dB: better than wanted by", spare, 3.0, at_least=False, unit="dB")
     figure, axes = harness.new_figure()

@@ -32,12 +32,13 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
 from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.spec import TOLERANCE_DB, Scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction import ClockTimer, peak_memory, predict
 from sarmitsuba.simulation.raw import TraceJob, simulate
 from sarmitsuba.simulation.window import diffuse_spacing, launch_window
-from sarmitsuba.trace.accumulators import BlockAdder
+from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
 
@@ -48,7 +49,7 @@ ROUNDS, QUICK_ROUNDS = 3, 1
 LEAST_ROUNDS, MOST_ROUNDS, SPENT = 3, 30, 2.0
 # processor seconds up to which every pulse is traced, not predicted
 RUN_AT_MOST = 60.0
-# diffuse rays a usual distance, for images that shared tubes at their usual distance are too coarse to judge
+# diffuse rays a usual distance, for images that shared tubes at their usual distance are too coarse to assess
 IMAGE_DENSITY, PULSES_DENSITY = 6.0, 2.0
 SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
@@ -70,7 +71,7 @@ SWITCHES = {
     "spreading": {"spreading": False},
     "visibility": {"visibility": False},
     "tube_phase": {"tube_phase": False},
-    "cell_sharing": {"cell_sharing": False},
+    "footprint_splitting": {"footprint_splitting": False},
 }
 # arithmetic in LLVM's intermediate code, and ray queries; gathers vary with where tables lie in memory
 ARITHMETIC = re.compile(r"= (?:f\w+ |xor |lshr |[su]itofp |call [^@]*@llvm\.(?!masked))|call void %")
@@ -147,17 +148,17 @@ def block_of(job: TraceJob) -> BlockPlan:
     """The middle 64 pulses."""
     radar = job.scene.radar
     start = radar.track.n_pulses // 2 - 32
-    extra = job.extra_half_length()
-    return plan_block(radar, start, start + 64, job.window.center, job.phase_box(), extra_half_length=extra)
+    extra = job.extra_slant_range()
+    return plan_block(radar, start, start + 64, job.window.center, job.phase_box(), extra_slant_range=extra)
 
 
 def one_batch(job: TraceJob, block: BlockPlan, grid: Any) -> float:
     """Trace one key pulse; processor seconds of the kernel, adding included, synthesis not."""
     channels = job.scene.radar.channels
-    adder = BlockAdder(block, 1, len(channels), 0, job.scene.radar.waveform.wavelength)
+    accumulator = BlockAccumulator(block, 1, len(channels), 0, job.scene.radar.waveform.wavelength)
     job.timer = ClockTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
-    job.launch(grid, block.position[None], block.velocity[None], pick, adder, block.n_pulses)
+    job.launch(grid, block.position[None], block.velocity[None], pick, accumulator, block.n_pulses)
     return job.timer.seconds["trace"]
 
 
@@ -170,7 +171,7 @@ def dense(scene: Scene, planned: EffectsPlan, factor: float) -> Scene:
     Only where the plan's own rays go through the scatterer cells: shared tubes leave a noise of their own there, which
     is no effect. Elsewhere both plans use the same rays.
     """
-    if planned.flags.cell_sharing or not planned.flags.diffuse:
+    if planned.flags.footprint_splitting or not planned.flags.diffuse:
         return scene
     spacing = diffuse_spacing(scene, launch_window(scene)) / factor
     return replace(scene, settings=replace(scene.settings, diffuse_ray_spacing=spacing))

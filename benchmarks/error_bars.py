@@ -1,4 +1,4 @@
-"""The error that two halves of the rays estimate, against the true error, over scenes and settings."""
+"""The error that two ray subsets estimate, against the true error, over scenes and settings."""
 
 import harness
 import numpy as np
@@ -17,7 +17,7 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "error_bars",
         "Error bars",
-        "Whole-image sampling error estimated from two halves of the rays, against the true error: the distance to the "
+        "Whole-image sampling error estimated from two ray subsets, against the true error: the distance to the "
         f"mean of {REFERENCE_RUNS} runs at {REFERENCE:g} of the automatic spacing with lattices of their own. "
         f"`factor` is on the automatic spacing. Every setting is run {RUNS} times with lattices of its own; `true` and "
         "`estimate` are means of their energies, `within` counts runs whose own estimate is within "
@@ -64,7 +64,7 @@ def run(quick: bool) -> harness.Report:
     report.claim(f"single runs within {TOLERANCE:g} dB", within, 90.0, at_least=True, unit="%")
     report.notes.append(
         f"{within:.0f} % of {runs} single runs lie within {TOLERANCE:g} dB. One run is a draw: where a few bright "
-        "lines carry the error, the difference of two halves is a few random numbers."
+        "lines carry the error, the difference of two subsets is a few random numbers."
     )
     every = np.concatenate([r["true"] for r in rows])
     limits = [every.min() - 3, every.max() + 3]
@@ -77,7 +77,7 @@ def run(quick: bool) -> harness.Report:
         label=f"{TOLERANCE:g} dB",
     )
     axes.set(
-        xlabel="true error (dB)", ylabel="estimate from two halves (dB)", title="Error bars", aspect="equal"
+        xlabel="true error (dB)", ylabel="estimate from two subsets (dB)", title="Error bars", aspect="equal"
     )
     axes.legend()
     report.figure("scatter", figure)
@@ -110,7 +110,7 @@ def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> 
     reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else REFERENCE_RUNS)
     rows = []
     for factor in factors:
-        changed = base.but(**rays.at(factor), keep_halves=True).apply(scene)
+        changed = base.but(**rays.at(factor), keep_subsets=True).apply(scene)
         true, estimate = [], []
         for index in range(1 if quick else RUNS):
             image = simulate_image(changed, grid=grid, pass_index=index)

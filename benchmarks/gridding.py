@@ -1,4 +1,4 @@
-"""Spreading kernel: image error and time over its width, direct and block adder."""
+"""Spreading kernel: image error and time over its width, direct and block accumulator."""
 
 import harness
 
@@ -14,8 +14,9 @@ def run(quick: bool) -> harness.Report:
         "Width of the spreading kernel",
         "Raw data gridded with kernels of w cells, focused, against kernels of 8 cells (-137 dB by "
         "theory) with the same "
-        "rays and the same adder; `theory` is the kernel's own rms error over the used band, twice for the two axes of "
-        "the block adder.",
+        "rays and the same accumulator; `theory` is the kernel's own rms error over the used band, twice for the "
+        "two axes of "
+        "the block accumulator.",
     )
     scene = crop(load_scene("tower"), 0.4, 0.05)
     grid = default_grid(scene.radar, scene.image)
@@ -37,7 +38,7 @@ def run(quick: bool) -> harness.Report:
                     trial.stages["trace"] + trial.stages["synthesise"],
                 ]
             )
-        name = "block adder (hybrid)" if dims == 2 else "direct adder (raw)"
+        name = "block accumulator (hybrid)" if dims == 2 else "direct accumulator (raw)"
         report.table(
             name,
             ["width", "error dB", "theory dB", "seconds"],

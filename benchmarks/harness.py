@@ -20,7 +20,7 @@ ROUNDS_QUICK = 1
 
 
 def machine() -> dict[str, Any]:
-    """Facts that figures depend on."""
+    """Context that figures depend on."""
     import importlib.metadata
 
     cpu = platform.processor()
@@ -141,10 +141,10 @@ class Report:
             lines += ["| promised | measured | bound | |", "|---|---|---|---|"]
             for c in self.claims:
                 sign = ">=" if c["at_least"] else "<="
-                verdict = "met" if c["met"] else "**not met**"
+                assessment = "met" if c["met"] else "**not met**"
                 lines.append(
                     f"| {c['text']} | {_cell(c['value'])} {c['unit']} | {sign} {_cell(c['bound'])} "
-                    f"{c['unit']} | {verdict} |"
+                    f"{c['unit']} | {assessment} |"
                 )
             lines.append("")
         for name in self.figures:

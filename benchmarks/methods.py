@@ -29,7 +29,7 @@ def run(quick: bool) -> harness.Report:
         "raw (mean of two "
         "`raw` runs with lattices of their own and twice the rays). `intensity`: the same of intensities "
         "averaged over "
-        f"{LOOKS} x {LOOKS} pixels, which is all an incoherent method can be judged by; its speckle alone makes "
+        f"{LOOKS} x {LOOKS} pixels, which is all an incoherent method can be assessed by; its speckle alone makes "
         "about -10 dB. "
         f"The aperture is the middle {100 * APERTURE:g} % of the pulses; `whole aperture` is measured, for "
         "raw extrapolated "

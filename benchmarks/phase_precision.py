@@ -13,7 +13,7 @@ def run(quick: bool) -> harness.Report:
         "Precision of lengths and phases",
         "The same rays with path lengths in float32 and in float64 (`phase_precision`), tower at X band; "
         "the geometry of "
-        "the antenna is float64 in both. A half length rounded to float32 is off by up to 2^-25 of "
+        "the antenna is float64 in both. A slant range rounded to float32 is off by up to 2^-25 of "
         "itself, in radians of "
         "two-way phase 4 pi / lambda times that: `rounding` is its rms.",
     )

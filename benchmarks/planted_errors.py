@@ -1,6 +1,6 @@
 """Plant one error at a time into the running simulator and show which validation case catches it.
 
-Nothing is changed on disk: functions of the kernel, the adders and the focuser are replaced in this process only.
+Nothing is changed on disk: functions of the kernel, the accumulators and the focuser are replaced in this process only.
 Every case is run unharmed first. Exit status 1 when a case fails unharmed or an error gets through all of its cases.
 """
 
@@ -59,20 +59,20 @@ def dropped_factor_two() -> AbstractContextManager[None]:
 def flipped_phase_sign() -> AbstractContextManager[None]:
     import drjit as dr
 
-    from sarmitsuba.trace import accumulators as adders
+    from sarmitsuba.trace import accumulators as accumulators
 
-    return _replaced(adders, "carrier", lambda f: lambda *a: dr.conj(f(*a)))
+    return _replaced(accumulators, "phase_factor", lambda f: lambda *a: dr.conj(f(*a)))
 
 
 def one_way_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators as adders
+    from sarmitsuba.trace import accumulators as accumulators
 
     # exp(-j 2 pi R / lambda): the way back is forgotten
-    return _replaced(adders, "carrier", lambda f: lambda x, w, mi, dr: f(x, 2.0 * w, mi, dr))
+    return _replaced(accumulators, "phase_factor", lambda f: lambda x, w, mi, dr: f(x, 2.0 * w, mi, dr))
 
 
 def float32_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators as adders
+    from sarmitsuba.trace import accumulators as accumulators
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:
@@ -81,9 +81,9 @@ def float32_phase() -> AbstractContextManager[None]:
         )
 
     return _all(
-        _replaced(adders.SumAdder, "add", make),
-        _replaced(adders.DirectAdder, "add", make),
-        _replaced(adders.BlockAdder, "add", make),
+        _replaced(accumulators.SumAccumulator, "add", make),
+        _replaced(accumulators.DirectAccumulator, "add", make),
+        _replaced(accumulators.BlockAccumulator, "add", make),
     )
 
 
@@ -94,7 +94,7 @@ def _single(x: Any) -> Any:
 
 
 def wrong_reciprocity() -> AbstractContextManager[None]:
-    from sarmitsuba.trace.scattering_matrix import DiffuseOperator
+    from sarmitsuba.trace.scattering_matrix import ScatteringMatrix
 
     # of every two calls the second asks for the reversed path: it returns nothing
     def make(f: Any) -> Any:
@@ -118,7 +118,7 @@ def wrong_reciprocity() -> AbstractContextManager[None]:
         return between_fields
 
     return _all(
-        _replaced(DiffuseOperator, "between", make), _replaced(DiffuseOperator, "between_fields", retro)
+        _replaced(ScatteringMatrix, "between", make), _replaced(ScatteringMatrix, "between_fields", retro)
     )
 
 

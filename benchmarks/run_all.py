@@ -29,7 +29,7 @@ SUITE = (
     "error_bars",
     "cost_check",
 )
-PROGRAMS = {"adders": "--out", "focusers": "-o"}
+PROGRAMS = {"accumulators": "--out", "focusers": "-o"}
 DOCS = harness.ROOT / "docs"
 HEAD = """# Benchmarks
 

@@ -184,65 +184,75 @@ class _Sink:
         self.wavelength, self.used = wavelength, used
 
     def begin(self) -> tuple[Any, ...]:
-        from sarmitsuba.trace.modules import modules
+        from sarmitsuba.backend import mi
 
-        return (modules()[1].Complex2f(0.0),)
+        return (mi.Complex2f(0.0),)
 
     def add(
         self,
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        from sarmitsuba.trace.accumulators import carrier
-        from sarmitsuba.trace.modules import modules
+        from sarmitsuba.backend import dr, mi
+        from sarmitsuba.trace.accumulators import phase_factor
 
-        dr, mi = modules()
         if not self.used:
             return state
-        value = mi.Complex2f(mi.Float(half_length) * 1e-30, mi.Float(rate) * 1e-30)
-        phasor = carrier(half_length, self.wavelength, mi, dr)
+        value = mi.Complex2f(mi.Float(slant_range) * 1e-30, mi.Float(rate) * 1e-30)
+        phasor = phase_factor(slant_range, self.wavelength, mi, dr)
         for a in amplitudes:
             value = value + a * phasor
         return (state[0] + dr.select(active, value, mi.Complex2f(0.0)),)
 
 
 def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
-    """Ratio of path rates: bare queries, the whole field, the whole field with the block adder."""
+    """Ratio of path rates: bare queries, the whole field, the whole field with the block accumulator."""
     rows = []
     for name, scene in cases.items():
         timing, n_rays = _rates(scene, 2 * rounds)
         rate = {k: n_rays / t.low / 1e6 for k, t in timing.items()}
         rows.append(
-            [name, *rate.values(), rate["field"] / rate["queries"], rate["field and adder"] / rate["queries"]]
+            [
+                name,
+                *rate.values(),
+                rate["field"] / rate["queries"],
+                rate["field and accumulator"] / rate["queries"],
+            ]
         )
         report.data[f"kernel {name}"] = {k: vars(t) for k, t in timing.items()}
     report.table(
         "Path rate of one launch, M paths/s (fastest of the rounds); queries: the same rays intersected only, with the "
         "same bounces and shadow rays",
-        ["materials", "queries", "whole field", "with block adder", "field / queries", "adder / queries"],
+        [
+            "materials",
+            "queries",
+            "whole field",
+            "with block accumulator",
+            "field / queries",
+            "accumulator / queries",
+        ],
         [[r[0], *[f"{v:.2f}" for v in r[1:]]] for r in rows],
     )
     report.claim("whole field over bare queries, path rate", rows[0][4], 0.7, at_least=True)
 
 
 def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
-    """Seconds of one launch, for three adders; its number of rays."""
+    """Seconds of one launch, for three accumulators; its number of rays."""
+    from sarmitsuba.backend import dr
     from sarmitsuba.echo.block import plan_block
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.raw import Timer, TraceJob
     from sarmitsuba.simulation.window import launch_window
-    from sarmitsuba.trace.accumulators import BlockAdder
+    from sarmitsuba.trace.accumulators import BlockAccumulator
     from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace
     from sarmitsuba.trace.launch import PulseBatch, lattice
-    from sarmitsuba.trace.modules import modules
 
-    dr, _ = modules()
     radar = scene.radar
     plan, window = plan_scene(scene), launch_window(scene)
     flags = replace(plan.flags, antenna_pattern=False)
@@ -255,9 +265,9 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     start = max(0, n // 2 - 64)
     block = plan_block(radar, start, min(n, start + 128), window.center, job.phase_box(), 4)
 
-    def run(adder: Any) -> None:
-        counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, adder)
-        dr.eval(counts.hits, counts.contributions, state, getattr(adder, "memory", None))
+    def run(accumulator: Any) -> None:
+        counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, accumulator)
+        dr.eval(counts.hits, counts.contributions, state, getattr(accumulator, "memory", None))
         dr.sync_thread()
 
     wavelength, channels = radar.waveform.wavelength, len(flags.channels)
@@ -265,7 +275,7 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
         {
             "queries": lambda: run(_Sink(wavelength, False)),
             "field": lambda: run(_Sink(wavelength, True)),
-            "field and adder": lambda: run(BlockAdder(block, 1, channels, 0, wavelength)),
+            "field and accumulator": lambda: run(BlockAccumulator(block, 1, channels, 0, wavelength)),
         },
         rounds,
     )

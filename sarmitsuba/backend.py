@@ -1,6 +1,7 @@
 """Pick and start the Dr.Jit back end: find an LLVM that works (or a GPU) and set Mitsuba's variant, on demand."""
 
 import ctypes
+import importlib
 import importlib.metadata
 import os
 import platform
@@ -8,9 +9,13 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.errors import BackendError
+
+if TYPE_CHECKING:
+    import drjit as dr
+    import mitsuba as mi
 
 LLVM_PACKAGE = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"  # read by Dr.Jit when it is first imported
@@ -184,6 +189,40 @@ def _start(mi: Any, dr: Any, wanted: str | None, choice: LlvmChoice | None) -> s
     return wanted
 
 
+class _Lazy:
+    """A module of the back end under its usual short name, imported and started at the first use of an attribute.
+
+    Attributes are kept, so that recording a kernel costs no more than with the module itself; Mitsuba's depend on
+    the variant and are forgotten when it changes.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._module_name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        if self._module_name == "mitsuba":
+            ensure_backend()
+        elif "drjit" not in sys.modules:
+            prepare_llvm()
+        module = importlib.import_module(self._module_name)
+        if "_watched" not in self.__dict__ and self._module_name == "mitsuba":
+            self.__dict__["_watched"] = True
+            module.detail.add_variant_callback(self._forget)
+        value = self.__dict__[attribute] = getattr(module, attribute)
+        return value
+
+    def _forget(self, old: str | None, new: str | None) -> None:
+        for name in [n for n in self.__dict__ if not n.startswith("_")]:
+            del self.__dict__[name]
+
+
+if not TYPE_CHECKING:
+    # the only place where Dr.Jit and Mitsuba enter; their array types depend on the variant
+    dr, mi = _Lazy("drjit"), _Lazy("mitsuba")
+
+
 def _no_llvm(choice: LlvmChoice | None) -> str:
     own = os.environ.get(LLVM_VARIABLE)
     if own:
@@ -284,9 +323,11 @@ def _has_optix() -> bool:
 __all__ = [
     "Backend",
     "LlvmChoice",
+    "dr",
     "ensure_backend",
     "find_llvm",
     "gpu_description",
     "llvm_version",
+    "mi",
     "prepare_llvm",
 ]

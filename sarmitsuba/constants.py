@@ -9,6 +9,6 @@ VACUUM_IMPEDANCE: float = _codata.physical_constants["characteristic impedance o
 
 # share of the coherent rays, and weight in the image, of each set that error bars keep apart; 0: all rays together.
 # Three to one: sets of different density differ by what their density blurs, too, which equal ones would share
-HALF_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
+SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
 
-__all__ = ["BOLTZMANN", "HALF_SHARES", "SPEED_OF_LIGHT", "VACUUM_IMPEDANCE", "VACUUM_PERMITTIVITY"]
+__all__ = ["BOLTZMANN", "SPEED_OF_LIGHT", "SUBSET_SHARES", "VACUUM_IMPEDANCE", "VACUUM_PERMITTIVITY"]

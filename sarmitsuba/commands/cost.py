@@ -90,7 +90,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
         *table(report),
         "",
         f"plain setting on the whole scene: {report.full_seconds:.2f} s (measured)",
-        f"cheapest combinations (m: measured, errors on {report.proof.text}, against {report.promised_against}; "
+        f"cheapest combinations (m: measured, errors on {report.proof.text}, against {report.estimated_against}; "
         "the others follow from them):",
     ]
     lines += [
@@ -100,12 +100,12 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     found = report.recommendation
     best, target = found.setting, found.target_error_db
     if found.met:
-        lines.append(f"recommended for {target:g} dB: {best.promise()}")
+        lines.append(f"recommended for {target:g} dB: {best.estimate()}")
         if found.remark:
             lines.append(f"  {found.remark}")
     else:
         lines.append(
-            f"no single pass meets {target:g} dB; the most accurate: {best.promise()} "
+            f"no single pass meets {target:g} dB; the most accurate: {best.estimate()} "
             f"a pass; render --target-error {target:g} adds passes until it is met"
         )
     if report.cells:
@@ -147,10 +147,10 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "met": report.recommendation.met,
         "remark": report.recommendation.remark,
         "piece": report.piece,
-        "promise": "measured" if report.recommendation.setting.measured else "predicted",
+        "estimate": "measured" if report.recommendation.setting.measured else "predicted",
         "reference": report.reference,
-        "promised_against": report.promised_against,
-        "promised_against_factor": report.proof.factor,
+        "estimated_against": report.estimated_against,
+        "estimated_against_factor": report.proof.factor,
         "through_cells": report.cells,
         "measured_on": report.proof.text,
         "check": report.check,

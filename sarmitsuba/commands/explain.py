@@ -12,7 +12,7 @@ from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.plan import EffectsPlan
-    from sarmitsuba.scene.spec import Scene
+    from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.prediction import Prediction
 
 NAME = "explain"
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     scene = load_scene(args.scene, radar=radar, parameters=dict(args.define))
     changes: dict[str, Any] = {"method": args.method} if args.method else {}
     if not args.no_error_bars:
-        changes["keep_halves"] = True
+        changes["keep_subsets"] = True
     scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **changes))
     plan, prediction = explain(scene, predicted=not args.plan_only)
     if args.json:

@@ -12,7 +12,7 @@ from sarmitsuba.errors import DataError
 if TYPE_CHECKING:
     from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
-    from sarmitsuba.scene.spec import Scene
+    from sarmitsuba.scene.scene import Scene
 
 NAME = "render"
 HELP = "simulate a scene and focus it"
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-error-bars",
         action="store_true",
-        help="do not keep two halves of the rays apart: half the data and the focusing, no estimate of the error",
+        help="do not keep two ray subsets apart: half the data and the focusing, no estimate of the error",
     )
     parser.add_argument("--no-focus", action="store_true", help="stop after the raw data")
     parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "seed": args.seed,
             "target_error_db": args.target_error,
             "time_limit": args.time_limit,
-            "keep_halves": None if args.no_error_bars else True,
+            "keep_subsets": None if args.no_error_bars else True,
         }
         settings = dataclasses.replace(
             scene.settings, **{key: value for key, value in changes.items() if value is not None}

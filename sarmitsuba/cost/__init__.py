@@ -1,1 +1,1 @@
-"""TODO."""
+"""What accuracy costs: study, model and report."""

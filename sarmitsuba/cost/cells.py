@@ -8,7 +8,7 @@ from typing import Any
 from sarmitsuba.cost.proof import Proof
 from sarmitsuba.cost.report import Candidate
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 
 # what combinations of the sweeps ask for and these do not; one bounce is proven where cells are
@@ -17,9 +17,9 @@ LEFT_OUT = ("ray_spacing", "diffuse_ray_spacing", "max_depth")
 
 def has_cells(scene: Scene, plan: EffectsPlan) -> bool:
     """Whether rays go through the scatterer cells when no spacing is asked for; ``plan``: of the scene as loaded."""
-    if scene.settings.keep_halves:
-        plan = plan_scene(replace(scene, settings=replace(scene.settings, keep_halves=False)))
-    return plan.flags.diffuse and not plan.flags.cell_sharing
+    if scene.settings.keep_subsets:
+        plan = plan_scene(replace(scene, settings=replace(scene.settings, keep_subsets=False)))
+    return plan.flags.diffuse and not plan.flags.footprint_splitting
 
 
 def measure_cells(
@@ -41,7 +41,7 @@ def cells_text(found: Sequence[Candidate]) -> str:
     )
     if not found:
         return text + " (not measured: the budget ended before)"
-    return text + ": " + ", ".join(f"{c.changes['method']} {c.promise()}" for c in found) + " (measured)"
+    return text + ": " + ", ".join(f"{c.changes['method']} {c.estimate()}" for c in found) + " (measured)"
 
 
 __all__ = ["cells_text", "has_cells", "measure_cells"]

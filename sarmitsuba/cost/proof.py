@@ -1,4 +1,4 @@
-"""Where a cost study's promises are measured and checked: a reference, error and seconds of a setting against it."""
+"""Where a cost study's estimates are measured and checked: a reference, error and seconds of a setting against it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.cost.sweep import Setting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 
 # runs shorter than this are made again, s, and the faster one counts: what disturbs a run only makes it longer
 STEADY = 3.0

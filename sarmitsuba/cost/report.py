@@ -6,14 +6,14 @@ from typing import Any
 
 from sarmitsuba.cost.proof import Check, Proof
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing
 
 # a smaller gain in error is not worth a line of its own, nor any time
 STEP_DB = 0.5
 # a recommendation better than wanted by more than this is explained
 SPARE_DB = 3.0
-# lattices of the check: no sweep and no promise uses them
+# lattices of the check: no sweep and no estimate uses them
 CHECK_PASS = 7
 
 
@@ -63,13 +63,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A combination of settings with its promised error and time on the whole scene.
+    """A combination of settings with its estimated error and time on the whole scene.
 
     Parameters
     ----------
     changes : about the scene's settings
-    error_db, seconds : promised
-    measured : the promise is from a run of this very combination, not from those of its neighbours
+    error_db, seconds : estimated
+    measured : the estimate is from a run of this very combination, not from those of its neighbours
     """
 
     changes: Mapping[str, Any]
@@ -77,7 +77,7 @@ class Candidate:
     seconds: float
     measured: bool = False
 
-    def promise(self) -> str:
+    def estimate(self) -> str:
         """Error and seconds, marked where nothing but the model says so."""
         return f"{self.error_db:.1f} dB in {self.seconds:.2f} s" + ("" if self.measured else " (predicted)")
 
@@ -89,8 +89,8 @@ class Recommendation:
     Parameters
     ----------
     target_error_db : wanted
-    setting : the cheapest that promises it, or the most accurate where none does
-    met : whether the target is promised
+    setting : the cheapest that estimates it, or the most accurate where none does
+    met : whether the target is estimated
     remark : why the setting is much better than wanted, where it is
     """
 
@@ -114,12 +114,12 @@ class CostReport:
     candidates : every combination
     front : those that none beats in both error and time, by time
     recommendation : for the error that the study was asked for
-    proof : where promises were measured and are checked
+    proof : where estimates were measured and are checked
     piece : which part of the scene was swept
     check : an independent run of the recommendation; None where the budget ended before
     full_seconds : measured seconds of the plain setting on the whole scene
     reference : what the sweeps' errors are against
-    promised_against : what the errors of the combinations are against
+    estimated_against : what the errors of the combinations are against
     cells : what rays through the scatterer cells come to, where leaving all spacings out gives those; else empty
     seconds : of the whole study
     """
@@ -133,7 +133,7 @@ class CostReport:
     check: Check | None
     full_seconds: float
     reference: str
-    promised_against: str
+    estimated_against: str
     cells: str
     seconds: float
 
@@ -142,12 +142,12 @@ class CostReport:
         return recommend(self.candidates, target_error_db)
 
     def verify(self, recommendation: Recommendation) -> Check:
-        """Run a recommendation with lattices that no promise used."""
+        """Run a recommendation with lattices that no estimate used."""
         return self.proof.measure(recommendation.setting.changes, CHECK_PASS)
 
 
 def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recommendation:
-    """The cheapest combination that promises the target, or the most accurate one."""
+    """The cheapest combination that estimates the target, or the most accurate one."""
     front = pareto(candidates)
     good = [c for c in front if c.error_db <= target_error_db]
     if not good:
@@ -160,7 +160,7 @@ def recommend(candidates: Sequence[Candidate], target_error_db: float) -> Recomm
         cheaper = [c for c in front if c.seconds < chosen.seconds]
         if cheaper:
             next_best = cheaper[-1]
-            remark = f"the next cheaper has {next_best.promise()}"
+            remark = f"the next cheaper has {next_best.estimate()}"
         else:
             remark = "nothing cheaper was found: what is left is the time that every run takes"
     return Recommendation(target_error_db, chosen, True, remark)
@@ -186,7 +186,7 @@ def reference_text(rays: Rays, factor: float, depth: int) -> str:
 def options_of(changes: Mapping[str, Any]) -> str:
     """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
 
-    One set of rays, as in the study: two halves for error bars would take more launches and twice the focusing.
+    One set of rays, as in the study: two subsets for error bars would take more launches and twice the focusing.
     """
     words = []
     for key, value in changes.items():

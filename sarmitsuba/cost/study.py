@@ -27,7 +27,7 @@ from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.window import launch_window, ray_spacing, scatterer_cell
 
@@ -187,7 +187,7 @@ def study_cost(
             "method": "hybrid",
             "max_depth": plan.max_depth,
             "keep_orders": False,
-            "keep_halves": False,
+            "keep_subsets": False,
             **rays.at(1.0),
             "scatterer_cell": scatterer_cell(scene, launch_window(scene).incidence),
         }
@@ -252,7 +252,7 @@ def study_cost(
         end = begin + budget - proof.cost(best.seconds)
         through += measure_cells(proof, best.changes, best.seconds, end)
     # what the study switches off, the recommended line must
-    off = {k: False for k in ("keep_orders", "keep_halves") if getattr(scene.settings, k)}
+    off = {k: False for k in ("keep_orders", "keep_subsets") if getattr(scene.settings, k)}
     candidates = [replace(c, changes={**c.changes, **off}) for c in (*candidates, *through)]
     recommendation = recommend(candidates, target_error_db)
     check = None
@@ -268,7 +268,7 @@ def study_cost(
         check=check,
         full_seconds=full.seconds,
         reference=reference_text(rays, SWEEP_FACTOR, REFERENCE_DEPTH),
-        promised_against=reference_text(rays, factor, REFERENCE_DEPTH),
+        estimated_against=reference_text(rays, factor, REFERENCE_DEPTH),
         cells=cells_text(through) if cells else "",
         seconds=time.perf_counter() - begin,
     )
@@ -367,7 +367,7 @@ def _guess_seconds(scene: Scene) -> float:
 def _field(
     scene: Scene, full: Mapping[str, float], begin: float, budget: float
 ) -> tuple[Scene | None, float, str]:
-    """What the promises are to be measured on, and with which ray spacing its reference is made.
+    """What the estimates are to be measured on, and with which ray spacing its reference is made.
 
     As much of the scene, and as densely, as a third of the budget allows; None where that is not even a third of
     the image's extents.

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.scene.spec import Scene, TraceSettings
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.image import simulate_image
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.trace.modules import modules
 
 C64 = NDArray[np.complex64]
 
@@ -54,7 +55,7 @@ class Trial:
     Parameters
     ----------
     setting : that was run
-    image : (n_azimuth, n_range) complex64, first channel, orders and halves summed
+    image : (n_azimuth, n_range) complex64, first channel, orders and subsets summed
     stages : seconds by stage, without compiling
     compile_seconds : spent on compiling kernels
     peak_bytes : growth of the resident memory at its highest; -1 where the system does not say
@@ -115,7 +116,6 @@ def _run(scene: Scene, setting: Setting, grid: ImageGrid | None, pass_index: int
 @contextmanager
 def compiling() -> Iterator[list[float]]:
     """Measure what Dr.Jit spends on compiling kernels within the block; yields ``[seconds]``."""
-    dr, _ = modules()
     spent = [0.0]
     flag = dr.JitFlag.KernelHistory
     before = dr.flag(flag)

@@ -30,7 +30,7 @@ _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buf
 class BlockPlan:
     r"""Grid and geometry of one block of pulses ``start:stop`` about the key pulse ``key``.
 
-    A path of half length h and amplitude a (constant within the block) is added once. With the antenna at
+    A path of slant range h and amplitude a (constant within the block) is added once. With the antenna at
     ``position`` (of the key pulse) and the velocity ``velocity``::
 
         R0   = h - |reference - position|                          (float64)
@@ -50,13 +50,13 @@ class BlockPlan:
     reference : (3,) float64, m, scene frame; P_ref
     reference_range : |reference - position|, m
     tau : (K,) float64, s, pulse times less the key pulse's
-    range0, range_step, n_range : half length of cell 0, cell (m) and number of cells along range
+    range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
     rate0, rate_step, n_rate : the same along the rate, m/s
     width, rate_width : of the spreading kernels
     n_inner : length of the FFT over the grid's range axis
     guard : cells before the grid within ``n_inner``, for the compact response and the range walk
     fine : how the profiles become the window's samples
-    curvature : what ``R0 + rate tau`` leaves out of the half length
+    curvature : what ``R0 + rate tau`` leaves out of the slant range
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two spreading kernels, dB
     """
@@ -123,7 +123,7 @@ def plan_block(
     box: F64,
     width: int = 4,
     *,
-    extra_half_length: float = 0.0,
+    extra_slant_range: float = 0.0,
     rate_width: int | None = None,
 ) -> BlockPlan:
     """Lay out the grid of the pulses ``start:stop`` and fit the curvature over the box.
@@ -135,13 +135,13 @@ def plan_block(
     reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
     width, rate_width : of the spreading kernels along range and rate (default: the same)
-    extra_half_length : half of what multiple reflections add to the way to the box at most, m
+    extra_slant_range : half of what multiple reflections add to the way to the box at most, m
 
     Notes
     -----
     Ignores the change of a path's amplitude within the block (beam, spreading, visibility).
-    The curvature is the least-squares fit, pulse by pulse, of the exact half lengths of sample paths: points
-    throughout the box and, with ``extra_half_length``, mirror images behind it and pairs of both. So it
+    The curvature is the least-squares fit, pulse by pulse, of the exact slant ranges of sample paths: points
+    throughout the box and, with ``extra_slant_range``, mirror images behind it and pairs of both. So it
     holds for any track; what the fit leaves is the plan's ``geometry_error_db``.
     """
     reference = np.asarray(reference, dtype=np.float64)
@@ -149,13 +149,13 @@ def plan_block(
     rate_width = width if rate_width is None else rate_width
     cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
     key, position, velocity, tau = key_state(radar, start, stop)
-    centers, partners = sample_paths(box, position, extra_half_length)
+    centers, partners = sample_paths(box, position, extra_slant_range)
     fit = fit_curvature(radar, start, stop, reference, centers, partners)
 
     # range axis: exact bounds of the box; rate axis: those of the samples and 2 % more
     reference_range = float(np.linalg.norm(reference - position))
     near, far = (float(d[0]) for d in box_distance(box, position[None]))
-    far += extra_half_length
+    far += extra_slant_range
     slack = 0.02 * np.ptp(fit.rate) + 1e-9 * float(np.linalg.norm(velocity))
     rate_low, rate_high = float(fit.rate.min() - slack), float(fit.rate.max() + slack)
     kernel, rate_kernel = spreading_kernel(width), spreading_kernel(rate_width)
@@ -208,16 +208,16 @@ def choose_block_length(
     width: int = 4,
     target_error_db: float = -40.0,
     *,
-    extra_half_length: float = 0.0,
+    extra_slant_range: float = 0.0,
     max_length: int = 128,
     max_cells: int = 2**22,
 ) -> int:
     """Largest block length K whose error stays below the target all along the track; 1 where none does.
 
     The error of every block examined (all of them, or 24 spread over a long track) is the worst one of the
-    box's sample paths, exact half lengths against the model, and the kernels'. A kernel too narrow for the
+    box's sample paths, exact slant ranges against the model, and the kernels'. A kernel too narrow for the
     target counts as meeting it: a shorter block would not make it better. Blocks shorter than 8 pulses are
-    dearer than the direct adder and not considered.
+    dearer than the direct accumulator and not considered.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def choose_block_length(
         starts = np.unique(np.linspace(0, n_pulses - length, min(-(-n_pulses // length), 24)).astype(int))
         order = np.argsort(-np.abs(starts - 0.5 * (n_pulses - length)))  # the outermost fail first
         if all(
-            _holds(radar, int(s), length, reference, box, extra_half_length, budget, width, max_cells)
+            _holds(radar, int(s), length, reference, box, extra_slant_range, budget, width, max_cells)
             for s in starts[order]
         ):
             return length
@@ -258,7 +258,7 @@ def _holds(
     width: int,
     max_cells: int,
 ) -> bool:
-    plan = plan_block(radar, start, start + length, reference, box, width, extra_half_length=extra)
+    plan = plan_block(radar, start, start + length, reference, box, width, extra_slant_range=extra)
     if 10.0 ** (plan.geometry_error_db / 10.0) > budget:
         return False
     return plan.n_range * plan.n_rate <= max_cells

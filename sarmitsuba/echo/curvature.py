@@ -1,4 +1,4 @@
-"""Curvature of half lengths within a block of pulses, fitted to the track's own geometry."""
+"""Curvature of slant ranges within a block of pulses, fitted to the track's own geometry."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -70,7 +70,7 @@ def key_state(radar: Radar, start: int, stop: int) -> tuple[int, F64, F64, F64]:
 
 
 def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
-    """Sample paths of the box as pairs of points, half length = mean of the distances to both.
+    """Sample paths of the box as pairs of points, slant range = mean of the distances to both.
 
     Direct returns and corner reflectors have both points alike. A mirror chain shifts its image point
     along the line of sight, behind the first point hit, by at most ``2 * extra`` when only one of the two
@@ -110,7 +110,7 @@ class CurvatureFit:
 
 
 def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b: F64) -> CurvatureFit:
-    """Fit the curvature to the exact half lengths of sample paths; a, b (n_samples, 3)."""
+    """Fit the curvature to the exact slant ranges of sample paths; a, b (n_samples, 3)."""
     _, position, velocity, tau = key_state(radar, start, stop)
     track = radar.track.position[start:stop]
 

@@ -1,4 +1,4 @@
-"""Direct adder: every path is spread onto every pulse's own range grid."""
+"""Direct accumulator: every path is spread onto every pulse's own range grid."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ C64 = NDArray[np.complex64]
 class DirectPlan:
     r"""Range grids of the pulses ``start:stop``, one a pulse.
 
-    A path of half length h(t) and amplitude a is added at pulse t (k counts from ``start``) as::
+    A path of slant range h(t) and amplitude a is added at pulse t (k counts from ``start``) as::
 
         x = (h(t) - range0[k]) / range_step
         grid[layer, k, i] += a exp(-j 4 pi fc h(t) / c) phi(x - i)
@@ -25,7 +25,7 @@ class DirectPlan:
     Parameters
     ----------
     start, stop : first pulse and one past the last
-    range0 : (stop - start,) float64, half length of cell 0 at each pulse, m
+    range0 : (stop - start,) float64, slant range of cell 0 at each pulse, m
     n_range : cells a pulse
     width : of the spreading kernel
     fine : how the grid becomes the window's samples
@@ -76,7 +76,7 @@ def box_distance(box: F64, position: F64) -> tuple[F64, F64]:
 
 
 def plan_direct(
-    radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_half_length: float = 0.0
+    radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_slant_range: float = 0.0
 ) -> DirectPlan:
     """Lay out the range grids of the pulses ``start:stop``.
 
@@ -86,11 +86,11 @@ def plan_direct(
     start, stop : pulse indices
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
     width : of the spreading kernel, 1 to 8
-    extra_half_length : half of what multiple reflections add to the way to the box at most, m
+    extra_slant_range : half of what multiple reflections add to the way to the box at most, m
     """
     cell, window = radar.waveform.range_cell, radar.window
     near, far = box_distance(np.asarray(box, dtype=np.float64), radar.track.position[start:stop])
-    far = far + extra_half_length
+    far = far + extra_slant_range
     first = window.start_range[start:stop]
     low = float((first - far).min()) - cell
     high = float((first - near).max()) + window.extent + cell
@@ -102,13 +102,13 @@ def plan_direct(
 
 
 def spread_reference(
-    plan: DirectPlan, radar: Radar, half_length: F64, amplitude: NDArray[np.complexfloating]
+    plan: DirectPlan, radar: Radar, slant_range: F64, amplitude: NDArray[np.complexfloating]
 ) -> C64:
     """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
 
     Parameters
     ----------
-    half_length : (n_paths, n_pulses) float64, m
+    slant_range : (n_paths, n_pulses) float64, m
     amplitude : (n_layers, n_paths) complex, sqrt(W)
 
     Returns
@@ -117,10 +117,10 @@ def spread_reference(
     """
     kernel = plan.kernel
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    x = (half_length - plan.range0) / plan.range_step + kernel.shift
+    x = (slant_range - plan.range0) / plan.range_step + kernel.shift
     base = np.floor(x)
     taps = kernel.taps(x - base)
-    phasor = np.exp(-1j * np.mod(wavenumber * half_length, 2.0 * np.pi))
+    phasor = np.exp(-1j * np.mod(wavenumber * slant_range, 2.0 * np.pi))
     cell = base.astype(np.int64) - kernel.lead + np.arange(plan.n_pulses) * plan.n_range
     grid = np.zeros((amplitude.shape[0], plan.n_pulses * plan.n_range), dtype=np.complex128)
     for layer, a in enumerate(amplitude):

@@ -104,7 +104,7 @@ class SpreadingKernel:
         z = frac - 0.5
         z2 = z * z
         out: list[Any] = [None] * self.width
-        for k, (even, odd) in enumerate(self._halves):
+        for k, (even, odd) in enumerate(self._subsets):
             e = _horner(even, z2)
             if 2 * k == self.width - 1:
                 out[k] = e
@@ -115,18 +115,18 @@ class SpreadingKernel:
         return out
 
     @cached_property
-    def _halves(self) -> list[tuple[list[float], list[float]]]:
+    def _subsets(self) -> list[tuple[list[float], list[float]]]:
         """Even and odd polynomial coefficients in z^2 of the first half of the taps (the rest mirror)."""
         w, degree = self.width, _DEGREE[self.width]
         z = 0.5 * np.cos(np.pi * (np.arange(400) + 0.5) / 400)  # Chebyshev points in (-1/2, 1/2)
-        halves = []
+        subsets = []
         for k in range((w + 1) // 2):
             c = np.polynomial.chebyshev.Chebyshev.fit(
                 z, self.evaluate(k - 0.5 * (w - 1) - z), degree, [-0.5, 0.5]
             )
             p = c.convert(kind=np.polynomial.Polynomial, domain=[-1, 1]).coef
-            halves.append(([float(v) for v in p[0::2]], [float(v) for v in p[1::2]]))
-        return halves
+            subsets.append(([float(v) for v in p[0::2]], [float(v) for v in p[1::2]]))
+        return subsets
 
     def transform(self, nu: Any) -> F64:
         """Fourier transform of what :meth:`taps` spreads, at ``nu`` cycles per cell, float64.

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import BOLTZMANN, HALF_SHARES
+from sarmitsuba.constants import BOLTZMANN, SUBSET_SHARES
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.radar.radar import Radar
 
@@ -51,8 +51,8 @@ def add_noise(raw: RawData, seed: int = 0) -> RawData:
 
     Notes
     -----
-    The planes of a channel (bounce orders, halves) add up to the channel, so its noise goes into the plane of
-    the lowest order; where there are two halves each gets the same noise by its share, which leaves their
+    The planes of a channel (bounce orders, subsets) add up to the channel, so its noise goes into the plane of
+    the lowest order; where there are two subsets each gets the same noise by its share, which leaves their
     difference free of it. Ignores quantisation, clutter and interference.
     """
     radar = raw.radar
@@ -73,7 +73,7 @@ def add_noise(raw: RawData, seed: int = 0) -> RawData:
                 _white(rng, shape, power) if raw.domain == "chirped" else _in_band(rng, shape, power, radar)
             )
             for i in targets:
-                data[i, start : start + shape[0]] += noise * np.float32(HALF_SHARES[raw.layers[i].half])
+                data[i, start : start + shape[0]] += noise * np.float32(SUBSET_SHARES[raw.layers[i].subset])
     metadata = {**raw.metadata, "noise_temperature_K": radar.noise_temperature, "noise_power_W": power}
     return replace(raw, data=data, metadata=metadata)
 

@@ -19,12 +19,13 @@ class Layer:
     ----------
     channel : ``HH``, ``HV``, ``VH`` or ``VV`` (transmit first)
     order : number of bounces, or 0 when all orders are summed
-    half : 0 for all rays, or 1 / 2 for one of two independent sets, by its share ``sarmitsuba.constants.HALF_SHARES``
+    subset : 0 for all rays, or 1 / 2 for one of two independent sets, by its share
+        ``sarmitsuba.constants.SUBSET_SHARES``
     """
 
     channel: str
     order: int = 0
-    half: int = 0
+    subset: int = 0
 
 
 def channels_of(layers: Sequence[Layer]) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ class KernelFlags:
     coherent : physical-optics return of the smooth part of the surfaces
     diffuse : persistent diffuse scatterers
     diffuse_double : reciprocal and retro paths of diffuse hits behind a mirror chain
-    cell_sharing : share each tube among the scatterer cells that it overlaps; off gives it to the cell of its middle
+    footprint_splitting : share each tube among the scatterer cells that it overlaps; off gives it to the cell of its
+        middle
     speckle : complex Gaussian scatterers; off gives each cell the same modulus and a random phase
     depolarisation : cross-polar diffuse return
     polarised_diffuse : diffuse laws that differ between h and v
@@ -34,7 +35,7 @@ class KernelFlags:
     coherent: bool = True
     diffuse: bool = True
     diffuse_double: bool = True
-    cell_sharing: bool = True
+    footprint_splitting: bool = True
     speckle: bool = True
     depolarisation: bool = True
     polarised_diffuse: bool = True

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
-from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
+from sarmitsuba.effects.context import Context, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.registry import Decision, Verdict, effects
+from sarmitsuba.effects.registry import Assessment, Decision, effects
 from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,12 @@ def plan_effects(
     ----------
     scene : as loaded
     sampling : how the run will sample the scene; without it, what depends on it stays on
-    pilot : what a pilot trace measured; without it, static facts and safe defaults decide
+    pilot : what a pilot trace measured; without it, static context and safe defaults decide
     shape : of this scene's geometry, to save working it out again
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
     up_to : last rank to decide, None for all; what is not decided stays on
     """
-    facts = Facts(scene, sampling, pilot, shape)
+    context = Context(scene, sampling, pilot, shape)
     wanted = scene.settings.effects
     decided: dict[str, Decision] = {}
     fields: dict[str, Any] = {
@@ -144,18 +144,18 @@ def plan_effects(
     for effect in effects():
         if up_to is not None and effect.rank > up_to:
             break
-        verdict = effect.judge(facts, decided)
-        decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), verdict)
+        assessment = effect.assess(context, decided)
+        decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
-        fields.update(effect.flags(decision.on, facts, decided))
-        loses = decision.source == "user" and decision.on != verdict.on and not decision.on
-        if loses and verdict.error_db > facts.tolerance_db:
+        fields.update(effect.flags(decision.on, context, decided))
+        loses = decision.source == "user" and decision.on != assessment.on and not decision.on
+        if loses and assessment.error_db > context.tolerance_db:
             notes.append(
-                f"{scene.name}: {effect.name} is off as asked; predicted error {verdict.error_db:.0f} dB "
-                f"({verdict.why})"
+                f"{scene.name}: {effect.name} is off as asked; predicted error {assessment.error_db:.0f} dB "
+                f"({assessment.why})"
             )
     depth = decided["max_depth"].value or DEFAULT_DEPTH
-    note = _depth_note(facts, depth)
+    note = _depth_note(context, depth)
     if note:
         notes.append(note)
     if warn:
@@ -166,36 +166,44 @@ def plan_effects(
         depth,
         tuple(decided.values()),
         tuple(notes),
-        {} if pilot is None else _figures(facts, pilot),
+        {} if pilot is None else _figures(context, pilot),
     )
 
 
-def _decide(name: str, cost: float, switch: str, verdict: Verdict) -> Decision:
+def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:
     if switch == "auto":
-        source = "user" if verdict.asked else "pilot" if verdict.measured else "fact"
-        return Decision(name, verdict.on, verdict.why, verdict.value, verdict.error_db, cost, source)
+        source = "user" if assessment.asked else "pilot" if assessment.measured else "fact"
+        return Decision(
+            name, assessment.on, assessment.why, assessment.value, assessment.error_db, cost, source
+        )
     on = switch == "on"
-    # asked for what the facts say too: the error of the other way stays; asked against them: nothing is known better
+    # asked for what the context say too: the error of the other way stays; asked against them: nothing is known better
     return Decision(
-        name, on, f"set {switch} by the user; {verdict.why}", verdict.value, verdict.error_db, cost, "user"
+        name,
+        on,
+        f"set {switch} by the user; {assessment.why}",
+        assessment.value,
+        assessment.error_db,
+        cost,
+        "user",
     )
 
 
-def _depth_note(facts: Facts, depth: int) -> str:
-    asked, pilot = facts.scene.settings.max_depth, facts.pilot
+def _depth_note(context: Context, depth: int) -> str:
+    asked, pilot = context.scene.settings.max_depth, context.pilot
     if pilot is None or depth >= pilot.n_orders:
         return ""
     lost, cell = pilot.energy_db(3, depth + 1), pilot.cell_db(3, depth + 1)
-    if asked and (lost > facts.tolerance_db or cell > pilot.cell_limit_db(facts.tolerance_db)):
+    if asked and (lost > context.tolerance_db or cell > pilot.cell_limit_db(context.tolerance_db)):
         over = "clutter" if pilot.clutter > 0 else "peak"
         return (
-            f"{facts.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
+            f"{context.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
             f"energy, strongest cell {cell:.0f} dB over the {over}; raise max_depth or set it to auto"
         )
     return ""
 
 
-def _figures(facts: Facts, pilot: PilotResult) -> dict[str, Any]:
+def _figures(context: Context, pilot: PilotResult) -> dict[str, Any]:
     def clean(value: float) -> float | None:
         return round(float(value), 1) if np.isfinite(value) else None
 
@@ -211,7 +219,7 @@ def _figures(facts: Facts, pilot: PilotResult) -> dict[str, Any]:
         "energy_from_order_upper_db": [clean(pilot.energy_db(3, n, upper=True)) for n in orders],
         "strongest_cell_from_order_db": [clean(pilot.cell_db(3, n)) for n in orders],
         "strongest_cell_over": "clutter" if pilot.clutter > 0 else "peak",
-        "tolerance_db": facts.tolerance_db,
+        "tolerance_db": context.tolerance_db,
     }
 
 

@@ -9,13 +9,13 @@ from functools import cache
 from typing import Any, ClassVar
 
 from sarmitsuba.effects import catalog
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.effects.context import Context
+from sarmitsuba.scene.scene import Scene
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the facts say about an effect, before the user has a word.
+class Assessment:
+    """What the context say about an effect, before the user has a word.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ class Effect(ABC):
     cost: ClassVar[float] = 0.0
 
     @abstractmethod
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
-        """Whether the facts call for it."""
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+        """Whether the context call for it."""
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Fields of ``KernelFlags`` that it sets."""
         return {}
 
@@ -99,4 +99,4 @@ def effects() -> tuple[Effect, ...]:
     return tuple(found)
 
 
-__all__ = ["Decision", "Effect", "Verdict", "effects"]
+__all__ = ["Assessment", "Decision", "Effect", "effects"]

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
-from sarmitsuba.scene.spec import Geometry
+from sarmitsuba.scene.geometry import Geometry
 
 F64 = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _MAX_FACES = 200_000
 
 
 class ShapeFacts:
-    """Geometric facts, each worked out when it is asked for.
+    """Geometric context, each worked out when it is asked for.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _WEAK = 0.01
 
 
 class Request(Protocol):
-    """What an image request says; :class:`sarmitsuba.scene.spec.ImageRequest` is one."""
+    """What an image request says; :class:`sarmitsuba.scene.settings.ImageRequest` is one."""
 
     grid: Any
     center_x: float

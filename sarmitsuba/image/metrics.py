@@ -28,7 +28,7 @@ class CutMetrics:
     islr_null_db : energy beyond the first nulls over that between them
     islr_2irw_db : energy beyond ``|x| = irw`` over that within, as far as ``extent``
     islr_20irw_db : the same with sidelobes counted only to ``|x| = 10 irw``; NaN where the chip is smaller
-    extent : m, half length of the cut
+    extent : m, slant range of the cut
     """
 
     irw: float

@@ -17,7 +17,7 @@ from sarmitsuba.io.encoding import to_json
 
 
 def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
-    """Planes by EXR layer: ``VV``, and ``VV.order1`` ... where bounce orders are kept apart; halves are added."""
+    """Planes by EXR layer: ``VV``, and ``VV.order1`` ... where bounce orders are kept apart; subsets are added."""
     planes = {channel: image.total(channel) for channel in image.channels}
     for channel in image.channels:
         orders = {layer.order for layer in image.layers if layer.channel == channel and layer.order > 0}

@@ -12,18 +12,13 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.radar_builder import RadarInput, build_radar
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.spec import (
-    EFFECT_NAMES,
-    Geometry,
-    ImageRequest,
-    Material,
-    PointTarget,
-    Scene,
-    TraceSettings,
-)
+from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import EFFECT_NAMES, ImageRequest, TraceSettings
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

@@ -15,7 +15,7 @@ from sarmitsuba.loader.properties import Element, Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed
 from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH, MaterialBook, point_target, radar_input
 from sarmitsuba.materials.library import ADAPTER_BSDFS
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
 # classes of Mitsuba's BSDFs whose name is not their plugin's in capitals

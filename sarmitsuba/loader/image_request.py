@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.swath import Box
-from sarmitsuba.scene.spec import ImageRequest
+from sarmitsuba.scene.settings import ImageRequest
 
 F64 = NDArray[np.float64]
 

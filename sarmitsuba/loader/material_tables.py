@@ -2,7 +2,7 @@
 
 from sarmitsuba.loader.parameters import Param, ParamTable
 from sarmitsuba.materials.library import ITU_BANDS
-from sarmitsuba.scene.spec import DIFFUSE_LAWS
+from sarmitsuba.materials.material import DIFFUSE_LAWS
 
 _ITU_NAMES = tuple(ITU_BANDS)
 

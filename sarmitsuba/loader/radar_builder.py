@@ -14,12 +14,12 @@ from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.loader.image_request import build_image_request, image_box
 from sarmitsuba.loader.parameters import one_line
 from sarmitsuba.radar.antenna import Antenna, Pointing
-from sarmitsuba.radar.coverage import ambiguities, check_sight
+from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.swath import Box, beam_bandwidth, bounds_in_axes, doppler_bandwidth, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.scene.spec import ImageRequest
+from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
@@ -150,7 +150,7 @@ def build_radar(
         noise_temperature=s["noise_temperature"],
         losses=float(power_from_db(s["losses_db"])),
     )
-    seen = check_sight(radar, scene, box, given.where, given.film_where)
+    seen = check_coverage(radar, scene, box, given.where, given.film_where)
     derived = not s["prf"] and not s["track_file"]
     for text in ambiguities(radar, seen, given.where, derived=derived):
         _warn(text)

@@ -11,7 +11,7 @@ from sarmitsuba.loader.material_tables import (
 )
 from sarmitsuba.loader.parameters import Param, ParamTable
 from sarmitsuba.materials.library import ORDINARY_RMS_HEIGHT
-from sarmitsuba.scene.spec import EFFECT_NAMES, METHODS, TOLERANCE_DB
+from sarmitsuba.scene.settings import EFFECT_NAMES, METHODS, TOLERANCE_DB
 
 _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_deg and aim_x, aim_y, aim_z"
 
@@ -115,7 +115,7 @@ SENSOR = ParamTable(
             "CSV of time_s, x_m, y_m, z_m, one pulse a line, in the file's frame; replaces slant_range, "
             "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and azimuth_resolution",
         ),
-        Param("center_frequency", "float", 9.6e9, "carrier", "Hz", 1e6, 1e12),
+        Param("center_frequency", "float", 9.6e9, "phase_factor", "Hz", 1e6, 1e12),
         Param("bandwidth", "float", 300e6, "swept by the pulse", "Hz", 1e3, 1e12),
         Param("pulse_width", "float", 2e-6, "length of the transmitted pulse", "s", 1e-10, 1.0),
         Param(
@@ -309,7 +309,7 @@ _EFFECT_DOCS = {
     "visibility": "test of the way back to the antenna",
     "tube_phase": "phase integral over each ray tube's footprint",
     "diffuse_double": "diffuse return after a mirror chain, with its reciprocal path",
-    "cell_sharing": "ray tubes shared among the scatterer cells that they overlap",
+    "footprint_splitting": "ray tubes shared among the scatterer cells that they overlap",
     "noise": "thermal noise of the receiver",
     "depolarisation": "rotation of the polarisation by reflection",
     "trajectory": "deviation of the track from a straight line",
@@ -366,9 +366,7 @@ INTEGRATOR = ParamTable(
         ),
         Param("seed", "integer", 0, "of every random number", "", 0, 2**31 - 1),
         Param("keep_orders", "boolean", False, "keep contributions of different bounce numbers apart"),
-        Param(
-            "keep_halves", "boolean", False, "keep two independent halves of the rays apart, for error bars"
-        ),
+        Param("keep_subsets", "boolean", False, "keep two independent ray subsets apart, for error bars"),
         Param(
             "phase_precision",
             "string",

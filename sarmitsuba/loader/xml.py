@@ -28,7 +28,9 @@ from sarmitsuba.materials.library import (
     sionna_itu_name,
     sionna_material,
 )
-from sarmitsuba.scene.spec import Material, PointTarget, Scene
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.scene import Scene
 
 # facets of curved shapes: at 1/32 they act as a grating whose lobes move a sphere's return by up to 1 dB with
 # the direction, a cylinder's by as much; at 1/512 by 0.1 dB

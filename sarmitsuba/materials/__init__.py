@@ -1,1 +1,1 @@
-"""TODO."""
+"""Surfaces: permittivity, Fresnel coefficients, roughness, diffuse laws."""

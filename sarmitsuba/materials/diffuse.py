@@ -15,7 +15,7 @@ from scipy.integrate import simpson
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
 from sarmitsuba.materials.laws.iem import Correlation, iem_backscatter, roughness_spectrum
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]

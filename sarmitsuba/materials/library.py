@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from sarmitsuba.errors import SceneError
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 
 # ITU-R P.2040-3, table 3; the last four names and the bands above 110 GHz from P.2040-4.
 # name: ((from GHz, to GHz, a, b, c, d), ...)

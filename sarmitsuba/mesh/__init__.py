@@ -1,1 +1,1 @@
-"""TODO."""
+"""Triangle meshes: reading, cleaning, tessellation, boundary edges, curvature, convexity."""

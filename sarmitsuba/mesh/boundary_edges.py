@@ -15,7 +15,7 @@ F64 = NDArray[np.float64]
 SMOOTH_BEND = np.radians(20.0)
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
-N_SIDES = 4
+N_EDGES = 4
 # triangles of the same facet so many edges away lend their sides
 RINGS = 3
 # pairs of triangles that are compared at a time; bounds the memory
@@ -28,7 +28,7 @@ FLOAT32 = 2.0**-23
 FACING = 0.5
 
 
-def facet_sides(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+def boundary_edges(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """Sharp sides of the flat facet that each triangle belongs to.
 
     A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles of a convex facet
@@ -119,7 +119,7 @@ class _Edges:
 
 
 def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArray[np.bool_]:
-    """Fill in the sides of ``faces`` whose whole facet is convex with at most ``N_SIDES`` straight sides; which are."""
+    """Fill in the sides of ``faces`` whose whole facet is convex with at most ``N_EDGES`` straight sides; which are."""
     n = len(edges.corners)
     row, k = np.nonzero(edges.mate >= 0)
     links = coo_matrix((np.ones(row.size), (row, edges.mate[row, k])), shape=(n, n))
@@ -148,7 +148,7 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     order = np.argsort(of, kind="stable")
     lines = np.bincount(of, minlength=count)
     place = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
-    few = (lines <= N_SIDES)[of[order]]
+    few = (lines <= N_EDGES)[of[order]]
     table = _unused(count)
     kept = order[few]
     table[of[kept], place[few]] = np.column_stack([inward[kept], offset[kept]])
@@ -157,7 +157,7 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
     outside = np.zeros(count, dtype=bool)
     np.logical_or.at(outside, facet, (height < -slack[facet][:, None, None]).any(axis=(1, 2)))
-    simple = ((lines <= N_SIDES) & ~outside)[facet]
+    simple = ((lines <= N_EDGES) & ~outside)[facet]
     used = (mine[:, :, :3] != 0.0).any(axis=2)
     mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
     sides[faces[simple]] = mine[simple]
@@ -194,7 +194,7 @@ def _sums(group: NDArray[np.int64], rows: F64) -> F64:
 
 
 def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
-    """(len(faces), N_SIDES, 4) sides that limit each triangle, out of those of ``near`` (n, m), nearest first."""
+    """(len(faces), N_EDGES, 4) sides that limit each triangle, out of those of ``near`` (n, m), nearest first."""
     n = len(faces)
     valid = edges.sharp[near].reshape(n, -1)
     inward = edges.inward[near].reshape(n, -1, 3)
@@ -222,7 +222,7 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
 
     out = _unused(n)
     row = np.arange(n)
-    for k in range(N_SIDES):
+    for k in range(N_EDGES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)
         found = valid[row, best]
         side = np.concatenate([inward[row, best], offset[row, best][:, None]], axis=1)
@@ -268,8 +268,8 @@ def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def _unused(n: int) -> F64:
-    """(n, N_SIDES, 4) sides that limit nothing."""
-    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_SIDES, 1))
+    """(n, N_EDGES, 4) sides that limit nothing."""
+    return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
 
-__all__ = ["FLAT_BEND", "N_SIDES", "SMOOTH_BEND", "facet_sides"]
+__all__ = ["FLAT_BEND", "N_EDGES", "SMOOTH_BEND", "boundary_edges"]

@@ -10,7 +10,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 
 
-def check_sight(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
+def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
     """Raise a RadarError when image and geometry, or beam and geometry, have nothing in common.
 
     Parameters
@@ -104,4 +104,4 @@ def _span(box: Box, axis: int) -> str:
     return f"{box.low[axis]:.6g} to {box.high[axis]:.6g} m"
 
 
-__all__ = ["ambiguities", "check_sight"]
+__all__ = ["ambiguities", "check_coverage"]

@@ -1,1 +1,1 @@
-"""Scene files: parameters, materials, meshes and radar, loaded into frozen data."""
+"""The frozen data model of a scene: geometry, settings, scene."""

@@ -1,4 +1,4 @@
-"""Error bars from two independent sets of the rays (halves, by three to one), at no extra tracing."""
+"""Error bars from two independent sets of the rays (subsets, by three to one), at no extra tracing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 
 F32 = NDArray[np.float32]
 
-# error of the weighted mean of two halves over half their difference, dB: mean of five scenes, Munich among them, at
+# error of the weighted mean of two subsets over half their difference, dB: mean of five scenes, Munich among them, at
 # four densities (benchmarks/error_bars.py), where means of four runs lie between -0.6 and 3.2
 SHARED_DB = 1.8
 # rms difference of estimate and truth over all runs of that benchmark, dB
@@ -24,17 +24,17 @@ SHARED_SCATTER_DB = 1.4
 
 @dataclass(frozen=True, eq=False)
 class ErrorBars:
-    """Sampling error of an image (or of raw data) whose halves were kept apart.
+    """Sampling error of an image (or of raw data) whose subsets were kept apart.
 
     Parameters
     ----------
     channels : polarisation channels
     error_db : of each channel, energy of the error over energy of the image, dB
-    noise_db : the part of it that differs between the halves, dB
+    noise_db : the part of it that differs between the subsets, dB
     per_pixel : (n_channels, ...) float32, rms error in the data's own unit, from the half difference averaged over
         the square of ``window`` pixels about each one
     confidence_db : standard deviation of ``error_db``, dB: the number of independent pixels that carry it, and the
-        scatter of the part that the halves share
+        scatter of the part that the subsets share
     """
 
     channels: tuple[str, ...]
@@ -56,29 +56,31 @@ class ErrorBars:
 def half_planes(
     data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
 ) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
-    """Estimate of a channel (sum of its halves) and half the difference of the halves' own estimates, orders summed.
+    """Estimate of a channel (sum of its subsets) and half the difference of the subsets' own estimates, orders summed.
 
     Raises
     ------
     DataError
-        The halves were not kept.
+        The subsets were not kept.
     """
     planes = []
     for half in (1, 2):
-        picks = [i for i, la in enumerate(layers) if la.channel == channel and la.half == half]
+        picks = [i for i, la in enumerate(layers) if la.channel == channel and la.subset == half]
         if not picks:
-            raise DataError(f"error bars: channel {channel} has no half {half}; simulate with keep_halves on")
+            raise DataError(
+                f"error bars: channel {channel} has no half {half}; simulate with keep_subsets on"
+            )
         planes.append(data[picks].sum(axis=0, dtype=np.complex64) if len(picks) > 1 else data[picks[0]])
-    each = [np.float32(0.5 / HALF_SHARES[half]) for half in (1, 2)]
+    each = [np.float32(0.5 / SUBSET_SHARES[half]) for half in (1, 2)]
     return planes[0] + planes[1], planes[0] * each[0] - planes[1] * each[1]
 
 
 def estimate_error(
     data: NDArray[np.complex64], layers: Sequence[Layer], *, window: int = 5, pixels: bool = True
 ) -> ErrorBars:
-    r"""Sampling error of the sum of two halves from their difference.
+    r"""Sampling error of the sum of two subsets from their difference.
 
-    Halves are stored as their share (``HALF_SHARES``) of their own estimate, so that they add up to the weighted mean
+    Halves are stored as their share (``SUBSET_SHARES``) of their own estimate, so that they add up to the weighted mean
     of two independent estimates :math:`x_1, x_2`:
 
     .. math:: \epsilon^2 = s \sum |x_1 - x_2|^2 / 4 / \sum |d_1 + d_2|^2, \quad d_i = w_i x_i
@@ -88,7 +90,7 @@ def estimate_error(
 
     Parameters
     ----------
-    data : (n_layers, n, m) complex64, halves kept apart
+    data : (n_layers, n, m) complex64, subsets kept apart
     layers : labels of ``data``
     window : pixels along each axis that ``per_pixel`` is averaged over
     pixels : off leaves ``per_pixel`` empty
@@ -122,18 +124,18 @@ def estimate_error(
 
 
 def error_bars(image: SarImage, *, window: int = 5) -> ErrorBars:
-    """Sampling error of an image with halves; see :func:`estimate_error`."""
+    """Sampling error of an image with subsets; see :func:`estimate_error`."""
     return estimate_error(image.data, image.layers, window=window)
 
 
-def has_halves(layers: Sequence[Layer]) -> bool:
+def has_subsets(layers: Sequence[Layer]) -> bool:
     """Whether every layer belongs to a half."""
-    return bool(layers) and all(layer.half in (1, 2) for layer in layers)
+    return bool(layers) and all(layer.subset in (1, 2) for layer in layers)
 
 
 def with_error_bars(image: SarImage) -> SarImage:
-    """The image with ``sampling_error`` in its metadata (by channel, dB); unchanged where halves were not kept."""
-    if not has_halves(image.layers):
+    """The image with ``sampling_error`` in its metadata (by channel, dB); unchanged where subsets were not kept."""
+    if not has_subsets(image.layers):
         return image
     bars = estimate_error(image.data, image.layers, pixels=False)
     return replace(image, metadata={**image.metadata, "sampling_error": bars.as_dict()})
@@ -146,6 +148,6 @@ __all__ = [
     "error_bars",
     "estimate_error",
     "half_planes",
-    "has_halves",
+    "has_subsets",
     "with_error_bars",
 ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
@@ -22,7 +22,8 @@ from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.spec import METHODS, Scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import METHODS
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -37,7 +38,7 @@ from sarmitsuba.simulation.window import (
 )
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.look_accumulator import ImageAdder, LookGrid
+from sarmitsuba.trace.look_accumulator import ImageAccumulator, LookGrid
 
 C64 = NDArray[np.complex64]
 
@@ -172,23 +173,23 @@ class Preview:
         """Trace one look and form the image; see :func:`simulate_image`."""
         radar, settings, look = self.scene.radar, self.scene.settings, self.look
         orders = tuple(range(1, self.plan.max_depth + 1)) if settings.keep_orders else (0,)
-        halves = (1, 2) if settings.keep_halves else (0,)
+        subsets = (1, 2) if settings.keep_subsets else (0,)
         channels = radar.channels
-        layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in channels)
+        layers = tuple(Layer(c, o, s) for s in subsets for o in orders for c in channels)
         planes: list[C64] = []
         stats = TraceStatistics()
         max_order = len(orders) if settings.keep_orders else 0
-        for half in halves:
+        for subset in subsets:
             cells = np.zeros((len(orders) * len(channels), look.grid.n_range, look.grid.n_rate), np.complex64)
             if self.job is not None:
-                adder = ImageAdder(
+                accumulator = ImageAccumulator(
                     look.grid, len(orders), len(channels), max_order, radar.waveform.wavelength
                 )
-                stats = stats.plus(self._trace(adder, half + 2 * pass_index, half))
-                cells = adder.grid()
+                stats = stats.plus(self._trace(accumulator, subset + 2 * pass_index, subset))
+                cells = accumulator.grid()
             if self.scene.points:
                 cells = cells + self._points(layers[: cells.shape[0]])
-            planes.append(form_image(cells, look, radar) * np.float32(HALF_SHARES[half]))
+            planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
             self.timer.lap("form image")
         data = np.concatenate(planes)
         if not data.any():
@@ -216,23 +217,23 @@ class Preview:
         stats = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
         return self._package(data, layers, "raster", stats)
 
-    def _trace(self, adder: ImageAdder, subset: int, half: int) -> TraceStatistics:
+    def _trace(self, accumulator: ImageAccumulator, draw: int, subset: int) -> TraceStatistics:
         job, scene = self.job, self.scene
         assert job is not None
-        if subset not in self._rays:
-            self._rays[subset] = ray_lattices(
+        if draw not in self._rays:
+            self._rays[draw] = ray_lattices(
                 look_sampling(scene, job.window, self.plan),
                 job.window,
                 self.plan.flags,
+                draw=draw,
                 subset=subset,
-                half=half,
             )
             self.timer.lap("launch grid")
-        look = adder.look
+        look = accumulator.look
         total = TraceStatistics()
-        for rays in self._rays[subset]:
+        for rays in self._rays[draw]:
             total = total.plus(
-                job.launch(rays, look.position[None], look.velocity[None], slice(0, 1), adder, 1)
+                job.launch(rays, look.position[None], look.velocity[None], slice(0, 1), accumulator, 1)
             )
         return total
 
@@ -271,7 +272,7 @@ class Preview:
                 np.sqrt(power) * look.noise_gain / max(float(np.sqrt(np.mean(np.abs(noise) ** 2))), 1e-30)
             )
             for i in targets:
-                data[i] += noise * look.gain * np.float32(HALF_SHARES[layers[i].half])
+                data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _package(self, data: C64, layers: tuple[Layer, ...], method: str, stats: TraceStatistics) -> SarImage:
         radar = self.scene.radar
@@ -347,14 +348,14 @@ def azimuth_cell_of(
 
 def spread_points(
     grid: LookGrid,
-    half_length: NDArray[np.float64],
+    slant_range: NDArray[np.float64],
     rate: NDArray[np.float64],
     amplitude: NDArray[np.complex128],
     wavelength: float,
 ) -> C64:
-    """NumPy twin of :class:`sarmitsuba.trace.look_accumulator.ImageAdder` for a few paths: (n_range, n_rate) complex64."""
+    """Spread a few paths on a look's grid, (n_range, n_rate) complex64: ``ImageAccumulator`` in NumPy."""
     kernel = grid.kernel
-    offset, x, y = grid.cells(half_length, rate)
+    offset, x, y = grid.cells(slant_range, rate)
     inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)
     inside &= (y >= kernel.margin) & (y <= grid.n_rate - 1 - kernel.margin)
     x, y, offset, amplitude = x[inside], y[inside], offset[inside], amplitude[inside]

@@ -20,7 +20,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.error_bars import estimate_error, with_error_bars
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
@@ -42,7 +42,7 @@ class Passes:
     fingerprint : of the scene and settings that the passes belong to
     count : passes done
     seconds : spent on them, over all runs
-    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, halves apart
+    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, subsets apart
     layers : labels
     history : after every pass: seconds so far, error (dB)
     metadata : of the last pass's raw data
@@ -134,7 +134,7 @@ class Refinement:
 
     Parameters
     ----------
-    raw : mean over all passes, halves apart
+    raw : mean over all passes, subsets apart
     image : focused from it, with ``sampling_error`` in its metadata
     passes : done, over all runs
     error_db : estimated sampling error of the image (worst channel), dB
@@ -167,7 +167,7 @@ def refine(
     Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
     pass before as far as memory and the time left allow: error energy falls faster than one over the rays, so denser
     lattices beat more of them. The result is the mean of all passes, weighted by their density. The error of the image
-    is estimated from the two halves of the rays.
+    is estimated from the two ray subsets.
 
     Parameters
     ----------
@@ -191,7 +191,8 @@ def refine(
 
     Notes
     -----
-    The passes reduce the error of ray sampling and no other; see :func:`sarmitsuba.simulation.error_bars.estimate_error`.
+    The passes reduce the error of ray sampling and no other; see
+    :func:`sarmitsuba.simulation.error_bars.estimate_error`.
     """
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
     limit = scene.settings.time_limit if time_limit is None else time_limit
@@ -200,7 +201,7 @@ def refine(
     report = progress or silent
     noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
     quiet = {**scene.settings.effects, "noise": "off"}
-    scene = replace(scene, settings=replace(scene.settings, keep_halves=True, effects=quiet))
+    scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     grid = grid or default_grid(scene.radar, scene.image)
     file = Path(state) if state is not None else None
     mark = fingerprint(scene)

@@ -1,4 +1,4 @@
-"""Single paths of the trace kernel: half length and amplitude of every bounce of every ray, nothing summed."""
+"""Single paths of the trace kernel: slant range and amplitude of every bounce of every ray, nothing summed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.modules import modules
 
 F64 = NDArray[np.float64]
 
@@ -26,42 +26,38 @@ class Paths:
 
     Parameters
     ----------
-    half_length : (max_order, n_rays) float64, m; NaN where there is no contribution of that order
+    slant_range : (max_order, n_rays) float64, m; NaN where there is no contribution of that order
     amplitude : (max_order, n_rays) complex64, of the one channel
     hits : (n_rays,) uint32 bounces of every ray
     """
 
-    half_length: F64
+    slant_range: F64
     amplitude: NDArray[np.complex64]
     hits: NDArray[np.uint32]
 
     @property
     def seen(self) -> NDArray[np.bool_]:
         """(max_order, n_rays) True where a path closes to the antenna."""
-        return np.isfinite(self.half_length)
+        return np.isfinite(self.slant_range)
 
 
-class RecordAdder:
-    """Writes half length and amplitude of the first channel of every lane's orders 1 ... ``max_order`` to memory.
+class RecordAccumulator:
+    """Writes slant range and amplitude of the first channel of every lane's orders 1 ... ``max_order`` to memory.
 
     Attributes
     ----------
-    half_length : Dr.Jit float64, order after order, m; NaN where nothing came
+    slant_range : Dr.Jit float64, order after order, m; NaN where nothing came
     amplitude : Dr.Jit float32, the same with re and im
     """
 
     def __init__(self, max_order: int, n_lanes: int) -> None:
-        dr, mi = modules()
-
         self.max_order, self.n_lanes = max_order, n_lanes
-        self.half_length = dr.full(mi.Float64, float("nan"), max_order * n_lanes)
+        self.slant_range = dr.full(mi.Float64, float("nan"), max_order * n_lanes)
         self.amplitude = dr.zeros(mi.Float, 2 * max_order * n_lanes)
-        dr.eval(self.half_length, self.amplitude)
+        dr.eval(self.slant_range, self.amplitude)
 
     def begin(self) -> tuple[Any, ...]:
         """Number of this lane."""
-        dr, mi = modules()
-
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
     def add(
@@ -69,17 +65,15 @@ class RecordAdder:
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Store; see :class:`sarmitsuba.trace.kernel.Adder`. Orders above the highest are dropped."""
-        dr, mi = modules()
-
+        """Store; see :class:`sarmitsuba.trace.kernel.Accumulator`. Orders above the highest are dropped."""
         kept = active & (order <= dr.opaque(mi.UInt32, self.max_order))
         place = (order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
-        dr.scatter(self.half_length, half_length, place, kept)
+        dr.scatter(self.slant_range, slant_range, place, kept)
         dr.scatter(self.amplitude, amplitudes[0].real, 2 * place, kept)
         dr.scatter(self.amplitude, amplitudes[0].imag, 2 * place + 1, kept)
         return state
@@ -159,8 +153,6 @@ def record_paths(
     are those of a radar whose amplitude constant is 1: sqrt(sigma) over both legs.
     """
     ensure_backend()
-    dr, _ = modules()
-
     wavelength = SPEED_OF_LIGHT / frequency
     if flags is None:
         flags = coherent_flags(materials, (channel,), max_depth)
@@ -169,11 +161,11 @@ def record_paths(
     settings = KernelSettings(wavelength, max_depth, cell=1.0, seed=0, amplitude=1.0, reference_range=1.0)
     antenna = np.asarray(position, dtype=np.float64).reshape(1, 3)
     batch = PulseBatch(antenna, np.zeros((1, 3)), frame)
-    adder = RecordAdder(max_depth, grid.n_rays)
-    counts, state = trace(scene, grid, batch, flags, settings, Antenna(), adder)
-    dr.eval(counts.hits, state, adder.half_length, adder.amplitude)
-    lengths = adder.half_length.numpy().reshape(max_depth, grid.n_rays)
-    amplitude = adder.amplitude.numpy().view(np.complex64).reshape(max_depth, grid.n_rays)
+    accumulator = RecordAccumulator(max_depth, grid.n_rays)
+    counts, state = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
+    dr.eval(counts.hits, state, accumulator.slant_range, accumulator.amplitude)
+    lengths = accumulator.slant_range.numpy().reshape(max_depth, grid.n_rays)
+    amplitude = accumulator.amplitude.numpy().view(np.complex64).reshape(max_depth, grid.n_rays)
     return Paths(lengths, amplitude, np.asarray(counts.hits.numpy()))
 
 
@@ -194,4 +186,4 @@ def coherent_flags(
     return KernelFlags(channels=channels, **(switches | changes))
 
 
-__all__ = ["Paths", "RecordAdder", "aimed_at", "coherent_flags", "record_paths", "square_grid"]
+__all__ = ["Paths", "RecordAccumulator", "aimed_at", "coherent_flags", "record_paths", "square_grid"]

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.effects.facts import KINDS, Facts, PilotResult, Sampling
+from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.effects.context import KINDS, Context, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.window import (
     LaunchWindow,
     diffuse_spacing,
@@ -28,11 +28,10 @@ from sarmitsuba.simulation.window import (
     ray_spacing,
     scatterer_cell,
 )
-from sarmitsuba.trace.accumulators import carrier
+from sarmitsuba.trace.accumulators import phase_factor
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch, project
-from sarmitsuba.trace.modules import modules
 
 F64 = NDArray[np.float64]
 
@@ -71,7 +70,7 @@ def plan_scene(
     pilot: bool | None = None,
     window: LaunchWindow | None = None,
 ) -> EffectsPlan:
-    """Decide the effects of a scene: by static facts, and by a pilot trace where they are not enough.
+    """Decide the effects of a scene: by static context, and by a pilot trace where they are not enough.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ def plan_scene(
     window = window or launch_window(scene)
     sampling = sampling_of(scene, None, window)
     seconds = run_seconds(scene, sampling)
-    shape = Facts(scene).shape_within(PROOF_SHARE * seconds)
+    shape = Context(scene).shape_within(PROOF_SHARE * seconds)
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
     if _kinds(scene, draft) != _kinds(scene, None):
         sampling = sampling_of(scene, draft, window)
@@ -200,7 +199,7 @@ def run_pilot(
     budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
-    shape = shape or Facts(scene).shape
+    shape = shape or Context(scene).shape
     points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
     features = 0
@@ -314,7 +313,7 @@ def _place(
     return _Patches(grid, n_random, n_features)
 
 
-class _PatchAdder:
+class _PatchAccumulator:
     """Coherent sums by patch, kind of return and bounce order; two channels.
 
     ``kinds`` numbers the kind of each contribution of one hit, in the order in which the kernel adds them.
@@ -323,8 +322,6 @@ class _PatchAdder:
     def __init__(
         self, n_patches: int, kinds: Sequence[int], wavelength: float, reference_range: float
     ) -> None:
-        dr, mi = modules()
-
         self.n_lanes, self.kinds, self.n_kinds = n_patches * SIDE**2, kinds, max(kinds) + 1
         self.wavelength, self.reference_range = wavelength, reference_range
         self.memory = dr.zeros(mi.Float, 4 * n_patches * self.n_kinds * ORDERS)
@@ -335,7 +332,6 @@ class _PatchAdder:
 
     def begin(self) -> tuple[Any, ...]:
         """The lane's number."""
-        dr, mi = modules()
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
     def add(
@@ -343,14 +339,12 @@ class _PatchAdder:
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        dr, mi = modules()
-
+        """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         lane = state[0]
         if self.body is None or lane.index != self.body.index:
             self.body = type(lane)(lane)  # a copy keeps the index from being given away
@@ -359,7 +353,9 @@ class _PatchAdder:
         self.counts[-1] += 1
         patch = lane // SIDE**2
         weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
-        phasor = carrier(half_length - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr)
+        phasor = phase_factor(
+            slant_range - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr
+        )
         values = [a * phasor * weight for a in amplitudes]
         cell = (patch * self.n_kinds + kind) * ORDERS + dr.minimum(order, ORDERS) - 1
         packet = mi.Vector4f(values[0].real, values[0].imag, values[1].real, values[1].imag)
@@ -386,7 +382,6 @@ def _trace(
     patches: _Patches,
 ) -> F64:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
-    dr, _ = modules()
     radar = scene.radar
     pick = slice(pulse, pulse + 1)
     patterned = flags.antenna_pattern
@@ -414,11 +409,11 @@ def _trace(
     names = [name for name in KINDS if name in added]
     n = patches.n_random + patches.n_features
     kinds = [names.index(name) for name in added]
-    adder = _PatchAdder(n, kinds, radar.waveform.wavelength, reference)
-    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, adder)
-    adder.check()
-    dr.eval(state, adder.memory)
-    sums = adder.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
+    accumulator = _PatchAccumulator(n, kinds, radar.waveform.wavelength, reference)
+    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, accumulator)
+    accumulator.check()
+    dr.eval(state, accumulator.memory)
+    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
     letters = {letter for c in radar.channels for letter in c}
     used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]

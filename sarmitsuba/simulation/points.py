@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.backend import mi
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.modules import modules
 
 # pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
 _BATCH = 2_000_000
@@ -68,8 +68,8 @@ def add_points(
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
-            for i in picks:  # both halves of the rays see the whole point
-                data[i, pick] += profile * np.float32(HALF_SHARES[layers[i].half])
+            for i in picks:  # both ray subsets see the whole point
+                data[i, pick] += profile * np.float32(SUBSET_SHARES[layers[i].subset])
     return added
 
 
@@ -80,8 +80,6 @@ def visible(
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """1 where the straight way from points (3,) or (n, 3) to the antenna is free, else 0; (n,) float64."""
-    _, mi = modules()
-
     d = (-leg / distance[:, None]).astype(np.float32)
     n = d.shape[0]
     origin = np.broadcast_to(position.astype(np.float32), (n, 3))

@@ -17,7 +17,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.raw import Timer, TraceJob, TraceStatistics, block_error_db
@@ -109,8 +109,8 @@ def predict(
     scene = planned.apply(scene)
     radar, settings = scene.radar, scene.settings
     orders = tuple(range(1, planned.max_depth + 1)) if settings.keep_orders else (0,)
-    halves = (1, 2) if settings.keep_halves else (0,)
-    layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in radar.channels)
+    subsets = (1, 2) if settings.keep_subsets else (0,)
+    layers = tuple(Layer(c, o, s) for s in subsets for o in orders for c in radar.channels)
     shape = (len(layers), radar.track.n_pulses, radar.window.n_samples)
     data = np.zeros(shape, dtype=np.complex64)
     stats, done = TraceStatistics(), 1.0
@@ -119,12 +119,12 @@ def predict(
         window = launch_window(scene)
         flags = replace(planned.flags, taper=planned.flags.taper and window.taper > 0)
         start = clock()
-        sets = [ray_lattices(scene, window, planned.flags, subset=h, half=h) for h in halves]
+        sets = [ray_lattices(scene, window, planned.flags, draw=s, subset=s) for s in subsets]
         seconds["launch grid"] = clock() - start
         rays = sets[0]
         more = sum(g.n_rays for grids in sets for g in grids) / sum(g.n_rays for g in rays)
         job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, ClockTimer(clock))
-        target = data[: len(layers) // len(halves)]
+        target = data[: len(layers) // len(subsets)]
         max_order = len(orders) if settings.keep_orders else 0
         start = clock()
         done, stats = next(job.run(rays, target, max_order, facts))
@@ -141,7 +141,7 @@ def predict(
 
         stages = _steady(batch)
         seconds["trace"] = stages.get("trace", 0.0) * more / done
-        seconds["synthesise"] = stages.get("synthesise", 0.0) * len(halves) / done
+        seconds["synthesise"] = stages.get("synthesise", 0.0) * len(subsets) / done
         seconds["plan"] += sum(_steady(lambda: {"": _choosing(job, scene, clock)}).values())
         seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
         stats = _scaled(stats, more / done)
@@ -156,7 +156,7 @@ def predict(
     seconds["focus"], pixels, loading = _focus_seconds(scene, layers, data, clock)
     if trace_scene is None:  # else tracing has started the back end before
         seconds["first use"] = min(FIRST_USE, loading)
-    untouched = data.nbytes * max(0.0, 1.0 - done / len(halves)) if trace_scene is not None else 0
+    untouched = data.nbytes * max(0.0, 1.0 - done / len(subsets)) if trace_scene is not None else 0
     facts.update(
         rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
         pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
@@ -188,7 +188,7 @@ def _choosing(job: TraceJob, scene: Scene, clock: Clock) -> float:
         job.phase_box(),
         settings.gridding_width,
         settings.tolerance_db,
-        extra_half_length=job.extra_half_length(),
+        extra_slant_range=job.extra_slant_range(),
     )
     return clock() - start
 

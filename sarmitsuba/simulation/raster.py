@@ -7,14 +7,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.window import LaunchWindow, azimuth_cell
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
-from sarmitsuba.trace.modules import modules
 
 F32 = NDArray[np.float32]
 
@@ -74,7 +74,6 @@ class Raster:
 
     def _stand_in(self) -> Any:
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
-        _, mi = modules()
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
             f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or take method image"
@@ -118,7 +117,6 @@ class Raster:
 
     def power(self, flags: KernelFlags) -> F32:
         """Sum of sigma0 dA over each pixel's samples, (n_channels, n_azimuth, n_range) float32, m^2."""
-        dr, mi = modules()
         scene, window, grid = self.trace_scene, self.window, self.grid
         track, f32 = self.scene.radar.track, mi.Float
         channels = self.scene.radar.channels

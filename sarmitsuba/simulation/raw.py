@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import BlockPlan, choose_block_length, least_error_db, plan_block, synthesise
 from sarmitsuba.echo.direct import box_distance, finish, plan_direct
 from sarmitsuba.echo.raw import Layer, RawData
@@ -18,7 +18,8 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.spec import Scene, TraceSettings
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.window import (
@@ -31,15 +32,14 @@ from sarmitsuba.simulation.window import (
     scatterer_cell,
     share_of_small_facets,
 )
-from sarmitsuba.trace.accumulators import BlockAdder, DirectAdder, GridAdder
+from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
-from sarmitsuba.trace.modules import modules
 
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
-# bytes of one adder grid; bounds the pulses of a direct batch
+# bytes of one accumulator grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
 # share of the surface in facets smaller than the rays' spacing that is worth a warning
 SMALL_FACETS = 0.01
@@ -110,7 +110,7 @@ def simulate(
 
     Returns
     -------
-    raw : ``compressed`` domain; layers are channels, times bounce orders and ray halves where those are kept
+    raw : ``compressed`` domain; layers are channels, times bounce orders and ray subsets where those are kept
 
     Raises
     ------
@@ -139,9 +139,9 @@ def simulate(
     radar = scene.radar
     settings = scene.settings
     orders = tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,)
-    halves = (1, 2) if settings.keep_halves else (0,)
-    layers = tuple(Layer(c, o, h) for h in halves for o in orders for c in radar.channels)
-    per_half = len(orders) * len(radar.channels)
+    subsets = (1, 2) if settings.keep_subsets else (0,)
+    layers = tuple(Layer(c, o, s) for s in subsets for o in orders for c in radar.channels)
+    per_subset = len(orders) * len(radar.channels)
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
 
     stats = TraceStatistics()
@@ -152,7 +152,7 @@ def simulate(
             window = launch_window(scene)
         flags = replace(plan.flags, taper=plan.flags.taper and window.taper > 0)
         job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
-        rays = [ray_lattices(scene, window, plan.flags, subset=h + 2 * pass_index, half=h) for h in halves]
+        rays = [ray_lattices(scene, window, plan.flags, draw=s + 2 * pass_index, subset=s) for s in subsets]
         timer.lap("launch grid")
         spacing = _spacings(rays)
         facts.update(
@@ -162,14 +162,14 @@ def simulate(
             scatterer_cell=job.cell,
         )
         for i, grids in enumerate(rays):
-            target = data[i * per_half : (i + 1) * per_half]
+            target = data[i * per_subset : (i + 1) * per_subset]
             for done, batch in job.run(grids, target, len(orders) if settings.keep_orders else 0, facts):
                 stats = stats.plus(batch)
                 rate = stats.rays / max(timer.seconds.get("trace", 0.0), 1e-9)
-                report("trace", i + done, len(halves), {"rays/s": rate})
+                report("trace", i + done, len(subsets), {"rays/s": rate})
         facts["grid_bytes"] = job.largest_grid
-        for plane, layer in zip(data, layers, strict=True):  # each half is a whole image of its own
-            plane *= np.float32(HALF_SHARES[layer.half])
+        for plane, layer in zip(data, layers, strict=True):  # each subset is a whole image of its own
+            plane *= np.float32(SUBSET_SHARES[layer.subset])
     if scene.points:
         n = add_points(scene, plan.flags, trace_scene, data, layers)
         stats = stats.plus(TraceStatistics(contributions=n, path_pulses=n))
@@ -192,7 +192,7 @@ def simulate(
 
 
 def _spacings(rays: Sequence[Sequence[LaunchGrid]]) -> dict[Purpose, float]:
-    """Spacing of all halves' rays together, by what they are for; ``all`` where one lattice serves both."""
+    """Spacing of all subsets' rays together, by what they are for; ``all`` where one lattice serves both."""
     density: dict[Purpose, float] = {}
     kinds: dict[Purpose, tuple[Purpose, ...]] = {
         "all": ("coherent", "diffuse"),
@@ -254,7 +254,7 @@ class TraceJob:
                 self.phase_box(),
                 width,
                 settings.tolerance_db,
-                extra_half_length=self.extra_half_length(),
+                extra_slant_range=self.extra_slant_range(),
             )
         facts["key_pulse_interval"] = length
         if length > 1:
@@ -267,7 +267,7 @@ class TraceJob:
                     self.window.center,
                     self.phase_box(),
                     width,
-                    extra_half_length=self.extra_half_length(),
+                    extra_slant_range=self.extra_slant_range(),
                 )
                 yield stop / n, self.block(rays, plan, data, max_order)
             return
@@ -283,8 +283,8 @@ class TraceJob:
         margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.cell
         return np.stack([low - margin, high + margin])
 
-    def extra_half_length(self) -> float:
-        """What multiple reflections may add to a half length and still be inside the receive window, m."""
+    def extra_slant_range(self) -> float:
+        """What multiple reflections may add to a slant range and still be inside the receive window, m."""
         window, track = self.scene.radar.window, self.scene.radar.track
         end = float(window.start_range.max()) + window.extent
         far = float(box_distance(self.phase_box(), track.position)[1].min())
@@ -295,19 +295,19 @@ class TraceJob:
     ) -> TraceStatistics:
         """Trace one key pulse and synthesise its block."""
         radar = self.scene.radar
-        adder = BlockAdder(
+        accumulator = BlockAccumulator(
             plan,
             data.shape[0] // len(radar.channels),
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
         )
-        self.largest_grid = max(self.largest_grid, adder.n_bytes)
+        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         position, velocity = plan.position[None], plan.velocity[None]
         pick = slice(plan.key, plan.key + 1)
-        adder.watch(radar.window.start_range[pick], radar.window.extent)
-        stats = self.launch_all(rays, position, velocity, pick, adder, plan.n_pulses)
-        data[:, plan.start : plan.stop] = synthesise(adder.grid(), plan, radar)
+        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+        stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
+        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar)
         self.timer.lap("synthesise")
         return stats
 
@@ -317,20 +317,22 @@ class TraceJob:
         """Trace every pulse of ``start:stop`` in one launch."""
         radar = self.scene.radar
         plan = plan_direct(
-            radar, start, stop, self.phase_box(), self.scene.settings.gridding_width, self.extra_half_length()
+            radar, start, stop, self.phase_box(), self.scene.settings.gridding_width, self.extra_slant_range()
         )
-        adder = DirectAdder(
+        accumulator = DirectAccumulator(
             plan,
             data.shape[0] // len(radar.channels),
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
         )
-        self.largest_grid = max(self.largest_grid, adder.n_bytes)
+        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         pick = slice(start, stop)
-        adder.watch(radar.window.start_range[pick], radar.window.extent)
-        stats = self.launch_all(rays, radar.track.position[pick], radar.track.velocity[pick], pick, adder, 1)
-        data[:, pick] = finish(adder.grid(), plan, radar)
+        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+        stats = self.launch_all(
+            rays, radar.track.position[pick], radar.track.velocity[pick], pick, accumulator, 1
+        )
+        data[:, pick] = finish(accumulator.grid(), plan, radar)
         self.timer.lap("synthesise")
         return stats
 
@@ -340,11 +342,11 @@ class TraceJob:
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         pick: slice,
-        adder: GridAdder,
+        accumulator: GridAccumulator,
         pulses_each: int,
     ) -> TraceStatistics:
         """Run one kernel for each lattice, all into the same grid."""
-        each = [self.launch(grid, position, velocity, pick, adder, pulses_each) for grid in rays]
+        each = [self.launch(grid, position, velocity, pick, accumulator, pulses_each) for grid in rays]
         total = each[0]
         for more in each[1:]:
             total = total.plus(replace(more, key_pulses=0))
@@ -356,12 +358,10 @@ class TraceJob:
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         pick: slice,
-        adder: GridAdder,
+        accumulator: GridAccumulator,
         pulses_each: int,
     ) -> TraceStatistics:
         """Record and run one kernel."""
-        dr, mi = modules()
-
         radar = self.scene.radar
         pointing = radar.pointing
         patterned = self.plan.flags.antenna_pattern
@@ -378,8 +378,8 @@ class TraceJob:
             flags = replace(flags, diffuse=False)
         elif grid.purpose == "diffuse":
             flags = replace(flags, coherent=False)
-        counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, adder)
-        dr.eval(counts.hits, counts.contributions, state, adder.memory)
+        counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
+        dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         self.timer.lap("trace")
         return TraceStatistics(

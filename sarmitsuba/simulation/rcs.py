@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
+from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.spec import Geometry, Material
-from sarmitsuba.trace.accumulators import SumAdder
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice, window_of
-from sarmitsuba.trace.modules import modules
 
 # lanes of one launch; bounds memory (a lane's outputs take about 100 bytes)
 MAX_LANES = 4_000_000
@@ -77,8 +78,6 @@ def monostatic_rcs(
     -----
     Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
     """
-    dr, mi = modules()
-
     wavelength = SPEED_OF_LIGHT / frequency
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
@@ -129,8 +128,8 @@ def monostatic_rcs(
             frame=type(frame)(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
         )
         reference = mi.Float64(np.full(batch.n_pulses, far))
-        adder = SumAdder(wavelength, reference, len(channels), max_depth if keep_orders else 0)
-        _, sums = trace(scene, grid, batch, flags, settings, Antenna(), adder)
+        accumulator = SumAccumulator(wavelength, reference, len(channels), max_depth if keep_orders else 0)
+        _, sums = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
         # lanes of one direction lie together
         parts.append(
             np.stack(

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
-from sarmitsuba.scene.spec import Geometry, Scene
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.launch import (
     LaunchFrame,
     LaunchGrid,
@@ -213,7 +214,7 @@ def cell_grid(scene: Scene, window: LaunchWindow) -> LaunchGrid:
     """One ray through the middle of every scatterer cell of level ground, its tube the cell itself.
 
     The launch plane is the surface: all visible geometry must lie in one level plane. The cells are those that
-    :class:`sarmitsuba.trace.speckle.CellFrame` finds, aligned with the scene's axes. No pass or half differs.
+    :class:`sarmitsuba.trace.speckle.CellFrame` finds, aligned with the scene's axes. No pass or subset differs.
     """
     cell = scatterer_cell(scene, window.incidence)
     geometry, antenna = scene.geometry, scene.radar.track.center_position
@@ -279,7 +280,7 @@ def _on_level(antenna: F64, frame: LaunchFrame, x: F64, y: F64, z: float) -> tup
 
 
 def ray_lattices(
-    scene: Scene, window: LaunchWindow, flags: KernelFlags, *, subset: int = 0, half: int = 0
+    scene: Scene, window: LaunchWindow, flags: KernelFlags, *, draw: int = 0, subset: int = 0
 ) -> tuple[LaunchGrid, ...]:
     """Lattices that together sample one pulse: one for all returns, or a coarser one of its own for the diffuse.
 
@@ -287,11 +288,11 @@ def ray_lattices(
 
     Parameters
     ----------
-    subset : independent sets of rays (halves, passes)
-    half : 1 and 2 share out the coherent rays by ``HALF_SHARES``; both have all diffuse rays, because footprints wider
-        than a cell would leave cells out
+    draw : number of the independent lattice (ray subsets, passes)
+    subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because footprints
+        wider than a cell would leave cells out
     """
-    sparser = float(1.0 / np.sqrt(HALF_SHARES[half]))
+    sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
 
     def build(spacing: float, purpose: Purpose) -> LaunchGrid:
         return lattice(
@@ -300,11 +301,11 @@ def ray_lattices(
             spacing,
             taper=window.taper,
             seed=scene.settings.seed,
-            subset=subset,
+            draw=draw,
             purpose=purpose,
         )
 
-    if flags.diffuse and not (flags.cell_sharing or flags.coherent or flags.multi_bounce):
+    if flags.diffuse and not (flags.footprint_splitting or flags.coherent or flags.multi_bounce):
         return (cell_grid(scene, window),)
     if not (flags.diffuse and flags.coherent):
         kind: Purpose = "diffuse" if flags.diffuse else "coherent"

@@ -1,4 +1,4 @@
-"""Closed forms that the simulator is judged against, gathered under one name."""
+"""Closed forms that the simulator is assessed against, gathered under one name."""
 
 from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0

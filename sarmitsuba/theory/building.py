@@ -130,7 +130,7 @@ def canonical_building(
             return 1.0
         return float(np.abs(fresnel(cosine, permittivity)[select]) ** 2)
 
-    # the stationary facet of the double bounce halves the angle between the two rays: cos = |q| / (2 k)
+    # the stationary facet of the double bounce subsets the angle between the two rays: cos = |q| / (2 k)
     local_cosine = float(np.sqrt(c * c + (s * np.sin(wall_azimuth)) ** 2))
     wall = power(float(s * np.cos(wall_azimuth)), wall_permittivity)
     area = wall_height * wall_length * s / c * np.cos(wall_azimuth)

@@ -6,35 +6,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.block import BlockPlan
 from sarmitsuba.echo.direct import DirectPlan
 from sarmitsuba.echo.gridding import SpreadingKernel
-from sarmitsuba.trace.modules import modules
 
 
-class SumAdder:
+class SumAccumulator:
     """Coherent sum in the lane itself, for look-by-look radar cross sections; no memory traffic at all.
 
     Parameters
     ----------
     wavelength : m
-    reference_half_length : (n_pulses,) Dr.Jit float64, m, subtracted from half lengths before the phase is formed
+    reference_slant_range : (n_pulses,) Dr.Jit float64, m, subtracted from slant ranges before the phase is formed
     n_channels : amplitudes a contribution
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     """
 
     def __init__(
-        self, wavelength: float, reference_half_length: Any, n_channels: int, max_order: int = 0
+        self, wavelength: float, reference_slant_range: Any, n_channels: int, max_order: int = 0
     ) -> None:
         self.wavelength = wavelength
-        self.reference = reference_half_length
+        self.reference = reference_slant_range
         self.n_channels = n_channels
         self.max_order = max_order
 
     def begin(self) -> tuple[Any, ...]:
         """One complex zero per channel and order."""
-        _, mi = modules()
-
         return tuple(mi.Complex2f(0.0, 0.0) for _ in range(self.n_channels * max(1, self.max_order)))
 
     def add(
@@ -42,16 +40,14 @@ class SumAdder:
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Add into the lane's sums; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        dr, mi = modules()
-
+        """Add into the lane's sums; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         reference = dr.gather(mi.Float64, self.reference, pulse, active)
-        phasor = carrier(half_length - reference, self.wavelength, mi, dr)
+        phasor = phase_factor(slant_range - reference, self.wavelength, mi, dr)
         out = list(state)
         if self.max_order:
             order = dr.minimum(order, self.max_order)
@@ -63,7 +59,7 @@ class SumAdder:
         return tuple(out)
 
 
-class GridAdder:
+class GridAccumulator:
     """Spreads contributions onto complex grids with a non-uniform FFT kernel, summed in float64.
 
     The million equal contributions of a plate at normal incidence, added one by one in float32, are 0.4 % (-48 dB)
@@ -88,8 +84,6 @@ class GridAdder:
     def __init__(
         self, n_slots: int, n_rows: int, n_columns: int, n_channels: int, max_order: int, wavelength: float
     ) -> None:
-        dr, mi = modules()
-
         self.shape = (n_slots, n_rows, n_columns)
         self.n_channels = n_channels
         self.padded = 1 << (n_channels - 1).bit_length()
@@ -107,24 +101,18 @@ class GridAdder:
         ----------
         start_range : (n_pulses,) of the launch, m; extent : length of the window, m
         """
-        _, mi = modules()
-
         self.window = (mi.Float64(start_range), extent)
 
-    def outside(self, pulse: Any, half_length: Any, active: Any) -> Any:
+    def outside(self, pulse: Any, slant_range: Any, active: Any) -> Any:
         """True for contributions outside the receive window, where one is watched."""
-        dr, mi = modules()
-
         if self.window is None:
             return mi.Bool(False)
         start, extent = self.window
-        r = half_length - dr.gather(mi.Float64, start, pulse, active)
+        r = slant_range - dr.gather(mi.Float64, start, pulse, active)
         return (r < 0.0) | (r > dr.opaque(mi.Float64, extent))
 
     def begin(self) -> tuple[Any, ...]:
         """Contributions of this lane that fell outside the receive window."""
-        _, mi = modules()
-
         return (mi.UInt32(0),)
 
     @property
@@ -134,16 +122,12 @@ class GridAdder:
 
     def slot(self, order: Any) -> Any:
         """Slot of an order (uint32)."""
-        dr, mi = modules()
-
         if self.max_order == 0:
             return mi.UInt32(0)
         return dr.minimum(order, self.max_order) - 1
 
     def scatter(self, cell: Any, values: Sequence[Any], weight: Any, active: Any) -> None:
         """Add one weighted complex value per channel to one cell."""
-        dr, mi = modules()
-
         parts = [mi.Float64(part * weight) for v in values for part in (v.real, v.imag)]
         if self.on_cpu:
             parts += [mi.Float64(0.0)] * (2 * self.padded - len(parts))
@@ -157,12 +141,12 @@ class GridAdder:
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Add one contribution; see :class:`sarmitsuba.trace.kernel.Adder`."""
+        """Add one contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         raise NotImplementedError
 
     def grid(self) -> NDArray[np.complex64]:
@@ -179,7 +163,7 @@ def _rounded(n: int) -> int:
     return -(-n // step) * step
 
 
-class BlockAdder(GridAdder):
+class BlockAccumulator(GridAccumulator):
     """Adds each path once to a (range, range rate) grid that becomes all pulses of a block."""
 
     def __init__(
@@ -193,16 +177,14 @@ class BlockAdder(GridAdder):
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        dr, mi = modules()
-
+        """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
-        range0 = half_length - dr.opaque(mi.Float64, plan.reference_range)
+        range0 = slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
         y = (rate - dr.opaque(mi.Float64, rate_reference + plan.rate0)) * dr.opaque(
@@ -211,7 +193,7 @@ class BlockAdder(GridAdder):
         ix, wx, inside_x = place(x, plan.kernel, plan.n_range, mi, dr)
         iy, wy, inside_y = place(y, plan.rate_kernel, plan.n_rate, mi, dr)
         inside = active & inside_x & inside_y
-        phasor = carrier(range0, self.wavelength, mi, dr)
+        phasor = phase_factor(range0, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
         # opaque sizes: the next block's grid then needs no new kernel
         n_range, n_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_rate)
@@ -219,18 +201,16 @@ class BlockAdder(GridAdder):
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
-        lost = active & (~inside | self.outside(pulse, half_length, active))
+        lost = active & (~inside | self.outside(pulse, slant_range, active))
         return (dr.select(lost, state[0] + 1, state[0]),)
 
 
-class DirectAdder(GridAdder):
+class DirectAccumulator(GridAccumulator):
     """Adds each path to its own pulse's range grid."""
 
     def __init__(
         self, plan: DirectPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float
     ) -> None:
-        _, mi = modules()
-
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
         self.range0 = mi.Float64(plan.range0)
@@ -240,26 +220,24 @@ class DirectAdder(GridAdder):
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        dr, mi = modules()
-
+        """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
         range0 = dr.gather(mi.Float64, self.range0, pulse, active)
-        x = (half_length - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
+        x = (slant_range - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         ix, wx, inside = place(x, plan.kernel, plan.n_range, mi, dr)
         inside &= active
-        phasor = carrier(half_length, self.wavelength, mi, dr)
+        phasor = phase_factor(slant_range, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
         n_pulses, n_range = dr.opaque(mi.UInt32, plan.n_pulses), dr.opaque(mi.UInt32, plan.n_range)
         base = (self.slot(order) * n_pulses + pulse) * n_range + ix
         for i, wi in enumerate(wx):
             self.scatter(base + i, values, wi, inside)
-        lost = active & (~inside | self.outside(pulse, half_length, active))
+        lost = active & (~inside | self.outside(pulse, slant_range, active))
         return (dr.select(lost, state[0] + 1, state[0]),)
 
 
@@ -272,11 +250,18 @@ def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[An
     return mi.UInt32(first), kernel.taps(mi.Float(shifted - base)), inside
 
 
-def carrier(half_length: Any, wavelength: float, mi: Any, dr: Any) -> Any:
-    """``exp(-j 4 pi x / lambda)`` of a float64 half length: reduced to one cycle in float64, sine in float32."""
-    cycles = half_length * dr.opaque(mi.Float64, 2.0 / wavelength)
+def phase_factor(slant_range: Any, wavelength: float, mi: Any, dr: Any) -> Any:
+    """``exp(-j 4 pi x / lambda)`` of a float64 slant range: reduced to one cycle in float64, sine in float32."""
+    cycles = slant_range * dr.opaque(mi.Float64, 2.0 / wavelength)
     s, c = dr.sincos(mi.Float(cycles - dr.floor(cycles)) * (2.0 * dr.pi))
     return mi.Complex2f(c, -s)
 
 
-__all__ = ["BlockAdder", "DirectAdder", "GridAdder", "SumAdder", "carrier", "place"]
+__all__ = [
+    "BlockAccumulator",
+    "DirectAccumulator",
+    "GridAccumulator",
+    "SumAccumulator",
+    "phase_factor",
+    "place",
+]

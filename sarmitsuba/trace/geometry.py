@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.mesh.boundary_edges import facet_sides
+from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.mesh.meshes import weld
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.curvature import facet_curvature
-from sarmitsuba.trace.modules import modules
 
 DIFFUSE_NODES = 256
 
@@ -28,7 +29,7 @@ class TraceScene:
     mi_scene : ``mi.Scene`` holding one mesh
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
-    side_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
+    edge_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -39,7 +40,7 @@ class TraceScene:
 
     mi_scene: Any
     face_table: Any
-    side_table: Any
+    edge_table: Any
     face_info: Any
     material_table: Any
     diffuse_table: Any
@@ -50,7 +51,6 @@ class TraceScene:
     @cached_property
     def curvature_table(self) -> Any:
         """(8 n_faces,) float32 of how the smooth surfaces bend, None in a flat scene."""
-        _, mi = modules()
         rows = self.bend()
         return None if rows is None else _owned(mi.Float(rows.astype(np.float32).reshape(-1)))[0]
 
@@ -90,8 +90,6 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     SceneError
         When no visible face is left.
     """
-    _, mi = modules()
-
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if not visible.any():
         raise SceneError("scene: no visible face to trace; every mesh is empty or of an invisible material")
@@ -130,8 +128,8 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     triangles = np.stack([v0, v1, v2], axis=1)
     place = weld(triangles.reshape(-1, 3))
     group = geometry.face_group[rows_kept]
-    tables32 = (facet_sides(triangles, place), np.asarray(rows), np.asarray(tables))
-    face_table, face_info, side_table, material_table, diffuse_table = _owned(
+    tables32 = (boundary_edges(triangles, place), np.asarray(rows), np.asarray(tables))
+    face_table, face_info, edge_table, material_table, diffuse_table = _owned(
         mi.Float64(packed.reshape(-1)),
         mi.UInt32(info.astype(np.uint32).reshape(-1)),
         *(mi.Float(table.astype(np.float32).reshape(-1)) for table in tables32),
@@ -139,7 +137,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     return TraceScene(
         mi_scene=mi_scene,
         face_table=face_table,
-        side_table=side_table,
+        edge_table=edge_table,
         face_info=face_info,
         material_table=material_table,
         diffuse_table=diffuse_table,
@@ -151,7 +149,6 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
 
 def _owned(*arrays: Any) -> tuple[Any, ...]:
     """Copies in memory of Dr.Jit's own: aligned, where NumPy's may not be, and then other kernels would be compiled."""
-    dr, mi = modules()
     copies = []
     for values in arrays:
         copy = dr.empty(type(values), len(values))

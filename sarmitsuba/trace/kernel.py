@@ -15,38 +15,38 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.mesh.boundary_edges import N_SIDES
+from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.trace import curvature, field, tube
 from sarmitsuba.trace import speckle as scatterers
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, vector64
-from sarmitsuba.trace.modules import modules
-from sarmitsuba.trace.scattering_matrix import DiffuseOperator, texture
+from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, texture
 
 
-class Adder(Protocol):
+class Accumulator(Protocol):
     """Takes the contributions of one hit; owns the memory they go to."""
 
     def begin(self) -> tuple[Any, ...]:
-        """Loop state that the adder needs (arrays of the launch's width), often none."""
+        """Loop state that the accumulator needs (arrays of the launch's width), often none."""
 
     def add(
         self,
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Add one complex float32 amplitude per channel at a path's half length (float64 m, absolute).
+        """Add one complex float32 amplitude per channel at a path's slant range (float64 m, absolute).
 
-        ``rate`` is the derivative of the half length (float64 m/s); ``order`` the number of bounces (uint32, from 1;
-        the adder puts what is above its highest order into that one).
+        ``rate`` is the derivative of the slant range (float64 m/s); ``order`` the number of bounces (uint32, from 1;
+        the accumulator puts what is above its highest order into that one).
         """
 
 
@@ -89,19 +89,17 @@ def trace(
     flags: KernelFlags,
     settings: KernelSettings,
     antenna: Antenna,
-    adder: Adder,
+    accumulator: Accumulator,
 ) -> tuple[TraceCounts, tuple[Any, ...]]:
-    """Trace every ray of the grid from every pulse of the batch and hand all contributions to the adder.
+    """Trace every ray of the grid from every pulse of the batch and hand all contributions to the accumulator.
 
     Nothing is evaluated here: the caller's ``dr.eval`` launches the one kernel that this records.
 
     Returns
     -------
     counts : per-lane hits and contributions
-    state : the adder's loop state after the last bounce
+    state : the accumulator's loop state after the last bounce
     """
-    dr, mi = modules()
-
     f32, f64, u32, c32 = mi.Float, mi.Float64, mi.UInt32, mi.Complex2f
     v32, v64 = mi.Vector3f, mi.Vector3d
 
@@ -180,7 +178,7 @@ def trace(
         tube.unlimited(f32).fields(),   # how far the facets hit so far let the tube reach
         e0,                             # field of each tracked transmit polarisation, unit at launch
         u32(0),                         # contributions so far
-        adder.begin(),                  # whatever the adder keeps per lane
+        accumulator.begin(),                  # whatever the accumulator keeps per lane
     )
     # fmt: on
 
@@ -249,7 +247,7 @@ def trace(
             cross_a, cross_b = ea + spread[0] * way, eb + spread[1] * way
         u = tube.footprint(cross_a, d, n, cos_i, dr)
         v = tube.footprint(cross_b, d, n, cos_i, dr)
-        sides = [dr.gather(mi.Vector4f, scene.side_table, face * N_SIDES + i, active) for i in range(N_SIDES)]
+        sides = [dr.gather(mi.Vector4f, scene.edge_table, face * N_EDGES + i, active) for i in range(N_EDGES)]
         extent = tube.limited(tube.Extent(*reach), sides, v32(p - corner), u, v, dr)
         piece = tube.patch(extent, dr)
         area = tube_area * dr.square(growth) / cos_i
@@ -311,12 +309,12 @@ def trace(
                     c = field.dot(field.po_current_pec(e[i], d, n, dr), q, dr, c32)
                 coherent.append(c * factor * filled)
             n_added = dr.select(sees, n_added + 1, n_added)
-            added = adder.add(added, hits, pulse, half_c, rate_c, coherent, sees)
+            added = accumulator.add(added, hits, pulse, half_c, rate_c, coherent, sees)
 
         # ---- diffuse scatterers of the cells that the footprint overlaps
         if flags.diffuse:
             double = flags.diffuse_double and flags.multi_bounce
-            operator = DiffuseOperator(scene, info.x, n, d, s, flags, mi, dr)
+            operator = ScatteringMatrix(scene, info.x, n, d, s, flags, mi, dr)
             straight = []
             for channel in flags.channels:
                 terms = operator.between(receive[channel[1]], e[tracked.index(channel[0])])
@@ -328,15 +326,15 @@ def trace(
             retro = []
             if double:
                 chain = active & ~first
-                operator = DiffuseOperator(scene, info.x, n, d, -d, flags, mi, dr)
+                operator = ScatteringMatrix(scene, info.x, n, d, -d, flags, mi, dr)
                 retro = [
                     operator.between_fields(e[tracked.index(c[1])], e[tracked.index(c[0])])
                     for c in flags.channels
                 ]
             middle, wide_u, wide_v = piece.box(u, v)
-            place = p + v64(middle) if flags.cell_sharing else p
+            place = p + v64(middle) if flags.footprint_splitting else p
             frame = scatterers.CellFrame(place, n64, (u, v), (wide_u, wide_v), info.y, cell, seed, dr, mi)
-            cells, bias = (frame.cells(), frame.bias) if flags.cell_sharing else (frame.own(), 1.0)
+            cells, bias = (frame.cells(), frame.bias) if flags.footprint_splitting else (frame.own(), 1.0)
             weight = gain * area * piece.area() * dr.rsqrt(frame.area * bias)
             for share, centre, key in cells:
                 random = texture(key, mat.w, flags, mi, dr)
@@ -348,7 +346,7 @@ def trace(
                 values = [_mixed(terms, random) * factor for terms in straight]
                 reached = sees & (share > 0.0)
                 n_added = dr.select(reached, n_added + 1, n_added)
-                added = adder.add(
+                added = accumulator.add(
                     added,
                     hits,
                     pulse,
@@ -363,7 +361,7 @@ def trace(
                     reached = chain & (share > 0.0)
                     n_added = dr.select(reached, n_added + 1, n_added)
                     # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
-                    added = adder.add(added, 2 * hits - 1, pulse, length_d, rate_d, values, reached)
+                    added = accumulator.add(added, 2 * hits - 1, pulse, length_d, rate_d, values, reached)
 
         # ---- reflect
         if not flags.multi_bounce:
@@ -466,4 +464,4 @@ def _hit_point(scene: TraceScene, face: Any, uv: Any, active: Any, mi: Any, dr: 
     return p, mi.Vector3d(a[3], b[3], c[3]), corner, centroid
 
 
-__all__ = ["Adder", "KernelSettings", "TraceCounts", "trace"]
+__all__ = ["Accumulator", "KernelSettings", "TraceCounts", "trace"]

@@ -127,7 +127,7 @@ def lattice(
     *,
     taper: float = 0.0,
     seed: int = 0,
-    subset: int = 0,
+    draw: int = 0,
     purpose: Purpose = "all",
 ) -> LaunchGrid:
     """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
@@ -139,12 +139,12 @@ def lattice(
     ----------
     half_x, half_y, spacing, taper : m
     seed : shifts the lattice at random and adds to its turn
-    subset : independent lattices of one seed (halves, passes)
+    draw : number of the independent lattice of this seed (ray subsets, passes)
     purpose : kept with the lattice
     """
-    rng = np.random.default_rng([seed & 0x7FFFFFFF, subset, 0x5A12])
+    rng = np.random.default_rng([seed & 0x7FFFFFFF, draw, 0x5A12])
     shift = rng.random(2) * spacing
-    turn = LATTICE_TURN + 0.25 * np.pi * float(rng.random()) * (subset > 0 or seed > 0)
+    turn = LATTICE_TURN + 0.25 * np.pi * float(rng.random()) * (draw > 0 or seed > 0)
     # keep away from the axes and diagonals of the window
     turn = 0.15 + (turn % (0.25 * np.pi - 0.3))
     hx, hy = half_x + taper, half_y + taper

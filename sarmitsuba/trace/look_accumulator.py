@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
-from sarmitsuba.trace.accumulators import GridAdder, carrier, place
-from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.accumulators import GridAccumulator, phase_factor, place
 
 F64 = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 class LookGrid:
     r"""Where the contributions of one look go: a grid over range and range rate, about the look's position.
 
-    A path of half length h and rate h' goes to the cell of its range and rate (``zero_doppler`` off; every pixel is
+    A path of slant range h and rate h' goes to the cell of its range and rate (``zero_doppler`` off; every pixel is
     seen by the same pulses), or of its closest approach (on; the beam passes over every pixel in turn):
 
     .. math:: r_c = h \sqrt{1 - (h' / v)^2}, \quad s = h h' / r_c
@@ -58,24 +58,24 @@ class LookGrid:
         """Antenna's speed, m/s."""
         return float(np.linalg.norm(self.velocity))
 
-    def coordinates(self, half_length: Any, rate: Any, xp: Any = np) -> tuple[Any, Any]:
+    def coordinates(self, slant_range: Any, rate: Any, xp: Any = np) -> tuple[Any, Any]:
         """Range and rate coordinate of paths, m and m/s, arrays of NumPy or Dr.Jit float64."""
         if not self.zero_doppler:
-            return half_length, rate
+            return slant_range, rate
         sine = rate * (1.0 / self.speed)
         cosine = xp.sqrt(xp.maximum(1.0 - sine * sine, 1e-6))
-        return half_length * cosine, rate / cosine
+        return slant_range * cosine, rate / cosine
 
-    def cells(self, half_length: Any, rate: Any, xp: Any = np) -> tuple[Any, Any, Any]:
+    def cells(self, slant_range: Any, rate: Any, xp: Any = np) -> tuple[Any, Any, Any]:
         """Range less the reference (m), and the position of paths on the two axes in cells."""
-        r, s = self.coordinates(half_length, rate, xp)
+        r, s = self.coordinates(slant_range, rate, xp)
         offset = r - self.reference_range
         x = (offset - self.range0) * (1.0 / self.range_step)
         y = (s - self.rate0) * (1.0 / self.rate_step)
         return offset, x, y
 
 
-class ImageAdder(GridAdder):
+class ImageAccumulator(GridAccumulator):
     """Adds each path once to the grid of a look."""
 
     def __init__(
@@ -89,26 +89,25 @@ class ImageAdder(GridAdder):
         state: tuple[Any, ...],
         order: Any,
         pulse: Any,
-        half_length: Any,
+        slant_range: Any,
         rate: Any,
         amplitudes: Sequence[Any],
         active: Any,
     ) -> tuple[Any, ...]:
-        """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Adder`."""
-        dr, mi = modules()
+        """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         look, f64 = self.look, mi.Float64
-        r, s = half_length, rate
+        r, s = slant_range, rate
         if look.zero_doppler:
             sine = rate * dr.opaque(f64, 1.0 / look.speed)
             cosine = dr.sqrt(dr.maximum(1.0 - sine * sine, 1e-6))
-            r, s = half_length * cosine, rate / cosine
+            r, s = slant_range * cosine, rate / cosine
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
         y = (s - dr.opaque(f64, look.rate0)) * dr.opaque(f64, 1.0 / look.rate_step)
         ix, wx, inside_x = place(x, look.kernel, look.n_range, mi, dr)
         iy, wy, inside_y = place(y, look.kernel, look.n_rate, mi, dr)
         inside = active & inside_x & inside_y
-        phasor = carrier(offset, self.wavelength, mi, dr)
+        phasor = phase_factor(offset, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
         # opaque: another grid of the same kind then needs no new kernel
         n_range, n_rate = dr.opaque(mi.UInt32, look.n_range), dr.opaque(mi.UInt32, look.n_rate)
@@ -119,4 +118,4 @@ class ImageAdder(GridAdder):
         return (dr.select(active & ~inside, state[0] + 1, state[0]),)
 
 
-__all__ = ["ImageAdder", "LookGrid"]
+__all__ = ["ImageAccumulator", "LookGrid"]

@@ -10,7 +10,7 @@ from sarmitsuba.trace import speckle as scatterers
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, TraceScene
 
 
-class DiffuseOperator:
+class ScatteringMatrix:
     """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its texture.
 
     Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
@@ -70,7 +70,7 @@ class DiffuseOperator:
 
 
 def texture(key: Any, cross_ratio: Any, flags: KernelFlags, mi: Any, dr: Any) -> list[Any]:
-    """Random numbers of a cell, one for each fixed tensor of :class:`DiffuseOperator`; mean total power one.
+    """Random numbers of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
 
     Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
     (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power.
@@ -97,4 +97,4 @@ def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, d
     return low + (high - low) * t
 
 
-__all__ = ["DiffuseOperator", "texture"]
+__all__ = ["ScatteringMatrix", "texture"]

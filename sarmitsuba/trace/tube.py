@@ -57,7 +57,7 @@ def limited(extent: Extent, sides: Sequence[Any], place: Vector, u: Vector, v: V
 
     Parameters
     ----------
-    sides : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.facet_sides`
+    sides : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.boundary_edges`
     place : hit point from the triangle's vertex 0, m
     u, v : edges of the tube's footprint, m
     """

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Comparisons of the whole program with theory."""

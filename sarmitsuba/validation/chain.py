@@ -13,8 +13,11 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.spec import Geometry, Material, PointTarget, Scene, TraceSettings
+from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
 
 F64 = NDArray[np.float64]

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cylinder as cylinder_mesh
 from sarmitsuba.mesh.tessellate import disk as disk_mesh
 from sarmitsuba.mesh.tessellate import sphere as sphere_mesh
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.geometry import Geometry
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

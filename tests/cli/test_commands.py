@@ -25,7 +25,9 @@ from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.scene.spec import Geometry, ImageRequest, Scene, TraceSettings
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import ImageRequest, TraceSettings
 
 RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
 
@@ -78,8 +80,8 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     backend = types.SimpleNamespace(variant="none")
     module("sarmitsuba.backend", ensure_backend=lambda: backend)
     module("sarmitsuba.loader.xml", load_scene=load_scene)
-    module("sarmitsuba.simulate", simulate=fake_simulate)
-    module("sarmitsuba.focus", focus=fake_focus)
+    module("sarmitsuba.simulation.raw", simulate=fake_simulate)
+    module("sarmitsuba.focusing", focus=fake_focus)
     return seen
 
 
@@ -174,7 +176,7 @@ def test_errors_are_one_line(
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr(sys.modules["sarmitsuba.simulate"], "simulate", fail)
+    monkeypatch.setattr(sys.modules["sarmitsuba.simulation.raw"], "simulate", fail)
     out = tmp_path / "out"
     assert cli.main(["render", "box", "-o", str(out)]) == status
     assert capsys.readouterr().err.splitlines()[-1] == line
@@ -279,7 +281,7 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         def wait(*a, **k):
             print("working", flush=True)
             time.sleep(30)
-        sys.modules["sarmitsuba.simulate"].simulate = wait
+        sys.modules["sarmitsuba.simulation.raw"].simulate = wait
         sys.exit(cli.main(["render", "box", "-o", {str(tmp_path / "out")!r}]))
     """
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""``cost`` on a small scene: the table, the promise, its check and a line that ``render`` takes."""
+"""``cost`` on a small scene: the table, the estimate, its check and a line that ``render`` takes."""
 
 import json
 from pathlib import Path
@@ -24,11 +24,11 @@ def test_recommendation_is_checked_and_can_be_rendered(
     ):
         assert f"| {name} |" in text
     facts = json.loads((out / "cost.json").read_text())
-    assert facts["met"] and facts["recommended"]["measured"] and facts["promise"] == "measured"
+    assert facts["met"] and facts["recommended"]["measured"] and facts["estimate"] == "measured"
     assert "(predicted)" not in next(x for x in text.splitlines() if x.startswith("recommended for"))
-    assert facts["promised_against_factor"] == 0.5 and facts["promised_against"] in text
+    assert facts["estimated_against_factor"] == 0.5 and facts["estimated_against"] in text
     assert facts["recommended"]["error_db"] <= -25.0
-    # tol: 2 dB, what the command promises
+    # tol: 2 dB, what the command estimates
     assert abs(facts["check"]["error_db"] - facts["recommended"]["error_db"]) < 2.0
     assert (out / "cost.png").stat().st_size > 0
     line = next(x for x in text.splitlines() if "python -m sarmitsuba render" in x)

@@ -1,4 +1,4 @@
-"""Radars over a box of scatterers, and the exact sum that the adders approximate."""
+"""Radars over a box of scatterers, and the exact sum that the accumulators approximate."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -55,15 +55,15 @@ def _setting(
     return SimpleNamespace(radar=radar, box=box, reference=np.zeros(3))
 
 
-def _exact(radar: Radar, pulses: Any, half_length: Any, amplitude: Any) -> Any:
-    """Exact range-compressed profiles, (n_layers, n_pulses, n_samples) complex128; half_length (n_paths, K)."""
+def _exact(radar: Radar, pulses: Any, slant_range: Any, amplitude: Any) -> Any:
+    """Exact range-compressed profiles, (n_layers, n_pulses, n_samples) complex128; slant_range (n_paths, K)."""
     window = radar.window
     k = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    out = np.zeros((len(amplitude), half_length.shape[1], window.n_samples), dtype=np.complex128)
+    out = np.zeros((len(amplitude), slant_range.shape[1], window.n_samples), dtype=np.complex128)
     for t, start in enumerate(window.start_range[pulses]):
         r = start + window.sample_spacing * np.arange(window.n_samples)
-        response = np.sinc((r - half_length[:, t, None]) / radar.waveform.range_cell)
-        out[:, t] = (amplitude * np.exp(-1j * k * half_length[:, t])) @ response
+        response = np.sinc((r - slant_range[:, t, None]) / radar.waveform.range_cell)
+        out[:, t] = (amplitude * np.exp(-1j * k * slant_range[:, t])) @ response
     return out
 
 

@@ -29,7 +29,7 @@ def _path_lengths(track, plan, a, b):
 
 def _run(s, exact, error_db, start, length, width=4, n_paths=200, extra=0.0, curvature=True):
     rng = np.random.default_rng(1)
-    plan = plan_block(s.radar, start, start + length, s.reference, s.box, width, extra_half_length=extra)
+    plan = plan_block(s.radar, start, start + length, s.reference, s.box, width, extra_slant_range=extra)
     a = b = rng.uniform(s.box[0], s.box[1], (n_paths, 3))
     if (
         extra > 0.0
@@ -144,8 +144,8 @@ def test_layers_and_strides(setting):
     np.testing.assert_allclose(together, np.array(apart), atol=1e-5 * np.abs(together).max())
 
 
-def test_many_paths_against_the_direct_adder(setting, error_db):
-    """20000 paths, so that cells are shared, against the 7-wide direct adder."""
+def test_many_paths_against_the_direct_accumulator(setting, error_db):
+    """20000 paths, so that cells are shared, against the 7-wide direct accumulator."""
     s = setting(extent=200.0)
     rng = np.random.default_rng(2)
     points = rng.uniform(s.box[0], s.box[1], (20000, 3))

@@ -1,4 +1,4 @@
-"""The direct adder converges to the exact sum as its kernel widens."""
+"""The direct accumulator converges to the exact sum as its kernel widens."""
 
 import numpy as np
 import pytest

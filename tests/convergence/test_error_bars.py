@@ -1,4 +1,4 @@
-"""The error that the halves estimate against the true error, and its fall with more rays."""
+"""The error that the subsets estimate against the true error, and its fall with more rays."""
 
 from dataclasses import replace
 
@@ -24,14 +24,14 @@ def test_estimate_follows_the_truth(name: str) -> None:
     scene = crop(whole, 0.35, 0.1)
     grid = default_grid(scene.radar, scene.image)
 
-    def run(factor: float, index: int, halves: bool) -> SarImage:
+    def run(factor: float, index: int, subsets: bool) -> SarImage:
         settings = replace(
             scene.settings,
             ray_spacing=factor * spacing,
             diffuse_ray_spacing=factor * diffuse,
             scatterer_cell=cell,
             max_depth=3,
-            keep_halves=halves,
+            keep_subsets=subsets,
         )
         return simulate_image(replace(scene, settings=settings), method="image", grid=grid, pass_index=index)
 

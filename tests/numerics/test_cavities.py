@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.paths import record_paths, square_grid
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
 from sarmitsuba.trace.launch import LaunchFrame
-from sarmitsuba.trace.modules import modules
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 FREQUENCY = 9.65e9
@@ -23,7 +22,7 @@ def test_between_parallel_plates(row, monkeypatch, material: Material) -> None:
     """A ray that runs 100 times between two plates, past the antenna between them, exactly along the vertical.
 
     Every order's amplitude is 2 sqrt(pi) / lambda times the tube's footprint over both legs, times the reflection
-    coefficient once a bounce; its half length grows by the plates' distance.
+    coefficient once a bounce; its slant range grows by the plates' distance.
 
     Naive ways: H = u x z / |u x z| of a ray along z is 0 / 0; a shadow ray without an end finds the plate behind
     the antenna and hides all but the first bounce.
@@ -44,7 +43,7 @@ def test_between_parallel_plates(row, monkeypatch, material: Material) -> None:
     assert paths.seen.all() and paths.hits[0] == 100
     back = np.where(n % 2 == 0, gap - at, at)
     length = (gap - at) + n * gap
-    error = (paths.half_length[:, 0] - 0.5 * (length + back)) * 4.0 * np.pi / WAVELENGTH
+    error = (paths.slant_range[:, 0] - 0.5 * (length + back)) * 4.0 * np.pi / WAVELENGTH
     field_at_hit = (
         np.abs(paths.amplitude[:, 0])
         / (2.0 * np.sqrt(np.pi) / WAVELENGTH * (grid.spacing / start) ** 2)
@@ -84,7 +83,6 @@ def test_reflections_never_add_energy(row) -> None:
     Naive way: unit vectors that are not made unit again: d - 2 (d . n) n drifts off length with every bounce.
     """
     ensure_backend()
-    dr, mi = modules()
     rng = np.random.default_rng(4)
     m = 10_000
 

@@ -112,7 +112,7 @@ def ways_by_the_plate(radius: float, height: float, elevation: float) -> tuple[f
         grid = lattice(1.02 * radius, 1.02 * radius, WAVELENGTH / 4.5)
         paths = record_paths(scene, PEC, antenna, frame, grid, FREQUENCY)
         pick = paths.seen[1] & (np.hypot(grid.x, grid.y) < radius)
-        phase = np.exp(-4j * np.pi / WAVELENGTH * (paths.half_length[1][pick] - 1e5))
+        phase = np.exp(-4j * np.pi / WAVELENGTH * (paths.slant_range[1][pick] - 1e5))
         total = (paths.amplitude[1][pick] * phase).sum() * 1e10
         levels.append(20 * np.log10(abs(total) / (np.sqrt(np.pi) * radius)))
     return levels[0], levels[1]

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.echo.direct import plan_direct, spread_reference
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.trace.accumulators import DirectAdder
-from sarmitsuba.trace.modules import modules
+from sarmitsuba.trace.accumulators import DirectAccumulator
 
 
 def radar_over_box() -> tuple[Radar, np.ndarray]:
@@ -28,16 +27,14 @@ def radar_over_box() -> tuple[Radar, np.ndarray]:
     return radar, box
 
 
-class SingleAdder(DirectAdder):
+class SingleAccumulator(DirectAccumulator):
     """Sums in float32, as Dr.Jit's default arrays would."""
 
     def __init__(self, *args: object) -> None:
         super().__init__(*args)
-        dr, mi = modules()
         self.memory = dr.zeros(mi.Float, len(self.memory))
 
     def scatter(self, cell, values, weight, active) -> None:
-        dr, mi = modules()
         packet = mi.Vector2f(values[0].real * weight, values[0].imag * weight)
         dr.scatter_add(self.memory, packet, cell, active, mode=dr.ReduceMode.Expand)
 
@@ -52,7 +49,6 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
     Naive way: sums in float32; adding a millionth to what has grown near one rounds the same way every time.
     """
     ensure_backend()
-    dr, mi = modules()
     radar, box = radar_over_box()
     plan = plan_direct(radar, 0, 1, box, 4)
     rng = np.random.default_rng(0)
@@ -63,17 +59,17 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
     truth = spread_reference(plan, radar, half[:, None], amplitude[None].astype(complex))
     peak = np.abs(truth).max()
 
-    def error(kind: type[DirectAdder]) -> np.ndarray:
-        adder = kind(plan, 1, 1, 0, radar.waveform.wavelength)
+    def error(kind: type[DirectAccumulator]) -> np.ndarray:
+        accumulator = kind(plan, 1, 1, 0, radar.waveform.wavelength)
         a = mi.Complex2f(mi.Float(amplitude.astype(np.float32)), mi.Float(0))
         pulse = dr.zeros(mi.UInt32, 2 * n)
-        state = adder.add(
-            adder.begin(), mi.UInt32(1), pulse, mi.Float64(half), mi.Float64(0), [a], mi.Bool(True)
+        state = accumulator.add(
+            accumulator.begin(), mi.UInt32(1), pulse, mi.Float64(half), mi.Float64(0), [a], mi.Bool(True)
         )
-        dr.eval(state, adder.memory)
-        return np.abs(adder.grid() - truth)
+        dr.eval(state, accumulator.memory)
+        return np.abs(accumulator.grid() - truth)
 
-    ours, naive = error(DirectAdder), error(SingleAdder)
+    ours, naive = error(DirectAccumulator), error(SingleAccumulator)
     row(
         "60 dBsm in a million rays: error of the sum below its peak",
         20 * np.log10(ours.max() / peak),
@@ -101,7 +97,6 @@ def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) 
     Naive way: float32 sums, whose last digits hang on which thread adds first (test above).
     """
     ensure_backend()
-    dr, _ = modules()
     scene = sarmitsuba.load_scene(
         "tower",
         parameters={

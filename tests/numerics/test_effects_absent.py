@@ -12,8 +12,10 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import EFFECT_NAMES
 from sarmitsuba.simulation.raw import simulate
 
 # switches of the kernel that an effect of the plan sets
@@ -23,7 +25,7 @@ SWITCHES = (
     "coherent",
     "diffuse",
     "diffuse_double",
-    "cell_sharing",
+    "footprint_splitting",
     "speckle",
     "depolarisation",
     "antenna_pattern",
@@ -104,14 +106,19 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
         channels=("HH",),
         diffuse=False,
         diffuse_double=False,
-        cell_sharing=False,
+        footprint_splitting=False,
         speckle=False,
         multi_bounce=False,
     )
     bare = replace(bare, depolarisation=False, polarised_diffuse=False, taper=False, visibility=False)
     one = replace(tiny, radar=replace(tiny.radar, channels=("HH",)))
     with_words = replace(
-        bare, diffuse_double=True, cell_sharing=True, speckle=True, depolarisation=True, visibility=True
+        bare,
+        diffuse_double=True,
+        footprint_splitting=True,
+        speckle=True,
+        depolarisation=True,
+        visibility=True,
     )
     assert kernel_size(history, one, bare) == kernel_size(history, one, with_words)
 
@@ -123,8 +130,8 @@ def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_NAMES}
     if effects["diffuse"] == "off":  # without both nothing returns, which is refused
         effects["coherent"] = "on"
-    if effects["cell_sharing"] == "off":  # refused where there is more than bare level ground
-        effects["cell_sharing"] = "auto"
+    if effects["footprint_splitting"] == "off":  # refused where there is more than bare level ground
+        effects["footprint_splitting"] = "auto"
     depth = int(rng.integers(0, 4))
     settings = replace(tiny.settings, effects=effects, max_depth=depth)  # type: ignore[arg-type]
     raw = simulate(replace(tiny, settings=settings))

@@ -104,7 +104,7 @@ def echo(center: np.ndarray, ground: tuple[np.ndarray, np.ndarray]) -> complex:
     frame = frame_towards(antenna[None], center, np.array([0.0, 1.0, 0.0]))
     paths = record_paths(scene, PEC, antenna, frame, lattice(2.5, 2.5, WAVELENGTH / 2), FREQUENCY)
     seen = paths.seen
-    phase = np.exp(-4j * np.pi / WAVELENGTH * (paths.half_length[seen] - 1e5))
+    phase = np.exp(-4j * np.pi / WAVELENGTH * (paths.slant_range[seen] - 1e5))
     return complex((paths.amplitude[seen] * phase).sum())
 
 
@@ -139,7 +139,7 @@ def test_scene_ten_kilometres_across(row, monkeypatch) -> None:
         antenna = corner + 1e5 * look
         frame = frame_towards(antenna[None], corner, np.array([0.0, 1.0, 0.0]))
         grid = lattice(2.5, 2.5, 0.05)
-        got = record_paths(geometry([plain]), PEC, antenna, frame, grid, FREQUENCY, max_depth=1).half_length[
+        got = record_paths(geometry([plain]), PEC, antenna, frame, grid, FREQUENCY, max_depth=1).slant_range[
             0
         ]
         xy = np.stack([grid.x, grid.y], axis=1).astype(np.float64)

@@ -13,7 +13,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.library import permittivity_from_conductivity
-from sarmitsuba.scene.spec import DIFFUSE_LAWS, Material
+from sarmitsuba.materials.material import DIFFUSE_LAWS, Material
 from sarmitsuba.simulation.paths import coherent_flags
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.validation.targets import PEC, dihedral

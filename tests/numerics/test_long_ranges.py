@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import sarmitsuba
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.simulation.paths import coherent_flags, record_paths
-from sarmitsuba.trace.accumulators import carrier
+from sarmitsuba.trace.accumulators import phase_factor
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import frame_towards, lattice
-from sarmitsuba.trace.modules import modules
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 
 BANDS = {"L": 1.27e9, "X": 9.65e9, "W": 94e9}
@@ -22,8 +22,8 @@ RANGES = (1e3, 10e3, 100e3, 800e3, 36_000e3)
 SIZE = 50.0  # m: ground and wall
 
 
-def half_lengths(antenna: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(2, n) half lengths of single and double bounces of rays through ``start``, in NumPy; NaN where there is none.
+def slant_ranges(antenna: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """(2, n) slant ranges of single and double bounces of rays through ``start``, in NumPy; NaN where there is none.
 
     The scene is the ground z = 0, 0 < x < SIZE, and the wall x = 0, 0 < z < SIZE.
     """
@@ -52,13 +52,12 @@ def half_lengths(antenna: np.ndarray, start: np.ndarray) -> np.ndarray:
     return np.stack([np.where(hit, one, np.nan), np.where(again, two, np.nan)])
 
 
-def phase_error(half_length: np.ndarray, truth: np.ndarray, frequency: float) -> float:
-    """Rms error of the two-way phase that the adders form, degrees."""
-    dr, mi = modules()
-    both = np.isfinite(half_length) & np.isfinite(truth)
+def phase_error(slant_range: np.ndarray, truth: np.ndarray, frequency: float) -> float:
+    """Rms error of the two-way phase that the accumulators form, degrees."""
+    both = np.isfinite(slant_range) & np.isfinite(truth)
     assert both.sum() > 0.99 * np.isfinite(truth).sum()
     wavelength = SPEED_OF_LIGHT / frequency
-    c = carrier(mi.Float64(half_length[both]), wavelength, mi, dr)
+    c = phase_factor(mi.Float64(slant_range[both]), wavelength, mi, dr)
     wrong = (c.real.numpy() + 1j * c.imag.numpy()) * np.exp(
         2j * np.pi * np.mod(2 * truth[both] / wavelength, 1)
     )
@@ -71,7 +70,6 @@ def test_phase_of_every_ray(row) -> None:
     Naive ways: lengths and phases in float32 (random phases from 10 km on); hit points o + t d of a float32 ray
     from the antenna (the same).
     """
-    _, mi = modules()
     scene = geometry(
         [
             parallelogram([0, -SIZE / 2, 0], [SIZE, 0, 0], [0, SIZE, 0]),
@@ -94,10 +92,10 @@ def test_phase_of_every_ray(row) -> None:
         frame = frame_towards(antenna[None], center, np.array([0.0, 1.0, 0.0]))
         xy = np.stack([grid.x, grid.y], axis=1).astype(np.float64)
         start = frame.center[0] + xy @ np.stack([frame.axis_x[0], frame.axis_y[0]])
-        truth = half_lengths(antenna, start)
+        truth = slant_ranges(antenna, start)
         common = {"position": antenna, "frame": frame, "grid": grid, "frequency": 9.65e9, "scene": built}
-        double = record_paths(scene, PEC, **common, flags=at_hits).half_length
-        float32 = record_paths(scene, PEC, **common, flags=single).half_length
+        double = record_paths(scene, PEC, **common, flags=at_hits).slant_range
+        float32 = record_paths(scene, PEC, **common, flags=single).slant_range
         for band, frequency in BANDS.items():
             worst[band] = max(worst[band], phase_error(double, truth, frequency))
             if distance >= 100e3:

@@ -9,8 +9,9 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups, write_ply
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.paths import aimed_at, record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import geometry as trace_geometry

@@ -187,7 +187,7 @@ LEFT_OUT = (
     ),
     *("pixel_spacing_azimuth", "pixel_spacing_range", "time_limit", "target_error_db", "method"),
     *("azimuth_beamwidth_deg", "elevation_beamwidth_deg", "antenna_length", "antenna_height", "pattern"),
-    *("keep_orders", "keep_halves", "default_rms_height"),
+    *("keep_orders", "keep_subsets", "default_rms_height"),
 )
 RUNNABLE = [name for name, (_, p) in PAIRS.items() if p.name not in LEFT_OUT]
 

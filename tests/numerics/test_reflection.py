@@ -4,13 +4,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.paths import aimed_at, coherent_flags, record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
-from sarmitsuba.trace.modules import modules
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
 FREQUENCY = 9.65e9
@@ -29,7 +28,6 @@ def exact(cos_theta: np.ndarray, chi: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def in_kernel(cos_theta: np.ndarray, chi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """r_TE, r_TM by the kernel's float32 function."""
     ensure_backend()
-    dr, mi = modules()
     x = mi.Complex2f(mi.Float(chi.real.astype(np.float32)), mi.Float(chi.imag.astype(np.float32)))
     te, tm = field.fresnel(mi.Float(cos_theta.astype(np.float32)), x, dr)
     return te.real.numpy() + 1j * te.imag.numpy(), tm.real.numpy() + 1j * tm.imag.numpy()
@@ -115,7 +113,6 @@ def test_normal_incidence_needs_no_plane(row) -> None:
     Naive way: h = d x n / |d x n| is 0 / 0.
     """
     ensure_backend()
-    dr, mi = modules()
     rng = np.random.default_rng(1)
     normals = rng.normal(size=(2000, 3))
     normals[:6] = np.concatenate([np.eye(3), -np.eye(3)])

@@ -11,7 +11,7 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
-from sarmitsuba.trace.accumulators import GridAdder
+from sarmitsuba.trace.accumulators import GridAccumulator
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>
@@ -111,7 +111,7 @@ def test_the_prf_that_is_named_would_do(scene_file, row) -> None:
 def test_contributions_outside_the_window_are_said(scene_file, row, monkeypatch, method: str) -> None:
     """A window that ends inside the cube: the run says what share of the paths it could not record.
 
-    Naive way: only paths that leave the adder's own grid are counted, which reaches as far as the scene does.
+    Naive way: only paths that leave the accumulator's own grid are counted, which reaches as far as the scene does.
     """
     parameters = {"range_film.far_range": "4996", "sar_path.ray_spacing": "0.2", "sar_path.method": method}
     cut = []
@@ -131,7 +131,7 @@ def test_contributions_outside_the_window_are_said(scene_file, row, monkeypatch,
     side = np.stack([np.full((400, 400), -8.0), *np.meshgrid(x, x)], axis=-1)
     beyond = [np.mean(np.linalg.norm(face - antenna, axis=-1) > end) for face in (top, side)]
     expected = 100.0 * np.mean(beyond)  # both faces are seen under 45 degrees
-    monkeypatch.setattr(GridAdder, "watch", lambda *_: None)
+    monkeypatch.setattr(GridAccumulator, "watch", lambda *_: None)
     counts = sarmitsuba.simulate(cut[0]).metadata["statistics"]
     naive = 100.0 * counts["outside"] / counts["contributions"]
     row(

@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.scene.spec import Geometry
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation import rcs
 from sarmitsuba.simulation.paths import aimed_at, record_paths, square_grid
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.theory.rcs import plate_amplitude
 from sarmitsuba.trace import kernel, tube
 from sarmitsuba.trace.geometry import build_trace_scene
-from sarmitsuba.trace.modules import modules
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
 FREQUENCY = 9.65e9
@@ -57,7 +56,6 @@ def points_on_seams(sheet: Geometry) -> tuple[np.ndarray, np.ndarray]:
 
 def lost_by_default_embree(sheet: Geometry, points: np.ndarray, look: np.ndarray) -> int:
     """Rays at the points that Mitsuba loses without ``embree_use_robust_intersections``."""
-    _, mi = modules()
     corners = sheet.vertices[sheet.faces].reshape(-1).astype(np.float32)
     n = sheet.n_faces
     mesh = mi.Mesh("sheet", 3 * n, n)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.facts import Facts
+from sarmitsuba.effects.context import Context
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaError, SceneError
@@ -15,8 +15,10 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, sphere
-from sarmitsuba.scene.spec import Geometry, Material, Scene
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.image import simulate_image
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot, sampling_of
 from sarmitsuba.simulation.raw import simulate
@@ -116,29 +118,29 @@ def test_convex_looking_pairs_are_not_taken_for_convex(base: Scene) -> None:
     """Two bodies, each convex; a box on a plain; a roof seen from inside; one body whose closed shell has a notch."""
     a, b = box([-5, -5, 0], [-1, 5, 8]), box([1, -5, 0], [5, 5, 8])
     for meshes in ((a, b), (plain(60.0), box([-5, -5, 0], [5, 5, 8]))):
-        facts = Facts(scene(base, *meshes))
-        assert facts.shape.single_bounce == ""
+        context = Context(scene(base, *meshes))
+        assert context.shape.single_bounce == ""
     # V of two plates: bulging towards the radar (a roof) it has one bounce, opening towards it two
     radar = base.radar.track.center_position
     side = np.sign(radar[0])
     roof = [quad([0, -5, 4], [0, 5, 4], [x, 5, 0], [x, -5, 0], 0) for x in (-4, 4)]
-    assert Facts(scene(base, *roof)).shape.single_bounce
+    assert Context(scene(base, *roof)).shape.single_bounce
     floor = quad([0, -5, 0], [0, 5, 0], [4 * side, 5, 0], [4 * side, -5, 0], 0)
     wall = quad([0, -5, 0], [0, 5, 0], [0, 5, 4], [0, -5, 4], 0)
-    corner = Facts(scene(base, floor, wall))
+    corner = Context(scene(base, floor, wall))
     assert corner.shape.single_bounce == "" and corner.shape.open_sight
     # a notch: the box with a corner pushed in is closed and one piece, but not its own hull
     v, f, m = box([-5, -5, 0], [5, 5, 8])
     v = v.copy()
     v[7] = [2.0, 2.0, 5.0]
-    assert Facts(scene(base, (v, f, m))).shape.single_bounce == ""
+    assert Context(scene(base, (v, f, m))).shape.single_bounce == ""
 
 
 def test_shapes_convex_by_their_kind_are_so(base: Scene) -> None:
     """The proof finds what is taken for granted for `sphere` and `cube`, turned and stretched as well."""
     matrix = np.array([[3.0, 1.0, 0.2], [-0.5, 1.0, 0.3], [0.1, -0.7, 0.4]])
     for vertices, faces in (cube(), *(sphere(1.0, s) for s in (0.1, 0.02, 3e-3, 3e-4))):
-        shape = Facts(scene(base, (vertices @ matrix.T, faces, 0))).shape
+        shape = Context(scene(base, (vertices @ matrix.T, faces, 0))).shape
         assert not shape.stated_convex and shape.convex_body
 
 
@@ -150,7 +152,7 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
         return replace(target, geometry=replace(target.geometry, mesh_convex=flags))
 
     def shape(target: Scene) -> ShapeFacts:
-        return Facts(target).shape_within(0.0)
+        return Context(target).shape_within(0.0)
 
     assert shape(scene(base, one)).single_bounce == ""  # no time for a proof
     assert shape(stated(scene(base, one), True)).single_bounce == "one closed convex body"
@@ -166,7 +168,7 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
 
 
 def test_shadow_rays_stay_where_something_stands_between(base: Scene) -> None:
-    assert not Facts(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
+    assert not Context(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
 
 
 def test_flat_rules_need_every_vertex(base: Scene) -> None:
@@ -174,7 +176,7 @@ def test_flat_rules_need_every_vertex(base: Scene) -> None:
     v, f, m = plain(60.0)
     v = v.copy()
     v[2, 2] = 1e-3
-    assert not Facts(scene(base, (v, f, m))).shape.flat
+    assert not Context(scene(base, (v, f, m))).shape.flat
 
 
 # ---- cells of bare level ground
@@ -204,10 +206,10 @@ def test_rays_through_cells_return_what_dense_shared_tubes_do(heading: str, meth
     given |= {"sar_antenna.n_pulses": "64", "sar_antenna.azimuth_resolution": "6"}
     target = load_scene(resolve("flat_ground"), parameters=given)
     plan = plan_scene(target)
-    assert not plan.on("cell_sharing") and not plan.flags.cell_sharing
+    assert not plan.on("footprint_splitting") and not plan.flags.footprint_splitting
     cell = scatterer_cell(target, launch_window(target).incidence)
     dense = replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8))
-    assert plan_scene(dense).on("cell_sharing")
+    assert plan_scene(dense).on("footprint_splitting")
     bare = imaged(target)
     # tol: sampling by 64 rays a cell; the window's fade-out is fixed to the ground, not to the line of sight
     assert difference_db(bare, imaged(dense)) < -44.0
@@ -221,47 +223,49 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
         "one bounce": small(base, plain(90.0), box([-6, -8, 0], [6, 8, 9])),
         "level": small(base, tilted),
         "bent": small(base, lifted),
-        "halves": small(base, plain(90.0), keep_halves=True),
+        "subsets": small(base, plain(90.0), keep_subsets=True),
         "asked": small(base, plain(90.0), diffuse_ray_spacing=0.3),
         "smooth": replace(small(base, plain(90.0)), materials=(PEC, replace(SOIL, rms_height=1e-4))),
     }
-    assert not plan_scene(small(base, plain(90.0))).flags.cell_sharing
+    assert not plan_scene(small(base, plain(90.0))).flags.footprint_splitting
     for name, target in cases.items():
-        assert plan_scene(target).flags.cell_sharing, name
-    off = small(base, tilted, effects={"cell_sharing": "off"})
-    with pytest.raises(SceneError, match="cell_sharing = off is for bare level ground only"):
+        assert plan_scene(target).flags.footprint_splitting, name
+    off = small(base, tilted, effects={"footprint_splitting": "off"})
+    with pytest.raises(SceneError, match="footprint_splitting = off is for bare level ground only"):
         plan_scene(off)
     for given, remedy in (
-        ({"keep_halves": True}, "--no-error-bars"),
+        ({"keep_subsets": True}, "--no-error-bars"),
         ({"ray_spacing": 0.3}, "leave ray_spacing"),
     ):
         with pytest.raises(SceneError, match=remedy):
-            plan_scene(small(base, plain(90.0), effects={"cell_sharing": "off"}, **given))
+            plan_scene(small(base, plain(90.0), effects={"footprint_splitting": "off"}, **given))
 
 
 def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
     """A plate whose outermost cells are covered by nearly a half, which their neighbours return: about the worst."""
     cell = scatterer_cell(base, launch_window(base).incidence)
     target = small(base, plain(22.48 * cell))
-    decision = plan_scene(target).decision("cell_sharing")
+    decision = plan_scene(target).decision("footprint_splitting")
     assert decision is not None and decision.on and "rim" in decision.why
-    with pytest.warns(UserWarning, match="cell_sharing is off as asked; predicted error"):
-        cells = imaged(replace(target, settings=replace(target.settings, effects={"cell_sharing": "off"})))
+    with pytest.warns(UserWarning, match="footprint_splitting is off as asked; predicted error"):
+        cells = imaged(
+            replace(target, settings=replace(target.settings, effects={"footprint_splitting": "off"}))
+        )
     dense = imaged(replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8)))
     # tol: speckle of 180 cells; the rim lies along the cells and meets pi / 4 of what it meets in any direction
     assert abs(difference_db(cells, dense) - decision.error_db) < 3.0
 
 
 def test_rim_length(base: Scene) -> None:
-    shape = Facts(scene(base, plain(10.0))).shape
+    shape = Context(scene(base, plain(10.0))).shape
     far, near = np.array([[-50.0, -50.0], [50.0, 50.0]]), np.array([[-50.0, 0.0], [4.0, 50.0]])
     assert shape.rim_length(*far) == pytest.approx(80.0)
     assert shape.rim_length(*near) == pytest.approx(10.0 + 14.0)
     assert shape.rim_length(*np.array([[-5.0, -5.0], [5.0, 5.0]])) == 0.0
-    # two halves of one material, but not one smooth surface: the seam counts for both
+    # two subsets of one material, but not one smooth surface: the seam counts for both
     left = quad([-10, -10, 0], [0, -10, 0], [0, 10, 0], [-10, 10, 0], 1)
     right = quad([0, -10, 0], [10, -10, 0], [10, 10, 0], [0, 10, 0], 1)
-    assert Facts(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
+    assert Context(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
 
 
 # ---- pilot

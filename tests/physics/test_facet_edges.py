@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.mesh.boundary_edges import facet_sides
+from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.simulation.raw import simulate
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0
@@ -83,7 +83,7 @@ def test_every_triangle_of_a_rectangle_knows_its_four_sides(turn: float, shift: 
     a = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([np.column_stack([a, a + 9, a + 10]), np.column_stack([a, a + 10, a + 1])])
     point = np.array([1.0, 0.75, 0.0]) @ axes + [shift, shift, 0.0]
-    for side, triangle in zip(facet_sides(grid[faces]), grid[faces], strict=True):
+    for side, triangle in zip(boundary_edges(grid[faces]), grid[faces], strict=True):
         found = distances(side, triangle, point)
         assert found == pytest.approx([0.75, 1.0, 1.25, 3.0], abs=2e-4)  # m; float32 at 1 km is good to 6e-5
 
@@ -92,7 +92,7 @@ def test_the_arm_of_an_l_ends_at_its_own_sides() -> None:
     """A post 0.2 wide and 8 high with an arm to the right at its top."""
     polygon = [[0, 0], [0.2, 0], [0.2, 7.8], [1.5, 7.8], [1.5, 8], [0, 8]]
     corners = outline(polygon, [[0, 1, 2], [0, 2, 5], [5, 2, 4], [2, 3, 4]])
-    sides = facet_sides(corners)
+    sides = boundary_edges(corners)
     for post in (0, 1):
         found = distances(sides[post], corners[post], [0.1, 4.0])
         assert found == [0.1, 0.1, 4.0, 4.0]
@@ -103,5 +103,5 @@ def test_the_arm_of_an_l_ends_at_its_own_sides() -> None:
 
 def test_a_lone_triangle_has_three_sides() -> None:
     corners = outline([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    found = distances(facet_sides(corners)[0], corners[0], [0.25, 0.25])
+    found = distances(boundary_edges(corners)[0], corners[0], [0.25, 0.25])
     assert found == pytest.approx([0.25, 0.25, np.sqrt(0.125)], abs=1e-5)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import sphere
-from sarmitsuba.scene.spec import Geometry, Material
+from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
 
 FREQUENCY = 9.65e9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from sarmitsuba.constants import BOLTZMANN, HALF_SHARES, SPEED_OF_LIGHT
+from sarmitsuba.constants import BOLTZMANN, SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.chirp import chirp_spectrum, n_fast_chirped, pulse_samples, to_chirped
 from sarmitsuba.echo.noise import add_noise, noise_power
 from sarmitsuba.echo.raw import Layer, RawData
@@ -168,11 +168,11 @@ def test_noise_is_seeded_and_belongs_to_the_channel():
     assert not np.array_equal(first.total("HH"), first.total("VV"))
     second_order = [i for i, layer in enumerate(layers) if layer.order == 2]
     assert not first.data[second_order].any()
-    halves = [i for i, layer in enumerate(layers) if layer.order == 1 and layer.channel == "HH"]
-    own = [first.data[i] / HALF_SHARES[layers[i].half] for i in halves]
-    np.testing.assert_allclose(own[0], own[1], rtol=1e-6)  # the halves' difference stays clean
+    subsets = [i for i, layer in enumerate(layers) if layer.order == 1 and layer.channel == "HH"]
+    own = [first.data[i] / SUBSET_SHARES[layers[i].subset] for i in subsets]
+    np.testing.assert_allclose(own[0], own[1], rtol=1e-6)  # the subsets' difference stays clean
     one_layer = add_noise(_silent(radar, "compressed", (Layer("HH"),)), seed=7)
-    # tol: rounding of the sum of two halves
+    # tol: rounding of the sum of two subsets
     np.testing.assert_allclose(first.total("HH"), one_layer.total("HH"), rtol=1e-5)
     assert first.metadata["noise_temperature_K"] == 290.0
     assert not raw.data.any()  # the input is left alone

@@ -88,7 +88,7 @@ def test_front_and_recommendation() -> None:
     found = recommend(some, -20.0)
     assert found.met and found.setting.error_db == -27.0
     assert "-18.0 dB in 0.30 s" in found.remark  # 7 dB better than wanted is explained
-    assert found.setting.promise().endswith("(predicted)")
+    assert found.setting.estimate().endswith("(predicted)")
     assert recommend(some, -26.0).remark == ""
     assert "nothing cheaper" in recommend(some, -10.0).remark
     most = recommend(some, -50.0)

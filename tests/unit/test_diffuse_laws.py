@@ -14,7 +14,7 @@ from sarmitsuba.materials.diffuse import (
 )
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.laws.iem import iem_backscatter
-from sarmitsuba.scene.spec import DIFFUSE_LAWS, DiffuseLaw, Material
+from sarmitsuba.materials.material import DIFFUSE_LAWS, DiffuseLaw, Material
 from sarmitsuba.units import db_from_power
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9

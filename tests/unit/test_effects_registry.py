@@ -1,4 +1,4 @@
-"""The registry and each effect's rule, from static facts alone."""
+"""The registry and each effect's rule, from static context alone."""
 
 import json
 from dataclasses import fields, replace
@@ -6,16 +6,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from sarmitsuba.effects.facts import Facts, PilotResult, Sampling
+from sarmitsuba.effects.context import Context, PilotResult, Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.registry import effects
 from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.spec import EFFECT_NAMES, Material, Scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import EFFECT_NAMES
 from sarmitsuba.simulation.raw import block_error_db
 
 
@@ -53,13 +55,13 @@ def test_every_switch_of_the_scene_file_has_an_effect() -> None:
 
 
 def test_effects_set_only_fields_of_the_kernel(corner: Scene) -> None:
-    facts = Facts(corner)
+    context = Context(corner)
     plan = plan_effects(corner)
     decided = {d.name: d for d in plan.decisions}
     known = {f.name for f in fields(KernelFlags)}
     for effect in effects():
         for on in (False, True):
-            assert set(effect.flags(on, facts, decided)) <= known
+            assert set(effect.flags(on, context, decided)) <= known
 
 
 def test_perfect_conductors_need_no_fresnel(corner: Scene) -> None:
@@ -126,7 +128,7 @@ def test_a_tolerance_is_finite_and_negative(value: str) -> None:
 def test_the_tolerance_of_the_scene_holds() -> None:
     assert load_scene(resolve("dihedral")).settings.tolerance_db == -40.0
     asked = load_scene(resolve("dihedral"), parameters={"sar_path.tolerance_db": "-50"})
-    assert asked.settings.tolerance_db == Facts(asked).tolerance_db == -50.0
+    assert asked.settings.tolerance_db == Context(asked).tolerance_db == -50.0
     # blocks of pulses are held to it, too
     assert block_error_db(asked.settings) == -50.0
     # kernels two samples wide leave -23 dB themselves

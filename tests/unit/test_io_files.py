@@ -152,7 +152,7 @@ def test_parameters_are_standard_json(tmp_path: Path) -> None:
 
 
 def test_dataclasses_become_objects() -> None:
-    assert to_json(Layer("VV", 1)) == {"channel": "VV", "order": 1, "half": 0}
+    assert to_json(Layer("VV", 1)) == {"channel": "VV", "order": 1, "subset": 0}
 
 
 def test_atomic_write_keeps_the_old_file_when_interrupted(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_smooth_groups_threshold_is_the_bend():
 
 
 def test_smooth_groups_at_an_edge_of_three_faces():
-    # a floor of two halves with a wall on their common edge: the floor stays one group, in any face order
+    # a floor of two subsets with a wall on their common edge: the floor stays one group, in any face order
     v = np.array([[-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], dtype=float)
     f = np.array([[0, 3, 2], [3, 1, 2], [2, 3, 4]])
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):

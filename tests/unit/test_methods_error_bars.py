@@ -1,33 +1,33 @@
-"""Error bars from halves: pure arithmetic on made-up planes."""
+"""Error bars from subsets: pure arithmetic on made-up planes."""
 
 import numpy as np
 import pytest
 
-from sarmitsuba.constants import HALF_SHARES
+from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.simulation.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_halves
+from sarmitsuba.simulation.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_subsets
 
 
-def halves(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:
-    """Two stored halves of a random image, each its share of truth + independent noise of rms ``error``."""
+def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:
+    """Two stored subsets of a random image, each its share of truth + independent noise of rms ``error``."""
     rng = np.random.default_rng(seed)
 
     def noise() -> np.ndarray:
         return (rng.standard_normal((128, 128)) + 1j * rng.standard_normal((128, 128))) / np.sqrt(2.0)
 
     truth = noise()
-    data = np.stack([HALF_SHARES[h] * (truth + error * noise()) for h in (1, 2)]).astype(np.complex64)
+    data = np.stack([SUBSET_SHARES[h] * (truth + error * noise()) for h in (1, 2)]).astype(np.complex64)
     return data, (Layer("VV", 0, 1), Layer("VV", 0, 2)), truth
 
 
 @pytest.mark.parametrize("error", [0.3, 0.03])
 def test_estimate_is_the_error_of_the_mean(error: float) -> None:
-    data, layers, truth = halves(error)
+    data, layers, truth = subsets(error)
     bars = estimate_error(data, layers)
     true = np.sum(np.abs(data.sum(axis=0) - truth) ** 2) / np.sum(np.abs(truth) ** 2)
     # tol: Monte Carlo, two chi-square sums of 2 * 16384 terms each, and the noise in the denominator (0.2 dB at 0.3)
-    weights = sum(HALF_SHARES[h] ** 2 for h in (1, 2))  # of sets with equal errors in their weighted mean
+    weights = sum(SUBSET_SHARES[h] ** 2 for h in (1, 2))  # of sets with equal errors in their weighted mean
     assert abs(bars.noise_db[0] - 10 * np.log10(true * 0.5 / weights)) < 0.3
     # tol: theory, noise / sqrt(2); Monte Carlo as above
     assert abs(bars.noise_db[0] - 20 * np.log10(error / np.sqrt(2))) < 0.3
@@ -36,9 +36,9 @@ def test_estimate_is_the_error_of_the_mean(error: float) -> None:
 
 
 def test_map_has_the_local_error() -> None:
-    data, layers, _ = halves(0.1)
+    data, layers, _ = subsets(0.1)
     data[0, :, 64:] = data[1, :, 64:] * np.float32(
-        HALF_SHARES[1] / HALF_SHARES[2]
+        SUBSET_SHARES[1] / SUBSET_SHARES[2]
     )  # right: no difference, no error
     bars = estimate_error(data, layers)
     assert bars.per_pixel.shape == (1, 128, 128)
@@ -50,7 +50,7 @@ def test_map_has_the_local_error() -> None:
 
 
 def test_orders_are_summed_and_channels_kept_apart() -> None:
-    data, _, _ = halves(0.1)
+    data, _, _ = subsets(0.1)
     zero = np.zeros_like(data[0])
     layers = tuple(Layer(c, o, h) for h in (1, 2) for o in (1, 2) for c in ("HH", "VV"))
     planes = np.stack([data[0], zero, zero, data[0], data[1], zero, zero, data[1]])
@@ -61,7 +61,7 @@ def test_orders_are_summed_and_channels_kept_apart() -> None:
 
 
 def test_without_halves_there_is_one_clear_line() -> None:
-    data, _, _ = halves(0.1)
-    assert not has_halves((Layer("VV"),))
-    with pytest.raises(DataError, match="keep_halves"):
+    data, _, _ = subsets(0.1)
+    assert not has_subsets((Layer("VV"),))
+    with pytest.raises(DataError, match="keep_subsets"):
         estimate_error(data, (Layer("VV", 1), Layer("VV", 2)))

@@ -9,7 +9,7 @@ import pytest
 from sarmitsuba.cost.sweep import crop
 from sarmitsuba.errors import DataError
 from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.passes import fingerprint, refine
 
 

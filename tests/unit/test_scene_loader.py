@@ -9,7 +9,7 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.library import list_scenes
 from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.mesh.meshes import write_ply
-from sarmitsuba.scene.spec import EFFECT_NAMES
+from sarmitsuba.scene.settings import EFFECT_NAMES
 
 SENSOR = '<sensor type="sar_antenna" id="radar"/>'
 PEC = '<bsdf type="radar_material"><string name="material" value="pec"/></bsdf>'

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.scene.scene import Scene
 
 
 class AntennaPattern(Effect):
@@ -21,27 +21,27 @@ class AntennaPattern(Effect):
     title = "beam over the scene"
     rank = 90
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        radar = facts.scene.radar
+        radar = context.scene.radar
         kind = radar.antenna.pattern
         if kind == "isotropic":
-            return Verdict(False, "isotropic beam", -np.inf)
+            return Assessment(False, "isotropic beam", -np.inf)
         n = radar.track.n_pulses
         pick = np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int))
-        leg = facts.corners[:, None] - radar.track.position[pick]
+        leg = context.corners[:, None] - radar.track.position[pick]
         u = leg / np.linalg.norm(leg, axis=-1, keepdims=True)
         axes = (radar.pointing.azimuth_axis[pick], radar.pointing.elevation_axis[pick])
         gain = radar.antenna.two_way_amplitude(*(np.sum(u * a, axis=-1) for a in axes))
         change = float(np.abs(gain - 1.0).max())
         error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
-        if change <= facts.tolerance:
-            return Verdict(False, f"{kind} beam, flat over the scene to {error:.0f} dB", error)
-        return Verdict(
+        if change <= context.tolerance:
+            return Assessment(False, f"{kind} beam, flat over the scene to {error:.0f} dB", error)
+        return Assessment(
             True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
         )
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Gain at launch and at every closing."""
         return {"antenna_pattern": on}
 

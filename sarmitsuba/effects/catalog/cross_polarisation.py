@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.errors import RadarError
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 
 
 class CrossPolarisation(Effect):
@@ -20,17 +20,17 @@ class CrossPolarisation(Effect):
     rank = 70
     cost = 0.12
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        channels = facts.scene.radar.channels
+        channels = context.scene.radar.channels
         cross = [c for c in channels if c[0] != c[1]]
         if cross:
-            return Verdict(True, f"the radar records {', '.join(channels)}", 0.0)
-        return Verdict(False, f"only {', '.join(channels)} asked for", -np.inf)
+            return Assessment(True, f"the radar records {', '.join(channels)}", 0.0)
+        return Assessment(False, f"only {', '.join(channels)} asked for", -np.inf)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Channels to record."""
-        return {"channels": facts.scene.radar.channels if on else _co_polar(facts.scene)}
+        return {"channels": context.scene.radar.channels if on else _co_polar(context.scene)}
 
     def without(self, scene: Scene) -> Scene:
         """Drop the channels from the radar, so that no later stage looks for them."""

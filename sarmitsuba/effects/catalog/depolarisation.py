@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import names
 
 
@@ -21,22 +21,22 @@ class Depolarisation(Effect):
     rank = 80
     cost = 0.03
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        ratios = {m.name: m.cross_polar_ratio_db for m in facts.materials if m.diffuse_law != "none"}
+        ratios = {m.name: m.cross_polar_ratio_db for m in context.materials if m.diffuse_law != "none"}
         strongest = max(ratios.values(), default=-np.inf)
         if not decided["diffuse"].on or not np.isfinite(strongest):
-            return Verdict(False, "no diffuse cross-polar return", -np.inf)
+            return Assessment(False, "no diffuse cross-polar return", -np.inf)
         given = names([n for n, r in ratios.items() if np.isfinite(r)])
         if decided["cross_polarisation"].on:
-            return Verdict(True, f"cross-polar ratio on {given}", 0.0)
-        if strongest <= facts.tolerance_db:
-            return Verdict(
+            return Assessment(True, f"cross-polar ratio on {given}", 0.0)
+        if strongest <= context.tolerance_db:
+            return Assessment(
                 False, f"cross-polar ratio at most {strongest:.0f} dB, no cross channel", strongest
             )
-        return Verdict(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
+        return Assessment(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Two more Gaussians a cell and a full scattering tensor."""
         return {"depolarisation": on}
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.diffuse import diffuse_tables
 
@@ -19,24 +19,24 @@ class Diffuse(Effect):
     rank = 10
     cost = 0.65
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        rough = [m.name for m in facts.materials if m.diffuse_law != "none"]
+        rough = [m.name for m in context.materials if m.diffuse_law != "none"]
         if not rough:
-            return Verdict(False, "no material scatters diffusely", -np.inf)
+            return Assessment(False, "no material scatters diffusely", -np.inf)
         error = 0.0
-        if facts.pilot is not None and facts.pilot.total > 0:
-            error = facts.pilot.energy_db(slice(1, 3), 1)
-        return Verdict(True, f"diffuse law on {names(rough)}", error)
+        if context.pilot is not None and context.pilot.total > 0:
+            error = context.pilot.energy_db(slice(1, 3), 1)
+        return Assessment(True, f"diffuse law on {names(rough)}", error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Laws that tell h from v need the plane of incidence; that is a property of the law, not an effect."""
-        return {"diffuse": on, "polarised_diffuse": on and _polarised(facts)}
+        return {"diffuse": on, "polarised_diffuse": on and _polarised(context)}
 
 
-def _polarised(facts: Facts) -> bool:
-    wavelength = facts.scene.radar.waveform.wavelength
-    for m in facts.materials:
+def _polarised(context: Context) -> bool:
+    wavelength = context.scene.radar.waveform.wavelength
+    for m in context.materials:
         if m.diffuse_law in ("small_perturbation", "iem"):  # the others treat h and v alike
             table = diffuse_tables(m, wavelength, 16)
             if not np.allclose(table.amplitude_h, table.amplitude_v, rtol=1e-3):

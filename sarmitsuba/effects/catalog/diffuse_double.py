@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 
 
 class DiffuseDouble(Effect):
@@ -21,24 +21,24 @@ class DiffuseDouble(Effect):
     rank = 60
     cost = 0.26
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
-            return Verdict(False, "nothing diffuse", -np.inf)
+            return Assessment(False, "nothing diffuse", -np.inf)
         if not decided["max_depth"].on:
-            return Verdict(False, "no diffuse hit behind a mirror", -np.inf)
-        pilot = facts.pilot
+            return Assessment(False, "no diffuse hit behind a mirror", -np.inf)
+        pilot = context.pilot
         if pilot is None or pilot.total == 0.0:
-            return Verdict(True, "diffuse hits behind mirrors", 0.0)
+            return Assessment(True, "diffuse hits behind mirrors", 0.0)
         energy, cell = pilot.energy_db(slice(1, 3), 2, upper=True), pilot.cell_db(slice(1, 3), 2)
-        if energy <= facts.tolerance_db and cell <= pilot.cell_limit_db(facts.tolerance_db):
-            return Verdict(False, f"pilot: {energy:.0f} dB of the energy at most", energy, measured=True)
+        if energy <= context.tolerance_db and cell <= pilot.cell_limit_db(context.tolerance_db):
+            return Assessment(False, f"pilot: {energy:.0f} dB of the energy at most", energy, measured=True)
         share = pilot.energy_db(slice(1, 3), 2)
-        return Verdict(
+        return Assessment(
             True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
         )
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """A second operator and a third contribution at every hit."""
         return {"diffuse_double": on}
 

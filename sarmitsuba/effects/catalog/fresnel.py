@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 
 
 class Fresnel(Effect):
@@ -20,21 +20,21 @@ class Fresnel(Effect):
     rank = 30
     cost = 0.04
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        lossy = [m for m in facts.materials if not m.pec]
+        lossy = [m for m in context.materials if not m.pec]
         if not lossy:
-            return Verdict(False, "all conductors are perfect", -np.inf)
+            return Assessment(False, "all conductors are perfect", -np.inf)
         if not decided["max_depth"].on and not decided["coherent"].on:
-            return Verdict(False, "nothing reflects and nothing returns coherently", -np.inf)
+            return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
         error = max(_error_db(m) for m in lossy)
-        if error <= facts.tolerance_db:
-            return Verdict(
+        if error <= context.tolerance_db:
+            return Assessment(
                 False, f"{names([m.name for m in lossy])} within {error:.0f} dB of a perfect conductor", error
             )
-        return Verdict(True, f"dielectric {names([m.name for m in lossy])}", error)
+        return Assessment(True, f"dielectric {names([m.name for m in lossy])}", error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Complex reflection coefficients in the kernel."""
         return {"fresnel": on}
 

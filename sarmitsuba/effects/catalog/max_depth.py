@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts, PilotResult
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context, PilotResult
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 
 # bounces followed when neither a proof nor a pilot says how many matter. Rays that leave the scene cost nothing
 # more, so a small run loses little by it
@@ -21,32 +21,32 @@ class MaxDepth(Effect):
     rank = 0
     cost = 0.56
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        settings = facts.scene.settings
+        settings = context.scene.settings
         if settings.method == "raster":
-            return Verdict(False, "the raster method has one bounce", float("nan"), 1)
+            return Assessment(False, "the raster method has one bounce", float("nan"), 1)
         asked = settings.max_depth
-        proof = facts.shape.single_bounce
+        proof = context.shape.single_bounce
         if asked:
             if proof and asked > 1:
-                return Verdict(False, f"asked for {asked}, but {proof}", -np.inf, 1)
-            error = facts.pilot.energy_db(3, asked + 1) if facts.pilot else float("nan")
-            return Verdict(asked > 1, "set by the user", error, asked, asked=True)
+                return Assessment(False, f"asked for {asked}, but {proof}", -np.inf, 1)
+            error = context.pilot.energy_db(3, asked + 1) if context.pilot else float("nan")
+            return Assessment(asked > 1, "set by the user", error, asked, asked=True)
         if proof:
-            return Verdict(False, proof, -np.inf, 1)
-        if facts.pilot is None:
+            return Assessment(False, proof, -np.inf, 1)
+        if context.pilot is None:
             why = f"no proof of fewer and no pilot for so small a run: {DEFAULT_DEPTH} are followed"
-            return Verdict(True, why, float("nan"), DEFAULT_DEPTH)
-        return _measured(facts.pilot, facts.tolerance_db)
+            return Assessment(True, why, float("nan"), DEFAULT_DEPTH)
+        return _measured(context.pilot, context.tolerance_db)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Without it the loop and the reflection are left out."""
         depth = decided[self.name].value or DEFAULT_DEPTH
         return {"multi_bounce": depth > 1}
 
 
-def _measured(pilot: PilotResult, tolerance_db: float) -> Verdict:
+def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     """Fewest bounces after which what is left stays below the tolerance, two standard errors included."""
     limit = pilot.cell_limit_db(tolerance_db)
     depth = pilot.n_orders
@@ -70,7 +70,7 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Verdict:
             f"{_text(pilot.cell_db(3, depth))} over the {over}; beyond it "
             f"{_text(pilot.energy_db(3, depth + 1, upper=True))} at most and {_text(pilot.cell_db(3, depth + 1))}"
         )
-    return Verdict(depth > 1, why, error, depth, measured=True)
+    return Assessment(depth > 1, why, error, depth, measured=True)
 
 
 def _text(value_db: float) -> str:

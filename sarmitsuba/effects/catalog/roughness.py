@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
 
 
@@ -18,21 +18,21 @@ class Roughness(Effect):
     rank = 40
     cost = 0.03
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        height = max((m.rms_height for m in facts.materials), default=0.0)
+        height = max((m.rms_height for m in context.materials), default=0.0)
         if height == 0.0:
-            return Verdict(False, "every surface is smooth", -np.inf)
+            return Assessment(False, "every surface is smooth", -np.inf)
         if not decided["max_depth"].on and not decided["coherent"].on:
-            return Verdict(False, "nothing reflects and nothing returns coherently", -np.inf)
-        loss = -np.expm1(-2.0 * (facts.wavenumber * height) ** 2)  # at normal incidence, the most
+            return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
+        loss = -np.expm1(-2.0 * (context.wavenumber * height) ** 2)  # at normal incidence, the most
         error = 20.0 * float(np.log10(loss))
         rough = f"rms height up to {length(height)}"
-        if error <= facts.tolerance_db:
-            return Verdict(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
-        return Verdict(True, rough, error)
+        if error <= context.tolerance_db:
+            return Assessment(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
+        return Assessment(True, rough, error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """An exponential at every closing and reflection."""
         return {"roughness": on}
 

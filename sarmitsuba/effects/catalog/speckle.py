@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 
 
 class Speckle(Effect):
@@ -19,13 +19,13 @@ class Speckle(Effect):
     title = "Gaussian scatterers"
     rank = 50
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
-            return Verdict(False, "nothing diffuse", -np.inf)
-        return Verdict(True, "diffuse cells carry speckle", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
+            return Assessment(False, "nothing diffuse", -np.inf)
+        return Assessment(True, "diffuse cells carry speckle", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """Box-Muller on the cell's hash."""
         return {"speckle": on}
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 
 
 class Spreading(Effect):
@@ -16,17 +16,17 @@ class Spreading(Effect):
     title = "spreading inside the scene"
     rank = 100
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        reference = np.linalg.norm(facts.corners[-1] - facts.scene.radar.track.center_position)
-        distance = np.linalg.norm(facts.corners[:, None] - facts.antenna, axis=-1)
+        reference = np.linalg.norm(context.corners[-1] - context.scene.radar.track.center_position)
+        distance = np.linalg.norm(context.corners[:, None] - context.antenna, axis=-1)
         change = float(np.abs((reference / distance) ** 2 - 1.0).max())
         error = 20.0 * float(np.log10(change)) if change > 0 else -np.inf
-        if change <= facts.tolerance:
-            return Verdict(False, f"1/R^2 varies by {100 * change:.2g} % only", error)
-        return Verdict(True, f"1/R^2 varies by {100 * change:.2g} %", error)
+        if change <= context.tolerance:
+            return Assessment(False, f"1/R^2 varies by {100 * change:.2g} % only", error)
+        return Assessment(True, f"1/R^2 varies by {100 * change:.2g} %", error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """A division by both legs at every hit."""
         return {"spreading": on}
 

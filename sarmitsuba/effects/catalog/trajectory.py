@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.spec import Scene
+from sarmitsuba.scene.scene import Scene
 
 
 class Trajectory(Effect):
@@ -20,14 +20,14 @@ class Trajectory(Effect):
     title = "trajectory errors"
     rank = 130
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        track = facts.scene.radar.track
+        track = context.scene.radar.track
         if track.is_straight:
-            return Verdict(False, "straight uniform track", -np.inf)
+            return Assessment(False, "straight uniform track", -np.inf)
         departure = float(np.sqrt(np.mean(np.sum((track.position - _fit(track)) ** 2, axis=1))))
-        phase = 2.0 * facts.wavenumber * departure
-        return Verdict(
+        phase = 2.0 * context.wavenumber * departure
+        return Assessment(
             True, f"{length(departure)} rms off a straight line", 20.0 * float(np.log10(min(phase, 2.0)))
         )
 

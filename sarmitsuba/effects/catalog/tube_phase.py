@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
 
 
@@ -21,26 +21,26 @@ class TubePhase(Effect):
     title = "phase integral of ray tubes"
     rank = 120
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["coherent"].on:
-            return Verdict(False, "nothing coherent", -np.inf)
-        if facts.sampling is None:
-            return Verdict(True, "tubes may be wide", float("nan"))
-        spacing = facts.sampling.ray_spacing
-        cosine = max(facts.incidence_cosine[0], 0.05)
-        x = facts.wavenumber * spacing * max(1.0, np.sqrt(1.0 - cosine**2) / cosine)
+            return Assessment(False, "nothing coherent", -np.inf)
+        if context.sampling is None:
+            return Assessment(True, "tubes may be wide", float("nan"))
+        spacing = context.sampling.ray_spacing
+        cosine = max(context.incidence_cosine[0], 0.05)
+        x = context.wavenumber * spacing * max(1.0, np.sqrt(1.0 - cosine**2) / cosine)
         change = min(1.0, float(x * x) / 6.0)
         error = 20.0 * float(np.log10(change))
-        if change <= facts.tolerance:
-            return Verdict(False, f"rays {length(spacing)} apart", error)
-        return Verdict(
+        if change <= context.tolerance:
+            return Assessment(False, f"rays {length(spacing)} apart", error)
+        return Assessment(
             True,
-            f"rays {length(spacing)} apart at a wavelength of {length(2 * np.pi / facts.wavenumber)}",
+            f"rays {length(spacing)} apart at a wavelength of {length(2 * np.pi / context.wavenumber)}",
             error,
         )
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """A sum over the four corners of the ray's patch at every closing; off, the patch's area."""
         return {"tube_phase": on}
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 
 
 class Visibility(Effect):
@@ -16,18 +16,18 @@ class Visibility(Effect):
     title = "shadow rays"
     rank = 110
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["max_depth"].on:
-            return Verdict(False, "the first hit sees the antenna", -np.inf)
-        if facts.shape.open_sight:
-            return Verdict(False, "no face stands between any other and the antenna", -np.inf)
+            return Assessment(False, "the first hit sees the antenna", -np.inf)
+        if context.shape.open_sight:
+            return Assessment(False, "no face stands between any other and the antenna", -np.inf)
         error = 0.0  # a hidden return may be as strong as any
-        if facts.pilot is not None and facts.pilot.total > 0:
-            error = facts.pilot.energy_db(3, 2)
-        return Verdict(True, "later hits can be hidden from the antenna", error)
+        if context.pilot is not None and context.pilot.total > 0:
+            error = context.pilot.energy_db(3, 2)
+        return Assessment(True, "later hits can be hidden from the antenna", error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """One ray query a hit."""
         return {"visibility": on}
 

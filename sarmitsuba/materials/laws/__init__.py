@@ -1,1 +1,1 @@
-"""TODO."""
+"""Diffuse laws, one a file: how the incoherent return of a surface depends on angle."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Radar modes, one a file."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Comparisons with theory, one topic a file."""

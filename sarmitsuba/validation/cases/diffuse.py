@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison, db

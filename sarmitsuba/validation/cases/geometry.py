@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.scene.spec import EFFECT_NAMES, Geometry, Material, Scene, Switch, TraceSettings
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import EFFECT_NAMES, Switch, TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import chain, make_scene, track_distance
 from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison

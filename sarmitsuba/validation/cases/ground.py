@@ -5,7 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sarmitsuba.scene.spec import Material, Scene, TraceSettings
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases.radiometry import METHODS, WINDOWS, bandwidth
 from sarmitsuba.validation.chain import chain, make_scene

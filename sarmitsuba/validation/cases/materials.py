@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison, db
@@ -28,10 +28,9 @@ def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[
     from sarmitsuba.backend import ensure_backend
 
     ensure_backend()
+    from sarmitsuba.backend import dr, mi
     from sarmitsuba.trace import field
-    from sarmitsuba.trace.modules import modules
 
-    dr, mi = modules()
     chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
     te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi, dr)
     dr.eval(te, tm)

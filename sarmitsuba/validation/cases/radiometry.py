@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.scene.spec import Geometry, PointTarget, Scene
+from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import chain, make_scene, track_distance

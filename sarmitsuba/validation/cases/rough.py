@@ -7,7 +7,7 @@ from scipy.integrate import simpson
 from sarmitsuba import theory
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.fresnel import fresnel
-from sarmitsuba.scene.spec import Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases.diffuse import CELL, RAYS_PER_CELL, diffuse_flags

@@ -1,10 +1,10 @@
-"""What adding known paths to pulses costs, and how exact it is: direct and block adders, by block length.
+"""What adding known paths to pulses costs, and how exact it is: direct and block accumulators, by block length.
 
-Run ``python benchmarks/adders.py [--quick] [--out FOLDER]``. Prints tables; with ``--out`` writes
-``adders.json`` and ``adders.md``.
+Run ``python benchmarks/accumulators.py [--quick] [--out FOLDER]``. Prints tables; with ``--out`` writes
+``accumulators.json`` and ``accumulators.md``.
 
-The paths are random points (the worst order for the caches) whose half lengths are computed in float64 inside the
-kernel, as the tracing kernel does; the adders are the ones of the tracing kernel. ``fill`` is that kernel,
+The paths are random points (the worst order for the caches) whose slant ranges are computed in float64 inside the
+kernel, as the tracing kernel does; the accumulators are the ones of the tracing kernel. ``fill`` is that kernel,
 ``finish`` the NumPy part. The error is that of the profiles of a few pulses against a direct sum 7 cells wide.
 
 The second table is of the setting that a scene gets without being asked: width and tolerance of ``TraceSettings``, the
@@ -29,7 +29,7 @@ from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.scene.spec import TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 SLANT_RANGE = 10e3  # m: airborne
 EXTENT = 400.0  # m: a city quarter
@@ -37,14 +37,17 @@ HEIGHT = 30.0  # m: its houses
 FREQUENCY, BANDWIDTH = 9.65e9, 300e6  # Hz: X band, 0.5 m
 N_PULSES = 512  # over the aperture that gives 0.5 m in azimuth
 N_PATHS = 2_560_000  # 4 rays a metre
-DIRECT_PULSES = 8  # pulses the direct adder is timed on: the cost a pulse does not change
+DIRECT_PULSES = 8  # pulses the direct accumulator is timed on: the cost a pulse does not change
 SWAY = 0.3, 3.0  # m: of the curved tracks, one smooth wave over the aperture sideways and up
 JITTER = (
     0.01  # m: of the rough track from pulse to pulse, a third of a wavelength; blocks of 8 do not hold -40 dB
 )
 WIDE = 3000.0, 6000.0  # m: swaths of a third of the slant range and more
 REFLECTED = 3  # every so-manieth path is a multiple reflection
-PROMISED_RATE, PROMISED_DB = 400e6, -40.0  # path-pulses a second on two cores, error of the default adder
+PROMISED_RATE, PROMISED_DB = (
+    400e6,
+    -40.0,
+)  # path-pulses a second on two cores, error of the default accumulator
 
 
 def make_radar(extent: float = EXTENT, sway: float = 0.0, jitter: float = 0.0) -> tuple[Radar, np.ndarray]:
@@ -94,7 +97,7 @@ class Paths:
         self.amplitude = mi.Complex2f(mi.Float(re), mi.Float(im))
         dr.eval(self.position, self.amplitude)
 
-    def add(self, adder: Any, position: np.ndarray, velocity: np.ndarray) -> None:
+    def add(self, accumulator: Any, position: np.ndarray, velocity: np.ndarray) -> None:
         """Add every path as seen from each of the antenna positions (m, 3)."""
         import drjit as dr
         import mitsuba as mi
@@ -108,8 +111,10 @@ class Paths:
         half = dr.sqrt(dr.fma(d[0], d[0], dr.fma(d[1], d[1], d[2] * d[2])))
         rate = (d[0] * motion[0] + d[1] * motion[1] + d[2] * motion[2]) / half
         amplitude = dr.gather(mi.Complex2f, self.amplitude, path)
-        state = adder.add(adder.begin(), mi.UInt32(1), pulse, half, rate, [amplitude], mi.Bool(True))
-        dr.eval(state, adder.memory)
+        state = accumulator.add(
+            accumulator.begin(), mi.UInt32(1), pulse, half, rate, [amplitude], mi.Bool(True)
+        )
+        dr.eval(state, accumulator.memory)
         dr.sync_thread()
 
 
@@ -117,14 +122,14 @@ def run_direct(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to finish, profiles (K, n_samples)."""
-    from sarmitsuba.trace.accumulators import DirectAdder
+    from sarmitsuba.trace.accumulators import DirectAccumulator
 
     t0 = time.perf_counter()
     plan = direct.plan_direct(radar, start, stop, box, width, extra)
-    adder = DirectAdder(plan, 1, 1, 0, radar.waveform.wavelength)
-    paths.add(adder, radar.track.position[start:stop], radar.track.velocity[start:stop])
+    accumulator = DirectAccumulator(plan, 1, 1, 0, radar.waveform.wavelength)
+    paths.add(accumulator, radar.track.position[start:stop], radar.track.velocity[start:stop])
     t1 = time.perf_counter()
-    profiles = direct.finish(adder.grid(), plan, radar)[0]
+    profiles = direct.finish(accumulator.grid(), plan, radar)[0]
     return t1 - t0, time.perf_counter() - t1, profiles
 
 
@@ -132,19 +137,19 @@ def run_block(
     radar: Radar, box: np.ndarray, paths: Paths, start: int, stop: int, width: int, extra: float = 0.0
 ) -> tuple[Any, ...]:
     """Seconds to fill, seconds to synthesise, profiles (K, n_samples)."""
-    from sarmitsuba.trace.accumulators import BlockAdder
+    from sarmitsuba.trace.accumulators import BlockAccumulator
 
     t0 = time.perf_counter()
-    plan = block.plan_block(radar, start, stop, np.zeros(3), box, width, extra_half_length=extra)
-    adder = BlockAdder(plan, 1, 1, 0, radar.waveform.wavelength)
-    paths.add(adder, plan.position[None], plan.velocity[None])
+    plan = block.plan_block(radar, start, stop, np.zeros(3), box, width, extra_slant_range=extra)
+    accumulator = BlockAccumulator(plan, 1, 1, 0, radar.waveform.wavelength)
+    paths.add(accumulator, plan.position[None], plan.velocity[None])
     t1 = time.perf_counter()
-    profiles = block.synthesise(adder.grid(), plan, radar)[0]
+    profiles = block.synthesise(accumulator.grid(), plan, radar)[0]
     return t1 - t0, time.perf_counter() - t1, profiles
 
 
 def measure(n_paths: int, rounds: int) -> list[dict[str, Any]]:
-    """Interleaved rounds of all adders; medians and spreads."""
+    """Interleaved rounds of all accumulators; medians and spreads."""
     radar, box = make_radar()
     paths = Paths(box, n_paths)
     cases = [("direct", DIRECT_PULSES, w) for w in (2, 4, 6)]
@@ -171,7 +176,7 @@ def measure(n_paths: int, rounds: int) -> list[dict[str, Any]]:
         total = times.sum(axis=1)
         rows.append(
             {
-                "adder": kind,
+                "accumulator": kind,
                 "pulses_per_launch": length,
                 "width": width,
                 "fill_s": float(np.median(times[:, 0])),
@@ -211,7 +216,7 @@ def measure_default(case: Case, n_paths: int, rounds: int) -> dict[str, Any]:
     extra = max(0.0, end - float(direct.box_distance(box, radar.track.position)[1].min()))
     begin = time.perf_counter()
     length = block.choose_block_length(
-        radar, np.zeros(3), box, width, settings.tolerance_db, extra_half_length=extra
+        radar, np.zeros(3), box, width, settings.tolerance_db, extra_slant_range=extra
     )
     choosing = time.perf_counter() - begin
     paths = Paths(box, n_paths, radar.track.center_position, extra)
@@ -231,10 +236,10 @@ def measure_default(case: Case, n_paths: int, rounds: int) -> dict[str, Any]:
             errors.append(float(wrong / np.sum(np.abs(truth) ** 2)))
     return {
         "case": case.name,
-        "adder": "block" if length > 1 else "direct (fallback)",
+        "accumulator": "block" if length > 1 else "direct (fallback)",
         "pulses_per_launch": length,
         "width": width,
-        "extra_half_length_m": extra,
+        "extra_slant_range_m": extra,
         "choosing_s": choosing,
         "path_pulses_per_s": n_paths * pulses / float(np.median(seconds)),
         # two cores fully used; what other programs take does not count
@@ -252,18 +257,18 @@ def run(quick: bool) -> harness.Report:
     defaults = [measure_default(case, n_paths, rounds) for case in CASES]
     machine = f"{backend.variant}, {backend.threads} threads, {platform.processor() or platform.machine()}"
     report = harness.Report(
-        "adders",
-        "Adders",
+        "accumulators",
+        "Accumulators",
         f"{n_paths} random paths over {EXTENT:g} m, {N_PULSES} pulses, X band at 10 km; {machine}. Errors are of the "
         "profiles of a few pulses against a direct sum 7 cells wide.",
     )
-    base = next(r for r in rows if r["adder"] == "direct" and r["width"] == 4)["path_pulses_per_s"]
+    base = next(r for r in rows if r["accumulator"] == "direct" and r["width"] == 4)["path_pulses_per_s"]
     report.table(
-        "By adder, block length and width",
-        ["adder", "pulses", "width", "fill ms", "finish ms", "M path-pulses/s", "ratio", "error dB"],
+        "By accumulator, block length and width",
+        ["accumulator", "pulses", "width", "fill ms", "finish ms", "M path-pulses/s", "ratio", "error dB"],
         [
             [
-                r["adder"],
+                r["accumulator"],
                 r["pulses_per_launch"],
                 r["width"],
                 f"{1e3 * r['fill_s']:.0f}",
@@ -280,7 +285,7 @@ def run(quick: bool) -> harness.Report:
         "a third of the paths multiple reflections; direct adding where no block of 8 pulses holds it",
         [
             "track and swath",
-            "adder",
+            "accumulator",
             "pulses",
             "M path-pulses/s",
             "with both cores to itself (processor time)",
@@ -290,7 +295,7 @@ def run(quick: bool) -> harness.Report:
         [
             [
                 r["case"],
-                r["adder"],
+                r["accumulator"],
                 r["pulses_per_launch"],
                 f"{1e-6 * r['path_pulses_per_s']:.0f}",
                 f"{1e-6 * r['path_pulses_per_2_core_s']:.0f}",
@@ -303,7 +308,9 @@ def run(quick: bool) -> harness.Report:
     if not quick:
         for r in defaults[: 1 + len(SWAY)]:
             rate = 1e-6 * r["path_pulses_per_s"]
-            report.claim(f"default adder, {r['case']}", rate, 1e-6 * PROMISED_RATE, at_least=True, unit="M/s")
+            report.claim(
+                f"default accumulator, {r['case']}", rate, 1e-6 * PROMISED_RATE, at_least=True, unit="M/s"
+            )
     for r in defaults:
         report.claim(f"its error, {r['case']}", r["worst_error_db"], PROMISED_DB, at_least=False, unit="dB")
     report.data |= {"machine": machine, "n_paths": n_paths, "rows": rows, "defaults": defaults}
@@ -314,7 +321,7 @@ def main() -> None:
     """Run and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a quarter of the paths, two rounds")
-    parser.add_argument("--out", type=Path, help="folder for adders.json and adders.md")
+    parser.add_argument("--out", type=Path, help="folder for accumulators.json and accumulators.md")
     args = parser.parse_args()
     report = run(args.quick)
     if args.out:

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from sarmitsuba.effects.facts import Facts
-from sarmitsuba.effects.registry import Decision, Effect, Verdict
+from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.registry import Assessment, Decision, Effect
 from sarmitsuba.errors import SceneError
 
 
-class CellSharing(Effect):
+class FootprintSplitting(Effect):
     r"""Off on bare level ground: the rays then go through the cells' middles and the tubes are the cells.
 
     A cell whose middle lies beyond the ground's rim, or on another's ground, gets no ray. The part of it that is on
@@ -24,31 +24,31 @@ class CellSharing(Effect):
     the rim. Only along the cells and through their middles is it a half, and 2 dB above this.
     """
 
-    name = "cell_sharing"
+    name = "footprint_splitting"
     title = "tubes shared among cells"
     rank = 65
     cost = 0.44
 
-    def judge(self, facts: Facts, decided: Mapping[str, Decision]) -> Verdict:
+    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
-            return Verdict(False, "nothing diffuse", -np.inf)
-        obstacle = _obstacle(facts, decided)
+            return Assessment(False, "nothing diffuse", -np.inf)
+        obstacle = _obstacle(context, decided)
         if obstacle:
-            if facts.sampling is not None and facts.scene.settings.effects.get(self.name) == "off":
+            if context.sampling is not None and context.scene.settings.effects.get(self.name) == "off":
                 raise SceneError(
-                    f"{facts.scene.name}: cell_sharing = off is for bare level ground only "
+                    f"{context.scene.name}: footprint_splitting = off is for bare level ground only "
                     f"({obstacle}); {_REMEDIES[obstacle]}"
                 )
-            return Verdict(True, obstacle, float("nan"))
-        error = _rim_db(facts)
-        if error <= facts.tolerance_db:
-            return Verdict(False, "bare level ground: one ray through the middle of each cell", error)
-        return Verdict(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
+            return Assessment(True, obstacle, float("nan"))
+        error = _rim_db(context)
+        if error <= context.tolerance_db:
+            return Assessment(False, "bare level ground: one ray through the middle of each cell", error)
+        return Assessment(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
 
-    def flags(self, on: bool, facts: Facts, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
         """One contribution a tube in place of four; rays on a grid of their own."""
-        return {"cell_sharing": on}
+        return {"footprint_splitting": on}
 
 
 _BOUNCES = "more than one bounce"
@@ -59,42 +59,42 @@ _RASTER = "the raster method has no rays"
 _SHAPE = "not one level plane"
 # what the user can do about each
 _REMEDIES = {
-    _BOUNCES: "max_depth = 1 leaves the others out, cell_sharing = auto keeps them",
-    _COHERENT: "coherent = off leaves the coherent return out, cell_sharing = auto keeps it",
+    _BOUNCES: "max_depth = 1 leaves the others out, footprint_splitting = auto keeps them",
+    _COHERENT: "coherent = off leaves the coherent return out, footprint_splitting = auto keeps it",
     _SPACED: "leave ray_spacing and diffuse_ray_spacing out",
-    _HALVES: "render with --no-error-bars (keep_halves = false)",
-    _RASTER: "take another method, or cell_sharing = auto",
-    _SHAPE: "this scene needs cell_sharing = auto",
+    _HALVES: "render with --no-error-bars (keep_subsets = false)",
+    _RASTER: "take another method, or footprint_splitting = auto",
+    _SHAPE: "this scene needs footprint_splitting = auto",
 }
 
 
-def _obstacle(facts: Facts, decided: Mapping[str, Decision]) -> str:
+def _obstacle(context: Context, decided: Mapping[str, Decision]) -> str:
     """What stands against it, empty when nothing does."""
-    settings = facts.scene.settings
+    settings = context.scene.settings
     if decided["max_depth"].on:
         return _BOUNCES
     if decided["coherent"].on:
         return _COHERENT
     if settings.ray_spacing > 0 or settings.diffuse_ray_spacing > 0:
         return _SPACED
-    if settings.keep_halves:
+    if settings.keep_subsets:
         return _HALVES
     if settings.method == "raster":
         return _RASTER
-    if not facts.shape.level:
+    if not context.shape.level:
         return _SHAPE
     return ""
 
 
-def _rim_db(facts: Facts) -> float:
+def _rim_db(context: Context) -> float:
     """Energy of what is in the wrong cell along the ground's rim, over that of the ground, dB."""
-    if facts.sampling is None:
+    if context.sampling is None:
         return np.inf
-    low, high = facts.sampling.box[:, :2] + facts.sampling.cell * np.array([[-1.0], [1.0]])
-    rim = facts.shape.rim_length(low, high)
-    area = min(float(facts.shape.areas.sum()), float(np.prod(high - low)))
-    share = rim * facts.sampling.cell / (np.pi * area)
+    low, high = context.sampling.box[:, :2] + context.sampling.cell * np.array([[-1.0], [1.0]])
+    rim = context.shape.rim_length(low, high)
+    area = min(float(context.shape.areas.sum()), float(np.prod(high - low)))
+    share = rim * context.sampling.cell / (np.pi * area)
     return 10.0 * float(np.log10(share)) if share > 0 else -np.inf
 
 
-EFFECT = CellSharing()
+EFFECT = FootprintSplitting()

@@ -1,4 +1,4 @@
-"""What effects are decided from: facts of the scene and the radar, and what a pilot trace measured."""
+"""What effects are decided from: context of the scene and the radar, and what a pilot trace measured."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.effects.shape import ShapeFacts
-from sarmitsuba.scene.spec import Material, Scene
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ def _ratio_db(power: float, reference: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Facts:
+class Context:
     """All that an effect may look at.
 
     Parameters
@@ -197,4 +198,4 @@ class Facts:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "Facts", "PilotResult", "Sampling"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "Context", "PilotResult", "Sampling"]

@@ -1,0 +1,97 @@
+"""How to trace, and which image is asked for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Method = Literal["raw", "hybrid", "image", "raster"]
+Switch = Literal["auto", "on", "off"]
+METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
+# an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
+TOLERANCE_DB = -40.0
+EFFECT_NAMES: tuple[str, ...] = (
+    "fresnel",
+    "roughness",
+    "coherent",
+    "diffuse",
+    "speckle",
+    "cross_polarisation",
+    "antenna_pattern",
+    "spreading",
+    "visibility",
+    "tube_phase",
+    "diffuse_double",
+    "footprint_splitting",
+    "noise",
+    "depolarisation",
+    "trajectory",
+)
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """How to trace; zero means automatic where the parameter says so.
+
+    Parameters
+    ----------
+    method : ``raw`` (every pulse traced), ``hybrid`` (key pulses), ``image`` (one look),
+        ``raster`` (one bounce)
+    max_depth : most bounces; 0 = automatic
+    ray_spacing : m, distance between rays in the launch plane; 0 = automatic
+    diffuse_ray_spacing : m, of the rays that find diffuse scatterers; 0 = automatic, at least ``ray_spacing``
+    key_pulse_interval : pulses that share one tracing; 0 = automatic
+    scatterer_cell : m, side of the cells that carry one persistent diffuse scatterer; 0 = automatic
+    gridding_width : samples that one contribution is spread over
+    seed : of every random number
+    keep_orders : keep contributions of different bounce numbers apart
+    keep_subsets : keep two independent ray subsets apart
+    phase_precision : arithmetic of path lengths and phases
+    tolerance_db : an effect that changes the image by less is left out, dB of its clutter or peak; below 0
+    target_error_db : dB of the image's clutter or peak; 0 = off
+    time_limit : s; 0 = off
+    default_rms_height : m, roughness of materials that state none; used while loading
+    effects : every name of ``EFFECT_NAMES`` to ``auto``, ``on`` or ``off``
+    """
+
+    method: Method = "hybrid"
+    max_depth: int = 0
+    ray_spacing: float = 0.0
+    diffuse_ray_spacing: float = 0.0
+    key_pulse_interval: int = 0
+    scatterer_cell: float = 0.0
+    gridding_width: int = 4
+    seed: int = 0
+    keep_orders: bool = False
+    keep_subsets: bool = False
+    phase_precision: Literal["double", "single"] = "double"
+    tolerance_db: float = TOLERANCE_DB
+    target_error_db: float = 0.0
+    time_limit: float = 0.0
+    default_rms_height: float = 1e-3
+    effects: Mapping[str, Switch] = field(default_factory=lambda: dict.fromkeys(EFFECT_NAMES, "auto"))
+
+
+@dataclass(frozen=True)
+class ImageRequest:
+    """Which image the scene file asks for.
+
+    Parameters
+    ----------
+    grid : ``slant`` or ``ground``
+    center_x, center_y : m, scene frame
+    height : m, scene frame; of the horizontal plane the image stands on
+    extent_azimuth, extent_range : m on the ground
+    spacing_azimuth, spacing_range : m; 0 = half a resolution cell
+    """
+
+    grid: Literal["slant", "ground"] = "slant"
+    center_x: float = 0.0
+    center_y: float = 0.0
+    height: float = 0.0
+    extent_azimuth: float = 100.0
+    extent_range: float = 100.0
+    spacing_azimuth: float = 0.0
+    spacing_range: float = 0.0
+
+
+__all__ = ["EFFECT_NAMES", "METHODS", "TOLERANCE_DB", "ImageRequest", "Method", "Switch", "TraceSettings"]
