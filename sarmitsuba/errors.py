@@ -29,9 +29,14 @@ class SarmitsubaWarning(UserWarning):
     """The result stands, but something about it deserves a look; one line."""
 
 
+class ExtensionError(SarmitsubaError):
+    """A registered entry or a user's extension module that cannot be found or used."""
+
+
 __all__ = [
     "BackendError",
     "DataError",
+    "ExtensionError",
     "OutputError",
     "RadarError",
     "SarmitsubaError",

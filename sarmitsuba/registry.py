@@ -1,0 +1,137 @@
+"""Where laws, modes, focusers, effects, formats ... are found by name: one small class for every kind.
+
+An entry is any object with a ``name``. Built-in entries are the modules of one folder, imported at the first look-up;
+a new file in that folder is all that a new entry needs. A user's own module registers its entries when it is
+imported: in Python by ``import``, on the command line by ``--extension``, installed by an entry point of the group
+``sarmitsuba.extensions``.
+"""
+
+import importlib
+import importlib.metadata
+import importlib.util
+import pkgutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Generic, Protocol, TypeVar
+
+from sarmitsuba.errors import ExtensionError
+
+ENTRY_POINTS = "sarmitsuba.extensions"
+
+
+class Named(Protocol):
+    """What a registry can hold."""
+
+    @property
+    def name(self) -> str:
+        """Name that users write."""
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Registry(Generic[T]):
+    """Entries of one kind by name.
+
+    Parameters
+    ----------
+    kind : what an entry is, for messages, e.g. ``diffuse law``
+    package : folder of modules that hold the built-in entries, dotted; imported at the first look-up
+    """
+
+    def __init__(self, kind: str, package: str | None = None) -> None:
+        self.kind = kind
+        self._package = package
+        self._entries: dict[str, T] = {}
+        self._loaded = package is None
+
+    def register(self, entry: T) -> T:
+        """Add an entry and return it.
+
+        Raises
+        ------
+        ExtensionError
+            The name is taken, or is no identifier-like word.
+        """
+        name = entry.name
+        if not name or not name.replace("-", "_").replace(":", "_").isidentifier():
+            raise ExtensionError(f"{self.kind} {name!r}: the name must be a word of letters, digits and _")
+        old = self._entries.get(name)
+        if old is not None and type(old).__module__ != type(entry).__module__:
+            raise ExtensionError(f"{self.kind} {name!r} is registered twice; choose another name")
+        self._entries[name] = entry
+        return entry
+
+    def __getitem__(self, name: str) -> T:
+        """The entry of that name.
+
+        Raises
+        ------
+        ExtensionError
+            There is none; the message lists the names.
+        """
+        self._load()
+        try:
+            return self._entries[name]
+        except KeyError:
+            raise ExtensionError(
+                f"{self.kind} {name!r} is unknown; choose one of {', '.join(self._entries)}"
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        self._load()
+        return name in self._entries
+
+    def __iter__(self) -> Iterator[T]:
+        self._load()
+        return iter(tuple(self._entries.values()))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name, in order of registration."""
+        self._load()
+        return tuple(self._entries)
+
+    def _load(self) -> None:
+        if self._loaded:
+            return
+        self._loaded = True
+        assert self._package is not None
+        package = importlib.import_module(self._package)
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{self._package}.{module.name}")
+        for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+            importlib.import_module(point.value)
+
+
+def load_extension(module_or_file: str) -> None:
+    """Import a user's module, which registers what it holds.
+
+    Parameters
+    ----------
+    module_or_file : dotted name of an importable module, or path of a ``.py`` file
+
+    Raises
+    ------
+    ExtensionError
+        It cannot be found or imported.
+    """
+    path = Path(module_or_file)
+    try:
+        if path.suffix != ".py":
+            importlib.import_module(module_or_file)
+            return
+        if not path.is_file():
+            raise ExtensionError(f"{path}: there is no such extension file")
+        name = f"sarmitsuba_extension_{path.stem}"
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    except (ImportError, SyntaxError) as error:
+        raise ExtensionError(f"{module_or_file}: cannot be imported: {error}") from error
+
+
+__all__ = ["ENTRY_POINTS", "Registry", "load_extension"]
