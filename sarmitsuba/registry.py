@@ -44,6 +44,7 @@ class Registry(Generic[T]):
         self.kind = kind
         self._package = package
         self._entries: dict[str, T] = {}
+        self._owners: dict[str, str] = {}
         self._loaded = package is None
 
     def register(self, entry: T) -> T:
@@ -52,14 +53,14 @@ class Registry(Generic[T]):
         Raises
         ------
         ExtensionError
-            The name is taken, or is no identifier-like word.
+            Another module has taken the name, or it is not one word.
         """
         name = entry.name
         if not name or not name.replace("-", "_").replace(":", "_").isidentifier():
             raise ExtensionError(f"{self.kind} {name!r}: the name must be a word of letters, digits and _")
-        old = self._entries.get(name)
-        if old is not None and type(old).__module__ != type(entry).__module__:
-            raise ExtensionError(f"{self.kind} {name!r} is registered twice; choose another name")
+        owner = sys._getframe(1).f_globals.get("__name__", "")  # a module that is run again replaces its own entry
+        if self._owners.setdefault(name, owner) != owner:
+            raise ExtensionError(f"{self.kind} {name!r} is registered by {self._owners[name]} already")
         self._entries[name] = entry
         return entry
 
