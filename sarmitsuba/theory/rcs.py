@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1, struve
 
-from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.theory.fresnel import fresnel
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

@@ -7,9 +7,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
+from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.radar_builder import RadarInput, build_radar
@@ -19,8 +21,14 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.units import db_from_power
+from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
+Method = Literal["backprojection", "omega_k"]
+METHODS: tuple[Method, ...] = ("backprojection", "omega_k")
+WINDOWS = ("rectangular", "hamming", "taylor:4:-35", "kaiser:2.5")
+RCS_DBSM = 7.0
 
 
 def make_scene(
@@ -63,7 +71,7 @@ def chain(
     scene: Scene,
     *,
     chirped: bool = False,
-    method: Literal["backprojection", "omega_k"] = "backprojection",
+    method: Method = "backprojection",
     window: str = "rectangular",
     seed: int | None = None,
 ) -> SarImage:
@@ -87,4 +95,73 @@ def track_distance(radar: Radar, points: ArrayLike) -> F64:
     return np.asarray(np.linalg.norm(leg - (leg @ along)[..., None] * along, axis=-1))
 
 
-__all__ = ["chain", "make_scene", "track_distance"]
+def bandwidth(resolution: float) -> float:
+    """Bandwidth of a slant-range cell, Hz."""
+    return SPEED_OF_LIGHT / (2.0 * resolution)
+
+
+def point_scene(slant_range: float, resolution: float, **changes: Any) -> Scene:
+    """An ideal point of 7 dBsm somewhere off the aim point, X band."""
+    cell = resolution
+    parameters: dict[str, Any] = {
+        "slant_range": slant_range,
+        "look_angle_deg": 40.0,
+        "azimuth_resolution": resolution,
+        "bandwidth": bandwidth(resolution),
+        "center_frequency": 9.65e9,
+        "speed": 7500.0 if slant_range > 200e3 else 150.0,
+        "image_extent_azimuth": 48.0 * cell,
+        "image_extent_range": 72.0 * cell,
+    } | changes
+    point = PointTarget("point", np.array([3.3 * cell, -2.7 * cell, 0.4 * cell]), 10.0 ** (RCS_DBSM / 10.0))
+    return make_scene(None, points=(point,), **parameters)
+
+
+def peak_dbsm(image: SarImage) -> float:
+    """Calibrated peak of the brightest target, dBsm."""
+    return float(db_from_power(point_target_in(image).rcs))
+
+
+def ground_scene(
+    look_angle_deg: float,
+    cell: float,
+    slant_range: float,
+    level: float,
+    n_cells: float = 128.0,
+    **changes: Any,
+) -> Scene:
+    """Flat diffuse ground of constant sigma0 that overfills the image."""
+    ground_cell = cell / np.sin(np.radians(look_angle_deg))
+    height, width = n_cells * cell, n_cells * ground_cell
+    margin = 1.25
+    material = Material(
+        "ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level, rms_height=0.1
+    )
+    geometry = targets.plate(width * margin, height * margin)
+    settings = changes.pop("settings", TraceSettings(max_depth=1))
+    parameters: dict[str, Any] = {
+        "slant_range": slant_range,
+        "look_angle_deg": look_angle_deg,
+        "azimuth_resolution": cell,
+        "bandwidth": bandwidth(cell),
+        "center_frequency": 9.65e9,
+        "speed": 7500.0 if slant_range > 200e3 else 150.0,
+        "image_extent_azimuth": height,
+        "image_extent_range": width,
+    } | changes
+    return make_scene(geometry, (material,), settings=settings, **parameters)
+
+
+__all__ = [
+    "METHODS",
+    "RCS_DBSM",
+    "WINDOWS",
+    "Method",
+    "bandwidth",
+    "chain",
+    "ground_scene",
+    "make_scene",
+    "peak_dbsm",
+    "point_scene",
+    "track_distance",
+]

@@ -7,15 +7,6 @@ import numpy as np
 
 from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
 
-TITLES = {
-    "canonical": "Canonical radar cross sections",
-    "materials": "Materials",
-    "rough": "Rough surfaces",
-    "geometry": "Geometry of the image",
-    "radiometry": "Radiometry end to end",
-    "statistics": "Statistics",
-}
-
 LIMITS = """## What the closed forms leave out, and so does the simulator
 
 - Edge diffraction, surface and creeping waves: physical optics and geometrical optics, both here and there. The
@@ -58,11 +49,10 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
     ]
     if facts:
         lines += [", ".join(f"{name} {value}" for name, value in facts.items()) + ".", ""]
-    for topic in TOPICS:
+    given = dict.fromkeys(case.topic for case in cases)
+    for topic in [*(t for t in TOPICS if t in given), *(t for t in given if t not in TOPICS)]:
         members = [case for case in cases if case.topic == topic]
-        if not members:
-            continue
-        lines += [f"## {TITLES[topic]}", "", *_table(members), ""]
+        lines += [f"## {TOPICS.get(topic, topic.capitalize())}", "", *_table(members), ""]
         for case in members:
             lines += [
                 f"### {case.title}",
@@ -108,7 +98,7 @@ def _short(value: float) -> str:
 
 
 def summary_lines(cases: Sequence[Case]) -> list[str]:
-    """One line a comparison for the terminal, and the summary last."""
+    """One line per comparison for the terminal, and the summary last."""
     lines = []
     for case in cases:
         for c in case.comparisons:

@@ -5,13 +5,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sarmitsuba.materials.material import Material
-from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.validation import targets
-from sarmitsuba.validation.cases.radiometry import METHODS, WINDOWS, bandwidth
-from sarmitsuba.validation.chain import chain, make_scene
-from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison, db
+from sarmitsuba.units import db_from_power
+from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.chain import METHODS, WINDOWS, chain, ground_scene
+from sarmitsuba.validation.comparison import Case, Comparison
 
 # what a series does not change
 BASE: dict[str, Any] = {
@@ -116,42 +114,10 @@ def _ground_level(
     inner = sigma0[n_a // 8 : -(n_a // 8), n_r // 8 : -(n_r // 8)]
     area = inner.size * image.grid.azimuth_spacing * image.grid.range_spacing
     looks = area / (image.azimuth_resolution_cell * image.range_resolution_cell)
-    return float(db(inner.mean())), float(10.0 / np.log(10.0) / np.sqrt(looks))
+    return float(db_from_power(inner.mean())), float(10.0 / np.log(10.0) / np.sqrt(looks))
 
 
-def ground_scene(
-    look_angle_deg: float,
-    cell: float,
-    slant_range: float,
-    level: float,
-    n_cells: float = 128.0,
-    **changes: Any,
-) -> Scene:
-    """Flat diffuse ground of constant sigma0 that overfills the image."""
-    ground_cell = cell / np.sin(np.radians(look_angle_deg))
-    height, width = n_cells * cell, n_cells * ground_cell
-    margin = 1.25
-    material = Material(
-        "ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level, rms_height=0.1
-    )
-    geometry = targets.plate(width * margin, height * margin)
-    settings = changes.pop("settings", TraceSettings(max_depth=1))
-    parameters: dict[str, Any] = {
-        "slant_range": slant_range,
-        "look_angle_deg": look_angle_deg,
-        "azimuth_resolution": cell,
-        "bandwidth": bandwidth(cell),
-        "center_frequency": 9.65e9,
-        "speed": 7500.0 if slant_range > 200e3 else 150.0,
-        "image_extent_azimuth": height,
-        "image_extent_range": width,
-    } | changes
-    return make_scene(geometry, (material,), settings=settings, **parameters)
+CASES.register(CaseEntry("ground_sigma0", "radiometry", ground_sigma0))
+CASES.register(CaseEntry("ground_rays", "radiometry", ground_rays))
 
-
-CASES = (
-    CaseEntry("ground_sigma0", "radiometry", ground_sigma0),
-    CaseEntry("ground_rays", "radiometry", ground_rays),
-)
-
-__all__ = ["CASES", "ground_rays", "ground_scene", "ground_sigma0"]
+__all__ = ["ground_rays", "ground_sigma0"]
