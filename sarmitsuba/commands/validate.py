@@ -1,4 +1,4 @@
-"""Compare the simulator with closed forms: a table on the terminal, a page with a plot for every case."""
+"""Compare the simulator with closed forms. Prints a table and writes a page with one plot per case."""
 
 import argparse
 import importlib.metadata
@@ -19,16 +19,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         default=Path("docs"),
-        help="folder of validation.md and images/validation",
+        help="folder for validation.md and images/validation (default docs)",
     )
     parser.add_argument(
-        "--case", nargs="+", default=[], metavar="NAME", help="only these cases; no page is written"
+        "--case", nargs="+", default=[], metavar="NAME", help="run only these cases, and write no page"
     )
     parser.add_argument(
-        "--topic", nargs="+", default=[], metavar="TOPIC", help="only these topics; no page is written"
+        "--topic", nargs="+", default=[], metavar="TOPIC", help="run only these topics, and write no page"
     )
     parser.add_argument(
-        "--quick", action="store_true", help="fewer bands, angles and looks, as the tests run them"
+        "--quick", action="store_true", help="use fewer bands, angles and looks, as the tests do"
     )
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
 

@@ -152,7 +152,8 @@ def _transition(
         weight = phase ** (2 * n) / factorial(n) * spectrum
         upper += weight * abs(slope) ** 2 / 4.0
         lower += weight * abs(slope / 2.0 + 2.0 ** (n + 1) * normal / c * exp(-(phase**2))) ** 2
-    return 1.0 - upper / lower * abs(1.0 + 8.0 * normal / (c * slope)) ** 2
+    share = 1.0 - upper / lower * abs(1.0 + 8.0 * normal / (c * slope)) ** 2
+    return min(1.0, max(0.0, share))  # near the normal it falls below zero, where it means nothing
 
 
 def shared_energy_sigma0(

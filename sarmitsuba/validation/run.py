@@ -19,10 +19,10 @@ def select(names: Collection[str] = (), topics: Collection[str] = ()) -> tuple[C
     known = {entry.topic for entry in entries}
     for name in names:
         if name not in CASES:
-            raise OutputError(f"validate: there is no case {name!r}; `validate --list` names them")
+            raise OutputError(f"validate: there is no case {name!r}; `validate --list` shows all cases")
     for topic in topics:
         if topic not in known:
-            raise OutputError(f"validate: there is no topic {topic!r}; `validate --list` names them")
+            raise OutputError(f"validate: there is no topic {topic!r}; `validate --list` shows all topics")
     order = [*TOPICS, *sorted(known - set(TOPICS))]
     chosen = [e for e in entries if not (names or topics) or e.name in names or e.topic in topics]
     return tuple(sorted(chosen, key=lambda entry: order.index(entry.topic)))
