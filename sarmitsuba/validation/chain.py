@@ -1,8 +1,8 @@
 """Scenes built in memory for validation, and the whole chain on them: trace, chirp, compress, focus, calibrate."""
 
 import warnings
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,8 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
+# of ``sar_antenna`` and ``range_film``, as a scene file gives them
+Parameter = float | str | bool
 Method = Literal["backprojection", "omega_k"]
 METHODS: tuple[Method, ...] = ("backprojection", "omega_k")
 WINDOWS = ("rectangular", "hamming", "taylor:4:-35", "kaiser:2.5")
@@ -33,11 +35,11 @@ RCS_DBSM = 7.0
 
 def make_scene(
     geometry: Geometry | None,
-    materials: tuple[Material, ...] = (),
+    materials: tuple[Material, ...],
+    parameters: Mapping[str, Parameter],
     *,
     points: Sequence[PointTarget] = (),
     settings: TraceSettings | None = None,
-    **parameters: Any,
 ) -> Scene:
     """Scene from geometry and points in memory; ``parameters`` are those of ``sar_antenna`` and ``range_film``."""
     geometry = geometry or Geometry.empty()
@@ -100,10 +102,10 @@ def bandwidth(resolution: float) -> float:
     return SPEED_OF_LIGHT / (2.0 * resolution)
 
 
-def point_scene(slant_range: float, resolution: float, **changes: Any) -> Scene:
+def point_scene(slant_range: float, resolution: float, **changes: Parameter) -> Scene:
     """An ideal point of 7 dBsm somewhere off the aim point, X band."""
     cell = resolution
-    parameters: dict[str, Any] = {
+    parameters: dict[str, Parameter] = {
         "slant_range": slant_range,
         "look_angle_deg": 40.0,
         "azimuth_resolution": resolution,
@@ -112,9 +114,10 @@ def point_scene(slant_range: float, resolution: float, **changes: Any) -> Scene:
         "speed": 7500.0 if slant_range > 200e3 else 150.0,
         "image_extent_azimuth": 48.0 * cell,
         "image_extent_range": 72.0 * cell,
-    } | changes
+        **changes,
+    }
     point = PointTarget("point", np.array([3.3 * cell, -2.7 * cell, 0.4 * cell]), 10.0 ** (RCS_DBSM / 10.0))
-    return make_scene(None, points=(point,), **parameters)
+    return make_scene(None, (), parameters, points=(point,))
 
 
 def peak_dbsm(image: SarImage) -> float:
@@ -128,7 +131,9 @@ def ground_scene(
     slant_range: float,
     level: float,
     n_cells: float = 128.0,
-    **changes: Any,
+    *,
+    settings: TraceSettings | None = None,
+    **changes: Parameter,
 ) -> Scene:
     """Flat diffuse ground of constant sigma0 that overfills the image."""
     ground_cell = cell / np.sin(np.radians(look_angle_deg))
@@ -138,8 +143,7 @@ def ground_scene(
         "ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level, rms_height=0.1
     )
     geometry = targets.plate(width * margin, height * margin)
-    settings = changes.pop("settings", TraceSettings(max_depth=1))
-    parameters: dict[str, Any] = {
+    parameters: dict[str, Parameter] = {
         "slant_range": slant_range,
         "look_angle_deg": look_angle_deg,
         "azimuth_resolution": cell,
@@ -148,8 +152,9 @@ def ground_scene(
         "speed": 7500.0 if slant_range > 200e3 else 150.0,
         "image_extent_azimuth": height,
         "image_extent_range": width,
-    } | changes
-    return make_scene(geometry, (material,), settings=settings, **parameters)
+        **changes,
+    }
+    return make_scene(geometry, (material,), parameters, settings=settings or TraceSettings(max_depth=1))
 
 
 __all__ = [
@@ -157,6 +162,7 @@ __all__ = [
     "RCS_DBSM",
     "WINDOWS",
     "Method",
+    "Parameter",
     "bandwidth",
     "chain",
     "ground_scene",

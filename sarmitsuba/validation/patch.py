@@ -1,8 +1,5 @@
 """Mean echo of a rough patch alone, through the kernel in the far field."""
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,9 +21,9 @@ SIZE, LOOKS = 24.0, 150
 RIM_DB = 10.0 * np.log10(1.0 + 4.0 * 0.14 / SIZE)
 
 
-def diffuse_flags(channels: tuple[str, ...], **changes: Any) -> KernelFlags:
+def diffuse_flags(channels: tuple[str, ...]) -> KernelFlags:
     """Kernel effects of a lone rough patch: diffuse scatterers and nothing else."""
-    flags = KernelFlags(
+    return KernelFlags(
         channels=channels,
         fresnel=False,
         roughness=False,
@@ -38,7 +35,6 @@ def diffuse_flags(channels: tuple[str, ...], **changes: Any) -> KernelFlags:
         visibility=False,
         multi_bounce=False,
     )
-    return replace(flags, **changes)
 
 
 def standard_error(seeds: int) -> float:

@@ -1,6 +1,6 @@
 """Blocks and planes in a slant-range image, and where edges and lines lie in its range profile."""
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,11 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.chain import make_scene, track_distance
+from sarmitsuba.validation.chain import Parameter, make_scene, track_distance
 
 F64 = NDArray[np.float64]
+# meshes and the material of each
+Part = tuple[list[targets.Mesh], list[int]]
 HEIGHT, WIDTH, LENGTH = 12.0, 9.0, 64.0
 AZIMUTH_CELL, BANDWIDTH = 1.5, 400e6
 RANGE_CELL = SPEED_OF_LIGHT / (2.0 * BANDWIDTH)
@@ -31,14 +33,12 @@ BRIGHT = Material(
 )
 
 
-def diffuse_only(**settings: Any) -> TraceSettings:
+def diffuse_only(settings: TraceSettings) -> TraceSettings:
     """Settings without the coherent returns of smooth faces, whose rims draw bright lines of their own."""
-    return TraceSettings(effects={**TraceSettings().effects, "coherent": "off"}, **settings)
+    return replace(settings, effects={**settings.effects, "coherent": "off"})
 
 
-def box(
-    low: tuple[float, float, float], high: tuple[float, float, float], material: int
-) -> tuple[list[Any], list[int]]:
+def box(low: tuple[float, float, float], high: tuple[float, float, float], material: int) -> Part:
     """Six faces of a box as meshes, all of one material."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     dx, dy, dz = [x1 - x0, 0, 0], [0, y1 - y0, 0], [0, 0, z1 - z0]
@@ -53,19 +53,17 @@ def box(
     return faces, [material] * 6
 
 
-def plane(
-    x0: float, x1: float, material: int, z: float = 0.0, length: float = 2.0 * LENGTH
-) -> tuple[list[Any], list[int]]:
+def plane(x0: float, x1: float, material: int, z: float = 0.0, length: float = 2.0 * LENGTH) -> Part:
     """Level rectangle about y = 0."""
     return [targets.parallelogram([x0, -length / 2, z], [x1 - x0, 0, 0], [0, length, 0])], [material]
 
 
 def scene_of(
-    parts: list[tuple[list[Any], list[int]]],
+    parts: list[Part],
     materials: tuple[Material, ...],
     theta: float,
     settings: TraceSettings,
-    **sensor: Any,
+    **sensor: Parameter,
 ) -> Scene:
     """Scene of meshes at a look angle (deg); the near side of everything faces -x, so left looks mirror x."""
     meshes = [mesh for part in parts for mesh in part[0]]
@@ -80,7 +78,7 @@ def scene_of(
             geometry.mesh_names,
             geometry.mesh_face_offset,
         )
-    parameters: dict[str, Any] = {
+    parameters: dict[str, Parameter] = {
         "slant_range": SLANT_RANGE,
         "look_angle_deg": theta,
         "azimuth_resolution": AZIMUTH_CELL,
@@ -89,8 +87,9 @@ def scene_of(
         "speed": 150.0,
         "image_extent_azimuth": LENGTH - 8.0,
         "image_extent_range": 110.0,
-    } | sensor
-    return make_scene(geometry, materials, settings=settings, **parameters)
+        **sensor,
+    }
+    return make_scene(geometry, materials, parameters, settings=settings)
 
 
 def profile(image: SarImage, scene: Scene, order: int = 0) -> tuple[F64, F64]:
@@ -131,7 +130,7 @@ def line(axis: F64, power: F64, expected: float, reach: float = 2.0) -> float:
     return float((weight * axis).sum() / weight.sum())
 
 
-def setups(quick: bool) -> dict[str, tuple[F64, dict[str, Any]]]:
+def setups(quick: bool) -> dict[str, tuple[F64, dict[str, Parameter]]]:
     """Look angles and sensor parameters of each series."""
     if quick:
         return {

@@ -1,15 +1,14 @@
 """Where the image shows a bridge over water: its multiple returns."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
-from sarmitsuba.validation.chain import chain
+from sarmitsuba.validation.chain import Parameter, chain
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.profiles import (
     BLACK,
@@ -34,7 +33,7 @@ def bridge(quick: bool = False) -> Case:
     """Bridge over calm water: single, double and triple returns of its side, and the ghost from under the deck."""
     comparisons = []
     height, thick = 8.0, 0.2
-    series: dict[str, tuple[F64, dict[str, Any]]] = {
+    series: dict[str, tuple[F64, dict[str, Parameter]]] = {
         "right": (np.array([40.0] if quick else [25.0, 35.0, 50.0]), {})
     }
     if not quick:
@@ -51,7 +50,7 @@ def bridge(quick: bool = False) -> Case:
                 [([side], [0]), plane(-18, 18, 1)],
                 (BRIGHT, MIRROR),
                 theta,
-                diffuse_only(max_depth=2, ray_spacing=0.09, scatterer_cell=0.5 * thick),
+                diffuse_only(TraceSettings(max_depth=2, ray_spacing=0.09, scatterer_cell=0.5 * thick)),
                 **(sensor | {"image_extent_range": 60.0}),
             )
             axis, power = profile(chain(scene, window="taylor:4:-35"), scene)
@@ -74,7 +73,7 @@ def bridge(quick: bool = False) -> Case:
                 [deck, roadway, plane(-20, 60, 1)],
                 (deck_material, MIRROR, BLACK),
                 theta,
-                diffuse_only(max_depth=4, ray_spacing=0.18),
+                diffuse_only(TraceSettings(max_depth=4, ray_spacing=0.18)),
                 **(sensor | {"image_extent_range": 160.0}),
             )
             axis, power = profile(chain(under, window="taylor:4:-35"), under)

@@ -1,5 +1,7 @@
 """A smooth wall on rough ground."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,7 +67,9 @@ def canonical_building(quick: bool = False) -> Case:
 
 def _wall_on_ground(ground: Material, theta: float, looks: int, seeds: int) -> F64:
     """(3, 2) mean power of bounce orders 1 to 3 in HH and VV, m^2."""
-    flags = diffuse_flags(("HH", "VV"), fresnel=True, multi_bounce=True, visibility=True, diffuse_double=True)
+    flags = replace(
+        diffuse_flags(("HH", "VV")), fresnel=True, multi_bounce=True, visibility=True, diffuse_double=True
+    )
     # azimuths far enough apart for speckle of 24 m to change, near enough for the wall's projection to stay
     azimuth = np.linspace(-0.02, 0.02, looks)
     power = np.zeros((3, 2))

@@ -1,5 +1,7 @@
 """Absolute level and cross polarisation of diffuse ground through the kernel."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sarmitsuba.materials.material import Material
@@ -59,7 +61,7 @@ def cross_polarisation(quick: bool = False) -> Case:
                 float(t),
                 channels=channels,
                 seeds=seeds,
-                flags=diffuse_flags(channels, depolarisation=True),
+                flags=replace(diffuse_flags(channels), depolarisation=True),
             )
             for t in theta
         ]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from sarmitsuba import theory
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import chain
 from sarmitsuba.validation.comparison import Case, Comparison
@@ -32,8 +33,8 @@ from sarmitsuba.validation.profiles import (
 def building(quick: bool = False) -> Case:
     """Layover of a wall, roof, shadow, dihedral line and wall-ground-wall return of a building."""
     comparisons = []
-    settings = diffuse_only(max_depth=1, scatterer_cell=SCATTERER_CELL)
-    bounces = diffuse_only(max_depth=3, keep_orders=True, scatterer_cell=SCATTERER_CELL)
+    settings = diffuse_only(TraceSettings(max_depth=1, scatterer_cell=SCATTERER_CELL))
+    bounces = diffuse_only(TraceSettings(max_depth=3, keep_orders=True, scatterer_cell=SCATTERER_CELL))
     half = LENGTH / 2
     for label, (angles, sensor) in setups(quick).items():
         names = (

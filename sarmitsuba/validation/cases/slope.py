@@ -3,6 +3,7 @@
 import numpy as np
 
 from sarmitsuba import theory
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import chain
@@ -22,7 +23,7 @@ from sarmitsuba.validation.profiles import (
 def slope(quick: bool = False) -> Case:
     """Foreshortening: slant-range length of a slope facing the radar, from flat to laid over."""
     comparisons = []
-    settings = diffuse_only(max_depth=1, scatterer_cell=SCATTERER_CELL)
+    settings = diffuse_only(TraceSettings(max_depth=1, scatterer_cell=SCATTERER_CELL))
     size = 16.0
     slopes = np.array([0.0, 15.0] if quick else [-15.0, 0.0, 15.0, 30.0])
     for theta in (35.0,) if quick else (25.0, 40.0, 55.0):

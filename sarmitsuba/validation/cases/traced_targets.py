@@ -48,14 +48,16 @@ def traced_rcs(quick: bool = False) -> Case:
                 scene = make_scene(
                     shape,
                     targets.PEC,
-                    slant_range=slant_range,
-                    look_angle_deg=40.0,
-                    azimuth_resolution=resolution,
-                    bandwidth=bandwidth(resolution),
-                    center_frequency=9.65e9,
-                    speed=7500.0 if slant_range > 200e3 else 150.0,
-                    image_extent_azimuth=24.0 * resolution,
-                    image_extent_range=36.0 * resolution,
+                    {
+                        "slant_range": slant_range,
+                        "look_angle_deg": 40.0,
+                        "azimuth_resolution": resolution,
+                        "bandwidth": bandwidth(resolution),
+                        "center_frequency": 9.65e9,
+                        "speed": 7500.0 if slant_range > 200e3 else 150.0,
+                        "image_extent_azimuth": 24.0 * resolution,
+                        "image_extent_range": 36.0 * resolution,
+                    },
                 )
                 values.append(peak_dbsm(chain(scene, chirped=True, method=method)))
             comparisons.append(
@@ -94,14 +96,16 @@ def _two_corners() -> list[Comparison]:
     scene = make_scene(
         targets.geometry(meshes),
         targets.PEC,
-        slant_range=slant_range,
-        look_angle_deg=40.0,
-        azimuth_resolution=cell,
-        bandwidth=bandwidth(cell),
-        center_frequency=9.65e9,
-        speed=150.0,
-        image_extent_azimuth=40.0 * cell,
-        image_extent_range=60.0 * cell,
+        {
+            "slant_range": slant_range,
+            "look_angle_deg": 40.0,
+            "azimuth_resolution": cell,
+            "bandwidth": bandwidth(cell),
+            "center_frequency": 9.65e9,
+            "speed": 150.0,
+            "image_extent_azimuth": 40.0 * cell,
+            "image_extent_range": 60.0 * cell,
+        },
     )
     radar = scene.radar
     at_range = track_distance(radar, places)
