@@ -98,6 +98,50 @@ def test_any_stays_at_the_boundary(house: Any) -> None:
     assert over == {}
 
 
+def sources_of_tests() -> list[Path]:
+    return sorted((ROOT / "tests").rglob("*.py"))
+
+
+def test_no_verdict_depends_on_the_clock() -> None:
+    """A busy machine must not fail a test: budgets are counted in work, or the clock is injected."""
+    clocks = {"time", "perf_counter", "monotonic", "process_time"}
+    wrong = []
+    for path in sources_of_tests():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            read = (
+                isinstance(node, ast.Attribute) and node.attr in clocks and ast.unparse(node.value) == "time"
+            )
+            if read or (isinstance(node, ast.keyword) and node.arg == "timeout"):
+                wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_test_replaces_the_insides_of_the_kernel() -> None:
+    """What a test shows of the kernel, it shows through arguments and results."""
+    wrong = []
+    for path in sources_of_tests():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        inside = {
+            alias.asname or alias.name.rpartition(".")[2]
+            for node in ast.walk(tree)
+            if isinstance(node, (ast.Import, ast.ImportFrom))
+            for alias in node.names
+            if f"{getattr(node, 'module', '')}.{alias.name}".startswith(
+                ("sarmitsuba.trace", ".sarmitsuba.trace")
+            )
+        }
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Attribute)
+                and node.func.attr == "setattr"
+            ):
+                owner = ast.unparse(node.args[0]).split(".")[0]
+                if owner in inside or "sarmitsuba.trace" in ast.unparse(node.args[0]):
+                    wrong.append(f"{path.relative_to(ROOT)}:{node.lineno}: {ast.unparse(node)}")
+    assert not wrong, "\n".join(wrong)
+
+
 def text_files() -> list[Path]:
     listed = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT)
     if listed.returncode != 0:
