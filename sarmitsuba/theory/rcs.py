@@ -115,7 +115,7 @@ def cylinder_rcs(
 
 @dataclass(frozen=True, eq=False)
 class DihedralAmplitudes:
-    """Sqrt(sigma) of a 90-degree dihedral, m, phase about the corner line, one value an azimuth.
+    """Sqrt(sigma) of a 90-degree dihedral, m, phase about the corner line, one value per azimuth.
 
     Parameters
     ----------

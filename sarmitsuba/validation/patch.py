@@ -15,9 +15,9 @@ F64 = NDArray[np.float64]
 # edge of a scatterer cell in the far-field tracer, m
 CELL = 1.0
 RAYS_PER_CELL = 4.0
-# edge of the patch, m, and looks a surface: few cells and many looks cost least for a given standard error
+# edge of the patch, m, and looks per surface: few cells and many looks cost least for a given standard error
 SIZE, LOOKS = 24.0, 150
-# tubes across the patch's rim lend part of their area to cells outside it: 0.14 cells' power a side, dB
+# tubes across the patch's rim lend part of their area to cells outside it: 0.14 cells' power per side, dB
 RIM_DB = 10.0 * np.log10(1.0 + 4.0 * 0.14 / SIZE)
 
 
@@ -52,7 +52,7 @@ def mean_power(
     seeds: int = 8,
     flags: KernelFlags | None = None,
 ) -> F64:
-    """Mean |channel|^2 over the patch's area (sigma0, linear), one value a channel.
+    """Mean |channel|^2 over the patch's area (sigma0, linear), one value per channel.
 
     Looks at one incidence angle from random azimuths are independent samples of speckle; each seed is another
     surface.

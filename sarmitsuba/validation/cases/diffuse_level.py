@@ -41,7 +41,7 @@ def diffuse_level(quick: bool = False) -> Case:
         x_label="incidence angle (deg)",
         y_label="sigma0 (dB)",
         comparisons=comparisons,
-        note=f"{SIZE:g} m x {SIZE:g} m, 1 m cells, 4 rays a cell, {LOOKS} azimuths of each of {seeds} surfaces.",
+        note=f"{SIZE:g} m x {SIZE:g} m, 1 m cells, 4 rays per cell, {LOOKS} azimuths of each of {seeds} surfaces.",
     )
 
 

@@ -4,8 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.trace import field
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.bands import BANDS
 from sarmitsuba.validation.cases import CASES, CaseEntry
@@ -13,17 +15,12 @@ from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.targets import PERMITTIVITY
 
 C128 = NDArray[np.complex128]
-ROUNDING = "float32 arithmetic, 6e-8 an operation, and 1e-5 asked for"
+ROUNDING = "float32 arithmetic, 6e-8 per operation, and 1e-5 asked for"
 
 
 def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[C128, C128]:
     """Return TE and TM coefficients as the compiled kernel computes them, in float32."""
-    from sarmitsuba.backend import ensure_backend
-
     ensure_backend()
-    from sarmitsuba.backend import dr, mi
-    from sarmitsuba.trace import field
-
     chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
     te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi, dr)
     dr.eval(te, tm)

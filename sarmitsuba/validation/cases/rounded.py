@@ -66,7 +66,7 @@ def sphere(quick: bool = False) -> Case:
                 canonical=True,
             ),
         ),
-        note="One look direction at random a frequency; radius 1 m.",
+        note="One random look direction per frequency; radius 1 m.",
     )
 
 

@@ -21,7 +21,7 @@ C128 = NDArray[np.complex128]
 LEVEL_DB = -10.0
 # Kolmogorov's distribution at 99.9 %: true speckle is rejected once in a thousand seeds
 CONFIDENCE, CRITICAL = 0.999, 1.9495
-# cells an axis: 0.88^2 of their square are kept, 1.1e5 in the full run
+# cells per axis: 0.88^2 of their square are kept, 1.1e5 in the full run
 CELLS_QUICK, CELLS = 360.0, 400.0
 SEED = 5
 # unweighted resolution cell on both axes, m
@@ -30,7 +30,7 @@ CELL = 1.0
 
 @cache
 def ground_image(quick: bool, window: str = "rectangular") -> SarImage:
-    """Flat ground in a slant-range image of two pixels a resolution cell on both axes."""
+    """Flat ground in a slant-range image of two pixels per resolution cell on both axes."""
     raw = _ground_echoes(quick)
     return focus(raw, request=raw.metadata["image"], range_window=window, azimuth_window=window)
 
@@ -66,7 +66,7 @@ def amplitude(image: SarImage) -> C128:
 
 
 def _steps(image: SarImage) -> tuple[int, int]:
-    """Pixels a resolution cell along azimuth and range."""
+    """Pixels per resolution cell along azimuth and range."""
     return (
         round(image.azimuth_resolution_cell / image.grid.azimuth_spacing),
         round(image.range_resolution_cell / image.grid.range_spacing),

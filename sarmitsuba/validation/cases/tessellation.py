@@ -10,7 +10,7 @@ from sarmitsuba.validation.comparison import Case, Comparison
 
 
 def tessellation(quick: bool = False) -> Case:
-    """The same corner reflectors in 1 (or 2), 10 and 1000 triangles a face, against their fewest."""
+    """The same corner reflectors in 1 (or 2), 10 and 1000 triangles per face, against their fewest."""
     counts = np.array([1, 10, 1000])
     comparisons = []
     looks = {
@@ -53,9 +53,9 @@ def tessellation(quick: bool = False) -> Case:
         name="tessellation",
         topic="canonical",
         title="Tessellation does not matter",
-        formula="level with the fewest triangles a face (2 for four-sided faces)",
+        formula="level with the fewest triangles per face (2 for four-sided faces)",
         source="the simulator itself",
-        x_label="triangles a face",
+        x_label="triangles per face",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
         note="X band, 0.5 m; interior vertices of four-sided faces are scattered at random.",

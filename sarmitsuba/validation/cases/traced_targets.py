@@ -67,7 +67,7 @@ def traced_rcs(quick: bool = False) -> Case:
                     np.full(len(setups), float(db_from_power(rcs))),
                     np.asarray(values),
                     tolerance=0.2,
-                    reason="4.5 rays a wavelength, and the lobe's fall over the aperture, 0.05 dB",
+                    reason="4.5 rays per wavelength, and the lobe's fall over the aperture, 0.05 dB",
                 )
             )
     comparisons += _two_corners()
@@ -133,7 +133,7 @@ def _two_corners() -> list[Comparison]:
                     np.full(2, want),
                     np.asarray(got),
                     tolerance=tolerance,
-                    reason="13 wavelengths an edge: single and double bounces, and the other corner's side lobes",
+                    reason="13 wavelengths per edge: single and double bounces, and the other corner's side lobes",
                     unit=unit,
                 )
             )
