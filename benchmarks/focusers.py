@@ -20,9 +20,9 @@ import numpy as np
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.focusers.omega_k import omega_k
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.omega_k import omega_k
 from sarmitsuba.image.metrics import image_error_db, point_target_in
 from sarmitsuba.image.sar_image import ImageGrid
 
@@ -165,7 +165,7 @@ def quality_table() -> list[dict[str, Any]]:
         request = {**square(2, "slant"), "extent_azimuth": extent, "extent_range": extent}
         request |= {"spacing_azimuth": 0.0, "spacing_range": 0.0}
         for method in ("backprojection", "omega_k"):
-            image = focus(raw, method=method, request=request)  # type: ignore[arg-type]
+            image = focus(raw, focuser=method, request=request)
             m = point_target_in(image)
             line = POINT - image.grid.origin
             place = (line @ image.grid.along, np.hypot(line @ image.grid.across, line[2]))

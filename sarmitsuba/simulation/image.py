@@ -18,7 +18,7 @@ from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.focusing import azimuth_cell, default_grid, focus
-from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
+from sarmitsuba.focusing.aperture import CellPolynomial, incidence_angle, matched_weights
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -333,7 +333,7 @@ def look_sampling(scene: Scene, window: LaunchWindow, plan: EffectsPlan) -> Scen
 
 def azimuth_cell_of(
     scene: Scene, grid: ImageGrid, range_window: str, azimuth_window: str
-) -> tuple[float, dict[str, Any]]:
+) -> tuple[float, CellPolynomial]:
     """Noise-equivalent azimuth cell at the grid's centre, m, and its change over range, as the focuser states it."""
     radar = scene.radar
     middle = grid.positions_on_line(grid.azimuth.size // 2)

@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing.aperture import direction_gain, look_directions
-from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_radar
 from sarmitsuba.image.metrics import image_error_db
@@ -103,7 +103,7 @@ def test_grid_and_list_of_points_give_the_same_pixels() -> None:
 
 
 def test_batches_of_pulses_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sarmitsuba.focusing import backprojection
+    from sarmitsuba.focusing.focusers import backprojection
 
     raw = noise_data(ideal_radar(n_samples=200, resolution=2.0))
     points = pixels(100, 50.0)
