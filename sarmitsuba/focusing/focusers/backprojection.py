@@ -31,10 +31,6 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-# bytes of profiles per batch of pulses: they should stay in the last-level cache while every pixel reads them
-_BATCH_BYTES = 12 << 20
-# pixels per launch, bounds the device memory of positions
-_TILE_PIXELS = 1 << 20
 # layers that share one pass over the geometry; more would spill registers
 _MAX_LAYERS = 4
 # pixels of one lane, by layers in the pass: they share the load of the antenna's position
@@ -73,6 +69,8 @@ def backproject(
     interpolation: str = "kernel",
     oversampling: int = 0,
     progress: Progress = silent,
+    batch_bytes: int = 12 << 20,
+    tile_pixels: int = 1 << 20,
 ) -> C64:
     r"""Focus range-compressed data by summing every pulse at every pixel's own range.
 
@@ -91,6 +89,9 @@ def backproject(
     interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
     oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
+    batch_bytes : of profiles per batch of pulses; they should stay in the last-level cache while every pixel reads
+        them
+    tile_pixels : pixels per launch, bounds the device memory of positions
 
     Returns
     -------
@@ -114,8 +115,8 @@ def backproject(
     meter = _Meter(progress, float(image.size) * raw.radar.track.n_pulses)
     for start in range(0, n_layers, _MAX_LAYERS):
         layers = slice(start, min(start + _MAX_LAYERS, n_layers))
-        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start]):
-            _focus_tile(types, raw, layers, plan, weights, tile, image, meter)
+        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start], tile_pixels):
+            _focus_tile(types, raw, layers, plan, weights, tile, image, meter, batch_bytes)
     return image.reshape(n_layers, *shape)
 
 
@@ -128,6 +129,7 @@ def _focus_tile(
     tile: _Tile,
     image: C64,
     meter: _Meter,
+    batch_bytes: int,
 ) -> None:
     """Sum all pulses for one tile and store its calibrated pixels in ``image``."""
     radar = raw.radar
@@ -147,7 +149,7 @@ def _focus_tile(
         inverse_square=dr.opaque(types.Float64, 1.0 / reference**2),
     )
     state = [dr.zeros(types.Float32, lanes) for _ in range(per_lane * stride)]
-    for batch in _batches(radar.track.n_pulses, plan, n_layers):
+    for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
         pulses = PulseBatch(
             n_pulses=dr.opaque(types.UInt32, n),
@@ -174,9 +176,9 @@ def _focus_tile(
             image[layers.start + layer, tile.index[i][keep]] = (re + 1j * im) * factor
 
 
-def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int) -> Iterator[slice]:
+def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int, batch_bytes: int) -> Iterator[slice]:
     """Slices of pulses whose profiles fit the batch size."""
-    size = max(8, _BATCH_BYTES // (16 * plan.n_stored * n_layers))
+    size = max(8, batch_bytes // (16 * plan.n_stored * n_layers))
     for start in range(0, n_pulses, size):
         yield slice(start, min(start + size, n_pulses))
 
@@ -197,13 +199,13 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     return table.ravel()
 
 
-def _tiles(target: ImageGrid | ArrayLike, per_lane: int) -> Iterator[_Tile]:
+def _tiles(target: ImageGrid | ArrayLike, per_lane: int, tile_pixels: int) -> Iterator[_Tile]:
     """Cut the pixels into launches; the pixels of one lane are azimuth neighbours, lanes run along range."""
     if isinstance(target, ImageGrid):
         n_azimuth, n_range = target.shape
         across = target.across_distance()
         flat = target.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, target.height])
-        rows = max(per_lane, _TILE_PIXELS // n_range // per_lane * per_lane)
+        rows = max(per_lane, tile_pixels // n_range // per_lane * per_lane)
         for start in range(0, n_azimuth, rows):
             row = np.arange(start, min(start + rows, n_azimuth))
             padded = np.concatenate([row, np.full(-row.size % per_lane, -1)]).reshape(-1, per_lane)
@@ -221,8 +223,8 @@ def _tiles(target: ImageGrid | ArrayLike, per_lane: int) -> Iterator[_Tile]:
     points = np.asarray(target, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError(f"backprojection: points have the shape {points.shape}, (n, 3) is needed")
-    for start in range(0, points.shape[0], _TILE_PIXELS):
-        pick = np.arange(start, min(start + _TILE_PIXELS, points.shape[0]))
+    for start in range(0, points.shape[0], tile_pixels):
+        pick = np.arange(start, min(start + tile_pixels, points.shape[0]))
         padded = np.concatenate([pick, np.full(-pick.size % per_lane, -1)]).reshape(-1, per_lane).T
         yield _Tile(padded, points[padded])
 

@@ -360,7 +360,7 @@ class OmegaK(Focuser):
     """Wavenumber-domain focusing: fast, for straight tracks and their own slant grids; see :func:`omega_k`."""
 
     name: ClassVar[str] = "omega_k"
-    title: ClassVar[str] = "straight, uniform track and its slant grid; fast"
+    title: ClassVar[str] = "straight, uniform track and its slant grid; fast for large images"
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it cannot focus this radar's data on this grid; empty when it can."""
