@@ -5,13 +5,15 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.errors import DataError, ExtensionError
+from sarmitsuba.backend import arrays, dr
+from sarmitsuba.errors import BackendError, DataError, ExtensionError
 from sarmitsuba.focusing import (
     FOCUSERS,
     WINDOWS,
@@ -156,6 +158,22 @@ print("mitsuba" in sys.modules, any(name.startswith("sarmitsuba.trace") for name
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(sarmitsuba.__file__).parents[1]
     )
     assert run.stdout.strip() == "False False", run.stderr
+
+
+def test_array_types_follow_a_running_mitsuba(monkeypatch: pytest.MonkeyPatch) -> None:
+    cuda = dr.JitBackend.CUDA  # starts Dr.Jit before anything is faked
+    monkeypatch.setitem(sys.modules, "mitsuba", SimpleNamespace(variant=lambda: "cuda_ad_rgb"))
+    monkeypatch.setattr("drjit.has_backend", lambda backend: backend != cuda)
+    with pytest.raises(BackendError, match="needs an NVIDIA GPU"):
+        arrays()
+    monkeypatch.setattr("drjit.has_backend", lambda backend: True)
+    assert arrays().__name__ == "drjit.cuda"
+    # what runs counts more than what the environment asks for
+    monkeypatch.setitem(sys.modules, "mitsuba", SimpleNamespace(variant=lambda: "llvm_ad_rgb"))
+    monkeypatch.setenv("SARMITSUBA_VARIANT", "cuda_ad_rgb")
+    assert arrays().__name__ == "drjit.llvm"
+    monkeypatch.setitem(sys.modules, "mitsuba", SimpleNamespace(variant=lambda: None))
+    assert arrays().__name__ == "drjit.cuda"
 
 
 def test_an_image_request_may_be_a_mapping_but_not_any() -> None:
