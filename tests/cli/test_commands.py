@@ -189,7 +189,7 @@ def test_errors_are_one_line(
         ([], "arguments are required"),
         (["paint"], "invalid choice"),
         (["render", "box"], "-o/--output"),
-        (["render", "box", "-o", "x", "-D", "novalue"], "'novalue' is not NAME=VALUE"),
+        (["render", "box", "-o", "x", "-D", "novalue"], "'novalue' is not of the form NAME=VALUE"),
         (["render", "box", "-o", "x", "--seed", "pi"], "invalid int value"),
     ],
 )
