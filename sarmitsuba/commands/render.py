@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=float,
         metavar="S",
-        help="stop adding passes after this many seconds (default: the scene's); an interrupted run resumes when "
+        help="keep adding passes of rays for this many seconds (default: the scene's); an interrupted run resumes when "
         "started again",
     )
     parser.add_argument(
