@@ -28,8 +28,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--focuser",
         choices=("backprojection", "omega_k"),
         default="backprojection",
-        help="backprojection (default) takes any track and grid; omega_k is faster, for straight uniform tracks and "
-        "slant-range grids",
+        help="backprojection: any track and grid; omega_k: straight uniform track, slant grid, fast",
     )
     parser.add_argument(
         "--window",
