@@ -28,7 +28,8 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--focuser",
         choices=("backprojection", "omega_k"),
         default="backprojection",
-        help="backprojection: any track and grid; omega_k: straight uniform track, slant grid, fast",
+        help="backprojection (default) takes any track and grid; omega_k is faster, for straight uniform tracks and "
+        "slant-range grids",
     )
     parser.add_argument(
         "--window",
