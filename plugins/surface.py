@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import mitsuba as mi
 
-from sarmitsuba.loader.parameters import ParamTable
+from sarmitsuba.parameters import ParamTable
 from sarmitsuba.loader.plugins import describe, given_values
 
 

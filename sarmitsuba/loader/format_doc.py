@@ -22,7 +22,7 @@ def fill_tables(page: str) -> str:
 def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
-        return f"{table.doc}\n\n{table.markdown()}" if table.params else table.doc
+        return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
     return {"itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
 
 

@@ -1,8 +1,8 @@
 """The parameters of the material plugins."""
 
-from sarmitsuba.loader.parameters import Param, ParamTable
 from sarmitsuba.materials.library import ITU_BANDS
 from sarmitsuba.materials.material import DIFFUSE_LAWS
+from sarmitsuba.parameters import Param, ParamTable
 
 _ITU_NAMES = tuple(ITU_BANDS)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.parameters import ParamTable, did_you_mean, one_line
+from sarmitsuba.parameters import ParamTable, did_you_mean, one_line
 
 _SOURCE = re.compile(r"\[[\w.]+\.cpp:\d+\] ?")
 _POSITION = re.compile(r" ?\((line \d+, col \d+)\)")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.parameters import did_you_mean, one_line
 from sarmitsuba.loader.properties import Element, Opaque
 from sarmitsuba.mesh import tessellate
+from sarmitsuba.parameters import did_you_mean, one_line
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

@@ -13,7 +13,6 @@ from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.assemble import Surface, assemble, trace_settings, warn_once
 from sarmitsuba.loader.library import resolve, resolve_radar
-from sarmitsuba.loader.parameters import did_you_mean
 from sarmitsuba.loader.properties import Element, Overrides, check_used, parse_scene, split_parameters, walk
 from sarmitsuba.loader.radar_builder import RadarInput
 from sarmitsuba.loader.shapes import MeshReader, placed_shapes, sphere_center
@@ -29,6 +28,7 @@ from sarmitsuba.materials.library import (
     sionna_material,
 )
 from sarmitsuba.materials.material import Material
+from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 
