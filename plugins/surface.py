@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 
 import mitsuba as mi
 
-from sarmitsuba.parameters import ParamTable
 from sarmitsuba.loader.plugins import describe, given_values
+from sarmitsuba.parameters import ParamTable
 
 
 class RadarSurface(mi.BSDF):

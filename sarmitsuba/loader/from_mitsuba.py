@@ -2,20 +2,24 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.assemble import Surface, assemble, trace_settings
-from sarmitsuba.loader.properties import Element, Overrides
-from sarmitsuba.loader.shapes import MeshReader, Placed
-from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH, MaterialBook, point_target, radar_input
+from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.collect import Collector
+from sarmitsuba.loader.describe import describe
+from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.library import ADAPTER_BSDFS
 from sarmitsuba.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 _NAME = "scene"
 # classes of Mitsuba's BSDFs whose name is not their plugin's in capitals
@@ -30,14 +34,23 @@ _BSDF_CLASSES = {
 _SHAPES = ("sphere", "disk", "cylinder", "rectangle")
 
 
-def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -> Scene:
+def scene_from_mitsuba(
+    mi_scene: "mi.Scene",
+    sensor: "int | mi.Sensor" = 0,
+    integrator: "mi.Integrator | None" = None,
+    *,
+    radar_root: Element | None = None,
+    overrides: Overrides | None = None,
+) -> Scene:
     """Read geometry, materials and radar out of a loaded Mitsuba scene.
 
     Parameters
     ----------
-    mi_scene : ``mi.Scene``
-    sensor : ``mi.Sensor`` or its index in the scene
-    integrator : ``mi.Integrator``; None takes the scene's
+    mi_scene : what ``mi.load_file`` or ``mi.load_dict`` returns
+    sensor : a sensor or its index in the scene
+    integrator : None takes the scene's
+    radar_root : of a radar file that replaces sensor, film and integrator
+    overrides : of plugin parameters
 
     Raises
     ------
@@ -46,45 +59,42 @@ def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -
     Notes
     -----
     Mitsuba has merged meshes by material and holds vertices in float32, good to 1e-7 of their distance from
-    the origin; `load_scene` keeps both. Instances keep their shape group to themselves and are refused.
+    the origin; a file or a dict given to `load_scene` keeps both. Instances keep their shape group to themselves
+    and are refused.
     """
-    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
-    if isinstance(antenna, int) or not hasattr(antenna, "given"):
-        found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
-        raise RadarError(f"{_NAME}: the sensor is no sar_antenna ({found}); add one, pass it to mi.render")
-    none = Overrides()
-    sensor_element = _own(antenna, tables.SENSOR.plugin, "sensor")
-    film = antenna.film()
-    film_element = _own(film, tables.FILM.plugin, "film") if hasattr(film, "given") else None
-    radar = radar_input(sensor_element, film_element, none)
+    overrides = overrides or Overrides()
+    root = Element("scene", "scene", "", _NAME, Path(), {})
+    if radar_root is None:
+        root.children.append(("sensor", _sensor(mi_scene, sensor)))
     tracer = integrator if integrator is not None else mi_scene.integrator()
     if hasattr(tracer, "given"):
-        integrator_element = _own(tracer, tables.INTEGRATOR.plugin, "integrator")
-    else:
-        integrator_element = Element("integrator", tables.INTEGRATOR.plugin, "", _NAME, Path(), {})
-    settings = trace_settings(none.read(integrator_element, tables.INTEGRATOR)[0], radar.film)
-
-    frequency = float(radar.sensor["center_frequency"])
-    notes: list[str] = []
-    book = MaterialBook(frequency, none, notes, settings.default_rms_height)
-    reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
-    surfaces, points = [], []
+        root.children.append(("integrator", _own(tracer, tables.INTEGRATOR.plugin, "integrator")))
+    collector = Collector(_NAME, None, describe(root, radar_root, overrides, _NAME), overrides)
     bsdfs: dict[int, Element] = {}
     for number, shape in enumerate(mi_scene.shapes()):
         bsdf = shape.bsdf()
         element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
         name = shape.id() or f"shape_{number}"
-        if element.plugin == tables.POINT_SCATTERER.plugin:
-            placed = _placed(shape, name)
-            points.append(point_target(placed.element, name, placed.to_world, element, none))
-            continue
-        curved = not shape.is_mesh()
-        known = _placed(shape, name) if curved else None
-        vertices, faces = reader.triangles(known) if known else _mesh(shape)
-        material = book.index(element, f'{_NAME}: shape "{name}"')
-        convex = known is not None and known.is_convex
-        surfaces.append(Surface(name, vertices, faces, material, curved, convex))
-    return assemble(_NAME, None, surfaces, book.materials, points, radar, settings, notes)
+        if shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
+            material = collector.book.index(element, f'{_NAME}: shape "{name}"')
+            vertices, faces = _mesh(shape)
+            collector.surfaces.append(Surface(name, vertices, faces, material))
+        else:
+            collector.add_shape(_placed(shape, name), element)
+    return collector.scene()
+
+
+def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor") -> Element:
+    """Element of the radar and its film."""
+    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
+    if isinstance(antenna, int) or not hasattr(antenna, "given"):
+        found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
+        raise RadarError(f"{_NAME}: the sensor is no sar_antenna ({found}); add one, pass it to mi.render")
+    element = _own(antenna, tables.SENSOR.plugin, "sensor")
+    film = antenna.film()
+    if hasattr(film, "given"):
+        element.children.append(("film", _own(film, tables.FILM.plugin, "film")))
+    return element
 
 
 def _own(plugin: Any, name: str, kind: str) -> Element:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.properties import plain_value
+from sarmitsuba.loader.elements import plain_value
 from sarmitsuba.parameters import ParamTable
 
 _PACKAGE = "sarmitsuba_plugins"

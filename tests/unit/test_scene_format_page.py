@@ -2,8 +2,8 @@ import re
 from pathlib import Path
 
 from sarmitsuba.loader.format_doc import fill_tables
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.loader.xml import load_scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "scene_format.md"
 

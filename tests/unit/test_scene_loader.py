@@ -7,7 +7,7 @@ import trimesh
 
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.library import list_scenes
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.meshes import write_ply
 from sarmitsuba.scene.settings import EFFECT_NAMES
 
