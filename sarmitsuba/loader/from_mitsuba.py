@@ -2,11 +2,12 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.assemble import Surface
@@ -17,9 +18,6 @@ from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.library import ADAPTER_BSDFS
 from sarmitsuba.scene.scene import Scene
-
-if TYPE_CHECKING:
-    import mitsuba as mi
 
 _NAME = "scene"
 # classes of Mitsuba's BSDFs whose name is not their plugin's in capitals
@@ -97,13 +95,13 @@ def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor") -> Element:
     return element
 
 
-def _own(plugin: Any, name: str, kind: str) -> Element:
+def _own(plugin: "mi.Object", name: str, kind: str) -> Element:
     """Element of one of our own plugin objects."""
     label = f'{kind} "{plugin.id()}"' if plugin.id() else f"{kind} {name}"
     return Element(kind, name, plugin.id(), f"{_NAME}: {label}", Path(), dict(plugin.given))
 
 
-def _bsdf(bsdf: Any) -> Element:
+def _bsdf(bsdf: "mi.BSDF | None") -> Element:
     """Element of a BSDF: ours, Sionna RT's or Mitsuba's."""
     if bsdf is None:
         return Element("bsdf", "diffuse", "", _NAME, Path(), {})
@@ -152,16 +150,14 @@ def _scalar(value: Any) -> float:
     return float(np.asarray(value).ravel()[0])
 
 
-def _mesh(shape: Any) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _mesh(shape: "mi.Shape") -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3).astype(np.int32)
     return vertices, faces
 
 
-def _placed(shape: Any, name: str) -> Placed:
+def _placed(shape: "mi.Shape", name: str) -> Placed:
     """Shape without triangles of its own; its matrix maps the unit shape to the world."""
-    import mitsuba as mi
-
     plugin = shape.class_name().lower()
     where = f'{_NAME}: shape "{name}"'
     if plugin not in _SHAPES:

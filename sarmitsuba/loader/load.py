@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
@@ -17,9 +17,6 @@ from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.shapes import placed_shapes
 from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
 from sarmitsuba.scene.scene import Scene
-
-if TYPE_CHECKING:
-    import mitsuba as mi
 
 _DICT = "dict"
 
@@ -84,15 +81,11 @@ def _holds_objects(value: object) -> bool:
     """True when a dict holds objects that Mitsuba has made."""
     if isinstance(value, Mapping):
         return any(_holds_objects(item) for item in value.values())
-    ensure_backend()
-    import mitsuba as mi
-
     return isinstance(value, mi.Object)
 
 
 def _loaded(scene: object) -> "mi.Scene":
     register_plugins()
-    import mitsuba as mi
 
     if isinstance(scene, Mapping):
         try:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import one_line
 
@@ -59,9 +59,6 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
 
 def read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
     """Triangles of Mitsuba's own binary format, through Mitsuba (float32 vertices)."""
-    ensure_backend()
-    import mitsuba as mi
-
     try:
         mesh = mi.load_dict({"type": "serialized", "filename": str(path), "shape_index": index})
         parameters = mi.traverse(mesh)

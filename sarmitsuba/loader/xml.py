@@ -3,16 +3,13 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, plain_value
 from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.parameters import did_you_mean, one_line
-
-if TYPE_CHECKING:
-    import mitsuba as mi
 
 _SOURCE = re.compile(r"\[[\w.]+\.cpp:\d+\] ?")
 _POSITION = re.compile(r" ?\((line \d+, col \d+)\)")
@@ -37,7 +34,7 @@ def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
     SceneError : one line about what is malformed, and where
     """
     read_text(path)
-    config, mi = _parser()
+    config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug
     try:
         state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
@@ -61,7 +58,7 @@ def parse_dict(scene: Mapping[str, Any], label: str) -> Element:
     ------
     SceneError : one line about what is malformed, and where
     """
-    config, mi = _parser()
+    config = mi.parser.ParserConfig(mi.variant())
     try:
         root = _tree(config, mi.parser.parse_dict(config, dict(scene)), label, Path())
     except _PARSER_ERRORS as error:
@@ -85,13 +82,6 @@ def read_text(path: Path) -> str:
         raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
 
 
-def _parser() -> tuple["mi.parser.ParserConfig", Any]:
-    variant = ensure_backend().variant
-    import mitsuba
-
-    return mitsuba.parser.ParserConfig(variant), mitsuba
-
-
 def _allowed(parameters: Mapping[str, str]) -> dict[str, str]:
     for name in parameters:
         if name in ("config", "filename"):
@@ -103,8 +93,6 @@ def _tree(
     config: "mi.parser.ParserConfig", state: "mi.parser.ParserState", label: str, folder: Path
 ) -> Element:
     """Turn the parser's node list into elements that refer to each other."""
-    import mitsuba as mi
-
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve_references(config, state)
     elements = []
