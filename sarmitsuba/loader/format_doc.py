@@ -5,6 +5,7 @@ import re
 from sarmitsuba.loader.shapes import SHAPE_PARAMETERS
 from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.materials.library import ADAPTER_BSDFS, ITU_BANDS, ORDINARY_BSDFS
+from sarmitsuba.radar.mode import MODES
 
 _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -12,7 +13,7 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 def fill_tables(page: str) -> str:
     """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
 
-    NAME is a plugin, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
+    NAME is a plugin, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
 
         python -m sarmitsuba.loader.format_doc docs/scene_format.md
     """
@@ -23,7 +24,13 @@ def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
         return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
-    return {"itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+    return {"modes": _modes, "itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+
+
+def _modes() -> str:
+    rows = ["| mode | beam | parameters of its own |", "|---|---|---|"]
+    rows += [f"| `{m.name}` | {m.doc} | {', '.join(f'`{p.name}`' for p in m.parameters)} |" for m in MODES]
+    return "\n".join(rows)
 
 
 def _itu() -> str:

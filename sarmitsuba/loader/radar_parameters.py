@@ -6,12 +6,12 @@ The fields below are the only list of them: the tables that read scene files and
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, Value, described, params_of
+from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
 from sarmitsuba.radar.mode import MODES, mode_parameters
 from sarmitsuba.radar.track import Track
 
@@ -249,8 +249,8 @@ class RadarInput:
 
     @staticmethod
     def read(
-        sensor: Mapping[str, Any],
-        film: Mapping[str, Any],
+        sensor: Mapping[str, object],
+        film: Mapping[str, object],
         where: str = SENSOR.plugin,
         film_where: str = FILM.plugin,
         folder: Path = Path(),
@@ -265,7 +265,7 @@ class RadarInput:
         """
         values = SENSOR.read(sensor, where)
         own = {p.name: values.pop(p.name) for p in mode_parameters()}
-        law = MODES[values["mode"]]
+        law = MODES[str(values["mode"])]
         used = {p.name for p in law.parameters}
         for name in own:
             if name in sensor and name not in used:
@@ -273,10 +273,11 @@ class RadarInput:
                 raise RadarError(
                     f"{where}: {name} has no effect with mode = {law.name}; take mode = {owners} or leave it out"
                 )
-        description = RadarDescription(**values, mode_parameters={k: v for k, v in own.items() if k in used})
+        values_of_mode = {name: value for name, value in own.items() if name in used and value is not None}
+        description = filled(RadarDescription(mode_parameters=values_of_mode), values)
         return RadarInput(
             description,
-            FilmDescription(**FILM.read(film, film_where)),
+            filled(FilmDescription(), FILM.read(film, film_where)),
             frozenset(sensor),
             frozenset(film),
             where,
@@ -297,7 +298,7 @@ class RadarInput:
         )
 
 
-def _given(description: RadarDescription | FilmDescription) -> dict[str, Any]:
+def _given(description: RadarDescription | FilmDescription) -> dict[str, object]:
     """Fields that differ from their defaults, NumPy's scalars as Python's."""
     values = {
         f.name: getattr(description, f.name) for f in fields(description) if f.name != "mode_parameters"

@@ -15,7 +15,7 @@ def test_the_page_is_up_to_date() -> None:
 
 def test_the_page_holds_every_plugin() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {*TABLES, "itu", "bsdfs", "shapes"}
+    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {*TABLES, "modes", "itu", "bsdfs", "shapes"}
 
 
 def test_the_smallest_scene_of_the_page_loads(tmp_path: Path) -> None:
