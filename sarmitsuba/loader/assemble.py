@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.radar_builder import RadarInput, build_radar
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.convexity import is_convex_body
-from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import EFFECT_NAMES, ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import ImageRequest, TraceSettings
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -127,9 +129,10 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
 
 def trace_settings(integrator: Mapping[str, Any], film: Mapping[str, Any]) -> TraceSettings:
     """Settings of validated ``sar_path`` parameters; the film's gridding width holds unless they give one."""
-    values = {name: value for name, value in integrator.items() if name not in EFFECT_NAMES}
+    switches = {effect.name: integrator[effect.name] for effect in switchable_effects()}
+    values = {name: value for name, value in integrator.items() if name not in switches}
     values["gridding_width"] = values["gridding_width"] or film["gridding_width"]
-    return TraceSettings(**values, effects={name: integrator[name] for name in EFFECT_NAMES})
+    return TraceSettings(**values, effects=switches)
 
 
 def warn_once(notes: list[str], text: str) -> None:

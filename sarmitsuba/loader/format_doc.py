@@ -4,7 +4,9 @@ import re
 
 from sarmitsuba.loader.shapes import SHAPE_PARAMETERS
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.materials.library import ADAPTER_BSDFS, ITU_BANDS, ORDINARY_BSDFS
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
+from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
 
 _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -12,7 +14,7 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 def fill_tables(page: str) -> str:
     """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
 
-    NAME is a plugin, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
+    NAME is a plugin, ``laws``, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
 
         python -m sarmitsuba.loader.format_doc docs/scene_format.md
     """
@@ -22,8 +24,16 @@ def fill_tables(page: str) -> str:
 def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
-        return f"{table.doc}\n\n{table.markdown()}" if table.params else table.doc
-    return {"itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+        return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
+    return {"laws": _laws, "itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+
+
+def _laws() -> str:
+    rows = ["| diffuse_law | return | diffuse_level_db is | needs |", "|---|---|---|---|"]
+    for law in LAWS:
+        needs = ", ".join(f"`{name}`" for name in (*law.needs, *(p.name for p in law.parameters)))
+        rows.append(f"| `{law.name}` | {law.title} | {law.level or 'not taken'} | {needs} |")
+    return "\n".join(rows)
 
 
 def _itu() -> str:

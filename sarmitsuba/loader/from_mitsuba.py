@@ -14,7 +14,7 @@ from sarmitsuba.loader.assemble import Surface, assemble, trace_settings
 from sarmitsuba.loader.properties import Element, Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed
 from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH, MaterialBook, point_target, radar_input
-from sarmitsuba.materials.library import ADAPTER_BSDFS
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"

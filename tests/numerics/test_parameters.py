@@ -46,7 +46,7 @@ FREE_TEXT = ("track_file", "polarisation")
 PAIRS = {
     f"{t.plugin}.{p.name}": (t, p)
     for t in CHECKED
-    for p in t.params
+    for p in t.rows
     if p.kind != "ignored" and p.name not in FREE_TEXT
 }
 
@@ -56,7 +56,7 @@ def write(folder: Path, **elements: dict[str, Any]) -> Path:
     parts = {}
     for table in CHECKED:
         given_here = SMALL[table.plugin] | elements.get(table.plugin, {})
-        tags = {p.name: p.tag for p in table.params}
+        tags = {p.name: p.tag for p in table.rows}
         lines = []
         for name, value in given_here.items():
             text = (
@@ -75,8 +75,8 @@ def write(folder: Path, **elements: dict[str, Any]) -> Path:
 
 def inside(param: Param) -> st.SearchStrategy[Any]:
     """Values within the documented bounds, logarithmically over wide ones."""
-    if param.choices:
-        return st.sampled_from(param.choices)
+    if param.allowed:
+        return st.sampled_from(param.allowed)
     if param.kind == "boolean":
         return st.booleans()
     low, high = max(param.minimum, -1e12), min(param.maximum, 1e12)
@@ -93,7 +93,7 @@ def inside(param: Param) -> st.SearchStrategy[Any]:
 
 def outside(param: Param) -> list[Any]:
     """Values just and far beyond the bounds."""
-    if param.choices:
+    if param.allowed:
         return ["nonsense"]
     whole = param.kind != "float"
     values: list[Any] = []

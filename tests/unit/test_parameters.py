@@ -83,7 +83,7 @@ def test_text_of_the_command_line_is_parsed_by_kind() -> None:
 @given(st.floats(allow_nan=True) | st.integers() | st.text(max_size=8) | st.booleans() | st.none())
 def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
     for one in TABLES.values():
-        for param in one.params:
+        for param in one.rows:
             try:
                 read = one.read({param.name: value}, WHERE)[param.name]
             except one.error as error:
@@ -95,7 +95,7 @@ def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
 
 def test_every_default_is_within_its_own_bounds() -> None:
     for one in TABLES.values():
-        for param in one.params:
+        for param in one.rows:
             if param.default == "":  # not given; choices apply to given values only
                 continue
             assert one.read({param.name: param.default}, WHERE)[param.name] == param.default
@@ -104,7 +104,7 @@ def test_every_default_is_within_its_own_bounds() -> None:
 def test_every_parameter_is_documented() -> None:
     for one in TABLES.values():
         assert one.doc.endswith(".")
-        for param in one.params:
+        for param in one.rows:
             assert param.doc or param.name == "conductivity"
             assert f"`{param.name}`" in one.markdown()
 
