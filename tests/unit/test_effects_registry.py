@@ -56,14 +56,23 @@ def test_every_switch_of_the_scene_file_has_an_effect() -> None:
     assert all(e.title and 0.0 <= e.cost < 1.0 for e in effects())
 
 
-def test_effects_set_only_fields_of_the_kernel(corner: Scene) -> None:
+def test_every_kernel_flag_is_declared_by_the_one_effect_that_sets_it(corner: Scene) -> None:
     context = SceneContext(corner)
     plan = plan_effects(corner)
     decided = {d.name: d for d in plan.decisions}
-    known = {f.name for f in fields(KernelFlags)}
     for effect in effects():
         for on in (False, True):
-            assert set(effect.flags(on, context, decided)) <= known
+            assert set(effect.flags(on, context, decided)) == set(effect.kernel_flags)
+        assert all(effect.kernel_flags.values())
+    declared = [name for effect in effects() for name in effect.kernel_flags]
+    own = {"double_phase", "taper", "extra"}  # no effects
+    assert sorted([*declared, *own]) == sorted(f.name for f in fields(KernelFlags))
+    assert plan.flags.extra == frozenset()
+
+
+def test_a_switch_that_no_effect_has_is_refused(corner: Scene) -> None:
+    with pytest.raises(SceneError, match="there is no effect 'frensel' to switch; choose of "):
+        plan_effects(switched(corner, frensel="off"))
 
 
 def test_perfect_conductors_need_no_fresnel(corner: Scene) -> None:
@@ -196,6 +205,10 @@ def test_only_laws_that_tell_h_from_v_are_polarised(corner: Scene) -> None:
         correlation_length=0.02,
     )
     assert plan_effects(bragg).flags.polarised_diffuse is True
+    rough = with_material(corner, pec=False, permittivity=5 - 0.5j, diffuse_law="roughness", rms_height=1e-3)
+    assert plan_effects(rough).flags.polarised_diffuse is True
+    metal = with_material(corner, diffuse_law="roughness", rms_height=1e-3)
+    assert plan_effects(metal).flags.polarised_diffuse is False
 
 
 def test_a_bent_track_is_flown_unless_switched_off(corner: Scene) -> None:
