@@ -67,7 +67,8 @@ class Effect(ABC):
     name : in the plan, and of the switch in the scene file
     title : half a line for tables
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
-    rank : place in the plan; an effect may look at the decisions of those before it
+    off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
+    rank : position in the plan; an effect may look at the decisions of those before it
     cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`
     kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
         fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
@@ -76,6 +77,8 @@ class Effect(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     documentation: ClassVar[str] = ""
+    off_when: ClassVar[str] = ""
+    off_means: ClassVar[str] = ""
     rank: ClassVar[int]
     cost: ClassVar[float] = 0.0
     kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS

@@ -1,7 +1,8 @@
-"""Tables of the scene format page, generated from the tables that validate the files."""
+"""Tables of the pages on scene files and effects, generated from what the program itself goes by."""
 
 import re
 
+from sarmitsuba.effects.effect import effects
 from sarmitsuba.loader.shapes import SHAPE_PARAMETERS
 from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
@@ -14,9 +15,9 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 def fill_tables(page: str) -> str:
     """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
 
-    NAME is a plugin, ``laws``, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
+    NAME is a plugin, ``effects``, ``laws``, ``itu``, ``bsdfs`` or ``shapes``. To bring the pages up to date::
 
-        python -m sarmitsuba.loader.format_doc docs/scene_format.md
+        python -m sarmitsuba.loader.format_doc docs/scene_format.md docs/effects.md
     """
     return _BLOCK.sub(lambda match: f"{match[1]}{_table(match['name'])}\n{match[3]}", page)
 
@@ -25,7 +26,13 @@ def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
         return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
-    return {"laws": _laws, "itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+    return {"effects": _effects, "laws": _laws, "itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+
+
+def _effects() -> str:
+    rows = ["| effect | off when | off means |", "|---|---|---|"]
+    rows += [f"| `{effect.name}` | {effect.off_when} | {effect.off_means} |" for effect in effects()]
+    return "\n".join(rows)
 
 
 def _laws() -> str:

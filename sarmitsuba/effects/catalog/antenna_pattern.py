@@ -20,6 +20,8 @@ class AntennaPattern(Effect):
     name = "antenna_pattern"
     title = "beam over the scene"
     documentation = "two-way beam pattern"
+    off_when = "isotropic, or flat over scene and aperture"
+    off_means = "an isotropic beam, for focusing too"
     rank = 90
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "antenna_pattern": "gain over direction at launch and at every closing",

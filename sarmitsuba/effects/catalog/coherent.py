@@ -23,6 +23,8 @@ class Coherent(Effect):
     name = "coherent"
     title = "coherent return of smooth surfaces"
     documentation = "physical-optics return of the smooth part of the surfaces"
+    off_when = "roughness leaves nothing of it beside the clutter"
+    off_means = "no physical-optics closing"
     rank = 20
     cost = 0.06
     kernel_flags: ClassVar[Mapping[str, str]] = {

@@ -18,6 +18,8 @@ class CrossPolarisation(Effect):
     name = "cross_polarisation"
     title = "cross-polar channels"
     documentation = "channels with different transmit and receive polarisation"
+    off_when = "the radar records no cross-polar channel"
+    off_means = "those channels leave the data"
     rank = 70
     cost = 0.12
     kernel_flags: ClassVar[Mapping[str, str]] = {

@@ -19,6 +19,8 @@ class Depolarisation(Effect):
     name = "depolarisation"
     title = "cross-polar diffuse return"
     documentation = "cross-polar diffuse return, at each material's cross_polar_ratio_db"
+    off_when = "no cross-polar ratio that a channel can show"
+    off_means = "one scalar per cell"
     rank = 80
     cost = 0.03
     kernel_flags: ClassVar[Mapping[str, str]] = {

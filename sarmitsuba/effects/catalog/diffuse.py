@@ -20,6 +20,8 @@ class Diffuse(Effect):
     name = "diffuse"
     title = "diffuse scattering"
     documentation = "incoherent return of rough surfaces"
+    off_when = "no material scatters diffusely"
+    off_means = "no scatterers, no diffuse polarisation"
     rank = 10
     cost = 0.65
     kernel_flags: ClassVar[Mapping[str, str]] = {

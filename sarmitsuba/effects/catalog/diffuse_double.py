@@ -19,6 +19,8 @@ class DiffuseDouble(Effect):
     name = "diffuse_double"
     title = "reciprocal and retro diffuse paths"
     documentation = "diffuse return after a mirror chain, with its reciprocal path"
+    off_when = "no diffuse hit behind a mirror, or too little of it"
+    off_means = "no reciprocal path, no way back along the chain"
     rank = 60
     cost = 0.26
     kernel_flags: ClassVar[Mapping[str, str]] = {

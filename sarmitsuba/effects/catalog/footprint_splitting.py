@@ -27,6 +27,8 @@ class FootprintSplitting(Effect):
     name = "footprint_splitting"
     title = "tubes shared among cells"
     documentation = "ray tubes shared among the scatterer cells that they overlap"
+    off_when = "bare level ground: one plane, one bounce, nothing coherent"
+    off_means = "rays through the centres of the scatterer cells, one contribution per ray instead of four"
     rank = 65
     cost = 0.44
     kernel_flags: ClassVar[Mapping[str, str]] = {

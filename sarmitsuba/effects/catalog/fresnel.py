@@ -18,6 +18,8 @@ class Fresnel(Effect):
     name = "fresnel"
     title = "Fresnel coefficients"
     documentation = "reflection coefficients of the materials; off: every surface a perfect conductor"
+    off_when = "every surface is a perfect conductor, or nothing reflects and nothing returns coherently"
+    off_means = "`E - 2 (E.n) n` only"
     rank = 30
     cost = 0.04
     kernel_flags: ClassVar[Mapping[str, str]] = {

@@ -18,6 +18,8 @@ class MaxDepth(Effect):
 
     name = "max_depth"
     title = "bounces beyond the first"
+    off_when = "one bounce is proven, or the pilot finds no more"
+    off_means = "no loop, no reflection, no virtual antenna"
     rank = 0
     cost = 0.56
     kernel_flags: ClassVar[Mapping[str, str]] = {

@@ -20,6 +20,8 @@ class Noise(Effect):
     name = "noise"
     title = "receiver noise"
     documentation = "thermal noise of the receiver"
+    off_when = "no noise temperature"
+    off_means = "nothing is added"
     rank = 140
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:

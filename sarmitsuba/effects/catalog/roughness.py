@@ -16,6 +16,8 @@ class Roughness(Effect):
     name = "roughness"
     title = "coherent loss by roughness"
     documentation = "coherent reflection reduced by the rms height"
+    off_when = "every rms height takes less than the tolerance from the wave"
+    off_means = "no exponentials"
     rank = 40
     cost = 0.03
     kernel_flags: ClassVar[Mapping[str, str]] = {

@@ -18,6 +18,8 @@ class Speckle(Effect):
     name = "speckle"
     title = "Gaussian scatterers"
     documentation = "persistent random reflectivity of the diffuse scatterers; off: a random phase only"
+    off_when = "nothing is diffuse"
+    off_means = "speckle coefficients of unit modulus and random phase"
     rank = 50
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "speckle": "complex Gaussian scatterers; off gives each cell the same modulus and a random phase",

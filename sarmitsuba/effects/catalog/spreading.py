@@ -15,6 +15,8 @@ class Spreading(Effect):
     name = "spreading"
     title = "spreading inside the scene"
     documentation = "spherical spreading inside the scene"
+    off_when = "1/R^2 is the same all over the scene"
+    off_means = "one factor"
     rank = 100
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "spreading": "division by both legs at every hit; off uses the reference point's range for all",

@@ -19,6 +19,8 @@ class Trajectory(Effect):
     name = "trajectory"
     title = "trajectory errors"
     documentation = "deviation of the track from a straight line"
+    off_when = "the track is straight"
+    off_means = "the best straight line, for focusing too"
     rank = 130
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:

@@ -20,6 +20,10 @@ class TubePhase(Effect):
     name = "tube_phase"
     title = "phase integral of ray tubes"
     documentation = "phase integral over each ray tube's footprint"
+    off_when = "nothing coherent, or rays a small part of a wavelength apart"
+    off_means = (
+        "the area of a ray's patch instead of the phase integral over it (a sum over its four corners)"
+    )
     rank = 120
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "tube_phase": "the phase integral over a ray's patch; off takes the patch's area",

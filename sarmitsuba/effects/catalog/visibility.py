@@ -15,6 +15,8 @@ class Visibility(Effect):
     name = "visibility"
     title = "shadow rays"
     documentation = "test of the way back to the antenna"
+    off_when = "one bounce, or no face can stand between"
+    off_means = "no shadow rays"
     rank = 110
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "visibility": "shadow rays from the second hit on",
