@@ -4,7 +4,7 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar
 
 from sarmitsuba.errors import SarmitsubaError, SceneError
 
@@ -261,7 +261,8 @@ def described(
     param = Param(
         "", kinds.get(type(default), "float"), None, doc, unit, minimum, maximum, positive, choices, auto
     )
-    return cast(T, field(default=default, metadata={_PARAM: param}))
+    made: T = field(default=default, metadata={_PARAM: param})
+    return made
 
 
 def params_of(description: type) -> tuple[Param, ...]:
