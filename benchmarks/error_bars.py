@@ -11,7 +11,7 @@ TOLERANCE = 1.5  # dB
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.error_bars import SHARED_DB
 
     report = harness.Report(

@@ -40,7 +40,7 @@ def rough(scene: Any) -> Any:
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import crop
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     report = harness.Report(
         "speed",

@@ -37,7 +37,7 @@ def _effects() -> str:
 
 def _laws() -> str:
     rows = ["| diffuse_law | return | diffuse_level_db is | needs |", "|---|---|---|---|"]
-    for law in LAWS:
+    for law in sorted(LAWS, key=lambda law: law.name):
         needs = ", ".join(f"`{name}`" for name in (*law.needs, *(p.name for p in law.parameters)))
         rows.append(f"| `{law.name}` | {law.title} | {law.level or 'not taken'} | {needs} |")
     return "\n".join(rows)

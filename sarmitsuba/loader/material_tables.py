@@ -1,25 +1,17 @@
 """The parameters of the material plugins."""
 
-from sarmitsuba.loader.parameters import Param, ParamTable
+from dataclasses import replace
+
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.parameters import Param, ParamTable
 
 
 def _law_parameters() -> tuple[Param, ...]:
     """Numbers that only one diffuse law needs, as the laws declare them."""
-    return tuple(
-        Param(
-            p.name,
-            "float",
-            p.default,
-            f"{p.documentation}; for diffuse_law = {' or '.join(law.name for law in LAWS if p in law.parameters)}",
-            p.unit,
-            p.minimum,
-            p.maximum,
-        )
-        for p in law_parameters()
-    )
+    takers = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
+    return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
 
 
 RADAR_MATERIAL = ParamTable(
@@ -33,7 +25,9 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_law_parameters,
     params=(
-        Param("material", "string", "", "permittivity by name", choices=lambda: MATERIALS.names),
+        Param(
+            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
+        ),
         Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
         Param(
             "permittivity_imag",
@@ -51,7 +45,7 @@ RADAR_MATERIAL = ParamTable(
             "string",
             "none",
             "angular law of the incoherent return",
-            choices=lambda: LAWS.names,
+            choices=lambda: tuple(sorted(LAWS.names)),
         ),
         Param(
             "diffuse_level_db",

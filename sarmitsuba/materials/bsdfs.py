@@ -238,7 +238,7 @@ def _check_law(law: DiffuseLaw, values: Mapping[str, Any], given: frozenset[str]
             f"give {'both' if len(law.needs) == 2 else 'it' if len(law.needs) == 1 else 'all'} or take another law"
         )
     if "diffuse_level_db" in given and not law.level:
-        takers = ", ".join(entry.name for entry in LAWS if entry.level)
+        takers = ", ".join(sorted(entry.name for entry in LAWS if entry.level))
         raise SceneError(
             f"{where}: diffuse_level_db = {values['diffuse_level_db']:g} dB has no effect with "
             f"diffuse_law = {law.name}; take one of {takers} or leave it out"

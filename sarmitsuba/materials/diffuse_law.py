@@ -1,6 +1,5 @@
 """What a diffuse law is: everything the program knows of one is in the law's own file in ``materials/laws``."""
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
 F64 = NDArray[np.float64]
@@ -48,27 +48,6 @@ class Surface(Protocol):
         """Value of a parameter that the law has declared."""
 
 
-@dataclass(frozen=True)
-class LawParameter:
-    """A number that only one law needs, with its place in ``radar_material``.
-
-    Parameters
-    ----------
-    name : as in the scene file
-    documentation : meaning, half a sentence
-    default : value when the scene file gives none
-    unit : SI unit, ``deg`` or ``dB``; empty when it has none
-    minimum, maximum : inclusive bounds
-    """
-
-    name: str
-    documentation: str
-    default: float
-    unit: str = ""
-    minimum: float = -math.inf
-    maximum: float = math.inf
-
-
 @dataclass(frozen=True, eq=False)
 class Sigma0:
     """Backscatter of a law over the incidence angle, with the domain where it is trusted.
@@ -104,7 +83,7 @@ class DiffuseLaw(ABC):
     title : half a line for tables
     level : what ``diffuse_level_db`` is for this law; empty: the law takes none
     needs : material fields (``rms_height``, ``correlation_length``) that must be above 0 in a scene file
-    parameters : numbers of its own, which ``radar_material`` then takes
+    parameters : numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes
     half_vector : the law is one of tilted facets: between two directions the level is that at the angle of the half
         vector, not the mean of the levels at both
     scatters : False for the law that returns nothing
@@ -115,7 +94,7 @@ class DiffuseLaw(ABC):
     title: ClassVar[str]
     level: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
-    parameters: ClassVar[tuple[LawParameter, ...]] = ()
+    parameters: ClassVar[tuple[Param, ...]] = ()
     half_vector: ClassVar[bool] = False
     scatters: ClassVar[bool] = True
     blocks_as_vacuum: ClassVar[bool] = True
@@ -139,9 +118,10 @@ class DiffuseLaw(ABC):
 LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws")
 
 
-def law_parameters() -> tuple[LawParameter, ...]:
+def law_parameters() -> tuple[Param, ...]:
     """The parameters that registered laws have of their own, each name once."""
-    return tuple({p.name: p for law in LAWS for p in law.parameters}.values())
+    found = {p.name: p for law in LAWS for p in law.parameters}
+    return tuple(found[name] for name in sorted(found))
 
 
 def permittivity_of(surface: Surface) -> complex:
@@ -167,7 +147,6 @@ def correlation_length_of(surface: Surface, law: str) -> float:
 __all__ = [
     "LAWS",
     "DiffuseLaw",
-    "LawParameter",
     "Sigma0",
     "Surface",
     "correlation_length_of",

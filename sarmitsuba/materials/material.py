@@ -48,7 +48,7 @@ class Material:
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
             raise SceneError(
-                f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {", ".join(LAWS.names)}'
+                f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {", ".join(sorted(LAWS.names))}'
             )
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:
@@ -65,8 +65,12 @@ class Material:
 
     def law_parameter(self, name: str) -> float:
         """Value of a parameter of the law's own, its default when it is not given."""
-        defaults = {p.name: p.default for p in LAWS[self.diffuse_law].parameters}
-        return (defaults | dict(self.law_parameters))[name]
+        given = dict(self.law_parameters)
+        if name in given:
+            return given[name]
+        default = next(p.default for p in LAWS[self.diffuse_law].parameters if p.name == name)
+        assert isinstance(default, int | float)
+        return float(default)
 
 
 __all__ = ["Material"]

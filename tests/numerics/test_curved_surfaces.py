@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH
+from sarmitsuba.loader.collect import SAGITTA_OVER_WAVELENGTH
 from sarmitsuba.mesh import curvature
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.tessellate import cylinder, sphere

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import sarmitsuba
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.parameters import Param
+from sarmitsuba.parameters import Param
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path">{sar_path}</integrator>
@@ -82,7 +82,8 @@ def inside(param: Param) -> st.SearchStrategy[Any]:
     low, high = max(param.minimum, -1e12), min(param.maximum, 1e12)
     if param.kind.startswith("integer"):
         return st.integers(int(low), int(high))
-    edges = [x for x in (low, high, param.default) if not (param.positive and x == param.minimum)]
+    default = low if param.default is None else param.default
+    edges = [x for x in (low, high, default) if not (param.positive and x == param.minimum)]
     ways = [st.sampled_from(edges), st.floats(low, high, exclude_min=param.positive)]
     floor = max(low, 1e-9)
     if high > floor:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 
 N_SCENES = 10_000
 HANG = 20.0  # s, of one scene; the process then ends with a traceback

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power

@@ -12,8 +12,8 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import INTEGRATOR
-from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.loader.parameters import Param, ParamTable, did_you_mean
 from sarmitsuba.loader.tables import INTEGRATOR, SENSOR, TABLES
+from sarmitsuba.parameters import Param, ParamTable, did_you_mean
 
 WHERE = 'scene.xml: sensor "radar"'
 
@@ -96,7 +96,7 @@ def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
 def test_every_default_is_within_its_own_bounds() -> None:
     for one in TABLES.values():
         for param in one.rows:
-            if param.default == "":  # not given; choices apply to given values only
+            if param.default in ("", None):  # not given; choices apply to given values only
                 continue
             assert one.read({param.name: param.default}, WHERE)[param.name] == param.default
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.errors import RadarError, SarmitsubaError, SceneError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 
 PEC = '<bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>'
 GOOD = (

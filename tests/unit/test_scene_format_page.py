@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.loader.format_doc import fill_tables
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.loader.xml import load_scene
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "scene_format.md"

@@ -8,7 +8,7 @@ import trimesh
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.library import list_scenes
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.ply import write_ply
 
 SENSOR = '<sensor type="sar_antenna" id="radar"/>'

@@ -6,19 +6,17 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.loader.radar_builder import RadarInput, build_radar
-from sarmitsuba.loader.tables import FILM, SENSOR
+from sarmitsuba.loader.radar_builder import build_radar
+from sarmitsuba.loader.radar_parameters import RadarInput
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
 
 
 def described(film: dict | None = None, folder: Path = Path(), **sensor: object) -> RadarInput:
     film = film or {}
-    return RadarInput(
-        SENSOR.read(sensor, "s"),
-        FILM.read(film, "f"),
-        frozenset(sensor),
-        frozenset(film),
+    return RadarInput.read(
+        sensor,
+        film,
         'scene.xml: sensor "radar"',
         "scene.xml: film range_film",
         folder,
