@@ -119,9 +119,8 @@ LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws"
 
 
 def law_parameters() -> tuple[Param, ...]:
-    """The parameters that registered laws have of their own, each name once."""
-    found = {p.name: p for law in LAWS for p in law.parameters}
-    return tuple(found[name] for name in sorted(found))
+    """The parameters that registered laws have of their own; laws may share one."""
+    return tuple(sorted({p for law in LAWS for p in law.parameters}, key=lambda p: p.name))
 
 
 def permittivity_of(surface: Surface) -> complex:

@@ -47,8 +47,9 @@ class Material:
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
+            known_laws = ", ".join(sorted(LAWS.names))
             raise SceneError(
-                f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {", ".join(sorted(LAWS.names))}'
+                f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {known_laws}'
             )
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:

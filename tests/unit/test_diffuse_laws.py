@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.materials.diffuse import DiffuseTable, diffuse_tables
-from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.laws.iem import iem_backscatter
 from sarmitsuba.materials.laws.kirchhoff import geometrical_optics_sigma0
@@ -42,6 +42,31 @@ def test_levels_of_the_empirical_laws(angle: float) -> None:
         # tol: linear interpolation between 256 nodes, step^2 / 8 of the amplitude's curvature
         assert h == pytest.approx(level, abs=2e-4)
         assert v == h
+
+
+def test_a_law_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(SceneError, match='material "soil": diffuse_law = "lamber" is not one of constant, '):
+        soil("lamber")
+    with pytest.raises(SceneError, match="diffuse_law = lambert has no parameter fall; it takes none"):
+        Material("m", diffuse_law="lambert", law_parameters=(("fall", 1.0),))
+
+
+def test_a_law_that_returns_no_power_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(self: DiffuseLaw, surface: object, wavelength: float, theta: np.ndarray) -> Sigma0:
+        return Sigma0(-np.ones_like(theta), np.ones_like(theta))
+
+    monkeypatch.setattr(type(LAWS["lambert"]), "sigma0", broken)
+    with pytest.raises(ExtensionError, match="diffuse law 'lambert': sigma0 must return 256 finite values"):
+        diffuse_tables(soil("lambert"), WAVELENGTH)
+
+
+def test_every_law_says_what_it_takes() -> None:
+    fields = {"rms_height", "correlation_length"}
+    for law in LAWS:
+        assert law.title and set(law.needs) <= fields
+        assert not (law.level and law.needs)  # measured levels, or a model of the surface
+    assert [law.name for law in LAWS if law.half_vector] == ["kirchhoff"]
+    assert [law.name for law in LAWS if not law.scatters] == ["none"]
 
 
 @pytest.mark.parametrize("law", LAWS.names)
