@@ -1,7 +1,7 @@
-"""The command line: parses, dispatches, turns errors into one line and an exit status.
+"""The command line: reads the arguments, runs a subcommand, turns errors into one line and an exit status.
 
-Exit status: 0 done, 1 something is missing (doctor) or the program is at fault, 2 the user's input is at
-fault, 130 stopped by Ctrl-C.
+Exit status: 0 done; 1 something is missing (doctor), a comparison is out of tolerance (validate) or the program
+failed; 2 the user's input is wrong; 130 stopped by Ctrl-C.
 """
 
 import argparse
@@ -20,7 +20,7 @@ EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
 
 class _Parser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line."""
+    """Argument parser that reports errors on one line."""
 
     def error(self, message: str) -> NoReturn:
         print(f"error: {message} (see {self.prog} --help)", file=sys.stderr)
@@ -37,7 +37,7 @@ def build_parser() -> argparse.ArgumentParser:
         sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
         command.add_arguments(sub)
         _add_extension(sub)
-        sub.add_argument("--quiet", action="store_true", help="show errors only")
+        sub.add_argument("--quiet", action="store_true", help="show only errors")
         sub.add_argument("--verbose", action="store_true", help="show log messages")
         sub.set_defaults(run=command.run)
     return parser
@@ -80,10 +80,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.complain(str(error))
         return EXIT_USER
     except MemoryError:
-        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser spacing")
+        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser ray_spacing")
         return EXIT_USER
     except KeyboardInterrupt:
-        console.complain("interrupted; nothing half-written was left behind")
+        console.complain("interrupted; no half-written file was left behind")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

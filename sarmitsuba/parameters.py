@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from sarmitsuba.errors import SarmitsubaError, SceneError
+from sarmitsuba.errors import ExtensionError, SarmitsubaError, SceneError
 
 Kind = Literal["float", "integer", "string", "boolean", "integer or auto", "ignored"]
 Value = float | int | str | bool
@@ -178,8 +178,18 @@ class ParamTable:
 
     @property
     def rows(self) -> tuple[Param, ...]:
-        """Every parameter, its own and those that come on top."""
-        return (*self.params, *self.more())
+        """Every parameter, its own and those that come on top.
+
+        Raises
+        ------
+        ExtensionError : what comes on top takes the name of another parameter
+        """
+        rows = (*self.params, *self.more())
+        if len({p.name for p in rows}) < len(rows):
+            names = [p.name for p in rows]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ExtensionError(f"{self.plugin} has a parameter {twice!r} already; take another name")
+        return rows
 
     @property
     def names(self) -> tuple[str, ...]:

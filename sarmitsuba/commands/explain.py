@@ -1,4 +1,4 @@
-"""Show what a scene will be simulated with and why, and what the run will take, before running it."""
+"""Show which effects a scene will be simulated with and why, and how long the run will take, before running it."""
 
 import argparse
 import dataclasses
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.prediction import Prediction
 
 NAME = "explain"
-HELP = "show the effects plan of a scene, and predicted time and memory"
+HELP = "show the effects plan of a scene, with predicted time and memory"
 
 _WITHOUT_RAW = ("image", "raster")
 
@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
     parser.add_argument(
-        "--radar", metavar="RADAR", help="radar description (XML or shipped name) put over the scene"
+        "--radar",
+        metavar="RADAR",
+        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
     )
     parser.add_argument(
         "-D",
@@ -34,14 +36,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=definition,
         metavar="NAME=VALUE",
-        help="value of a $NAME in the scene file; may be repeated",
+        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
-    parser.add_argument("--method", choices=("raw", "hybrid", "image", "raster"), help="how to simulate")
     parser.add_argument(
-        "--no-error-bars", action="store_true", help="as for render: one set of rays, not two"
+        "--method",
+        choices=("raw", "hybrid", "image", "raster"),
+        help="how to simulate (default: the scene's)",
     )
-    parser.add_argument("--plan-only", action="store_true", help="no prediction of time and memory")
-    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument(
+        "--no-error-bars", action="store_true", help="as for render: one set of rays instead of two"
+    )
+    parser.add_argument(
+        "--plan-only", action="store_true", help="show the plan without predicting time and memory"
+    )
+    parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -66,7 +74,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def explain(scene: "Scene", *, predicted: bool = True) -> "tuple[EffectsPlan, Prediction | None]":
-    """Plan of a scene and, unless the method needs no raw data, the prediction of its run."""
+    """Return the plan of a scene and the prediction of its run (None for methods without raw data)."""
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.prediction import predict
 
@@ -107,8 +115,8 @@ def _table(scene: "Scene", plan: "EffectsPlan", prediction: "Prediction | None")
     lines.insert(1, "-" * max(len(line) for line in lines[:1]))
     lines.insert(0, f"{scene.name}: {scene.settings.method}, channels {', '.join(plan.flags.channels)}")
     lines.append(
-        "if not: error of the image if it were the other way, against its clutter or peak; cost: share of the time "
-        "of a run with everything on"
+        "if not: error of the image, relative to its clutter or peak, if the effect were switched the other way; "
+        "cost: the effect's share of the time of a run with everything on"
     )
     if plan.pilot:
         p = plan.pilot
@@ -119,8 +127,8 @@ def _table(scene: "Scene", plan: "EffectsPlan", prediction: "Prediction | None")
         stages = ", ".join(f"{stage} {_seconds(s)}" for stage, s in prediction.seconds.items())
         lines.append(
             f"predicted: {_seconds(prediction.total)} ({stages}), {prediction.memory / 2**20:.0f} MiB; "
-            f"{prediction.rays / 1e6:.3g} M rays at {prediction.key_pulses} key pulses, "
-            f"{prediction.pixels / 1e6:.3g} M pixels"
+            f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "
+            f"{prediction.pixels / 1e6:.3g} million pixels"
         )
     return "\n".join(lines)
 
@@ -142,7 +150,7 @@ def _cost(share: float) -> str:
 def definition(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
 
 

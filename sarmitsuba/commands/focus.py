@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
 
 NAME = "focus"
-HELP = "focus saved raw data"
+HELP = "focus saved raw data into an image"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("raw", metavar="RAW", help="raw data that `render` wrote (raw.h5)")
+    parser.add_argument("raw", metavar="RAW", help="raw data written by `render` (raw.h5)")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
-    parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
+    parser.add_argument("--force", action="store_true", help="overwrite the results in OUT")
     add_focus_arguments(parser)
 
 
@@ -28,13 +28,15 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         "--focuser",
         choices=("backprojection", "omega_k"),
         default="backprojection",
-        help="backprojection: any track and grid; omega_k: straight uniform track, slant grid, fast",
+        help="backprojection (default) takes any track and grid; omega_k is faster, for straight uniform tracks and "
+        "slant-range grids",
     )
     parser.add_argument(
         "--window",
         default="rectangular",
         metavar="WINDOW",
-        help="side-lobe window in range and azimuth, e.g. rectangular, hamming, taylor",
+        help="window against sidelobes in range and azimuth: rectangular (default), hamming, taylor or kaiser, with "
+        "parameters if wanted, e.g. taylor:4:-35",
     )
 
 
@@ -72,7 +74,7 @@ def focus_into(
     watch: "Stopwatch",
     facts: dict[str, Any],
 ) -> Path:
-    """Focus, write image and pictures into the folder, add to the facts; return the picture's path."""
+    """Focus, write the image and its pictures into the folder, add to the facts. Return the picture's path."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import focus
 

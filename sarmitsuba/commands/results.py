@@ -1,4 +1,4 @@
-"""The output folder of ``render`` and ``focus``: which files there are and what parameters.json says."""
+"""The output folder of ``render`` and ``focus``: its files, and the contents of parameters.json."""
 
 import dataclasses
 import importlib.metadata
@@ -29,7 +29,7 @@ _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR",
 
 
 class Stopwatch:
-    """Seconds by stage."""
+    """Seconds spent in each stage."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -37,7 +37,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Book the block's time on a stage."""
+        """Add the time of the ``with`` block to a stage."""
         before = time.perf_counter()
         try:
             yield
@@ -52,7 +52,7 @@ class Stopwatch:
 
 @contextmanager
 def output_folder(path: str, *, force: bool) -> Iterator[Path]:
-    """Yield the folder, made if need be; removed again if nothing was put into it.
+    """Yield the folder. It is made if needed, and removed again if nothing was put into it.
 
     Raises
     ------
@@ -61,17 +61,21 @@ def output_folder(path: str, *, force: bool) -> Iterator[Path]:
     """
     folder = Path(path)
     if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: is a file, not a folder; choose another -o")
+        raise OutputError(f"{folder}: this is a file, not a folder; choose another -o")
     existed = folder.is_dir()
     if existed and not force and any(path.name != PASSES for path in folder.iterdir()):
-        raise OutputError(f"{folder}: is not empty; choose another -o, or overwrite its results with --force")
+        raise OutputError(
+            f"{folder}: this folder is not empty; choose another -o, or use --force to overwrite its results"
+        )
     make_folder(folder)
     probe = folder / ".sarmitsuba.part"
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise OutputError(f"{folder}: cannot write into the folder: {error.strerror}") from error
+        raise OutputError(
+            f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
+        ) from error
     try:
         yield folder
     finally:
@@ -94,7 +98,7 @@ def save_raw(folder: Path, raw: RawData) -> None:
 def store_image(
     folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any], console: Console
 ) -> Path:
-    """Write the image as HDF5, OpenEXR and pictures, add to the facts; return the first picture's path."""
+    """Write the image as HDF5, OpenEXR and pictures, and add to the facts. Return the first picture's path."""
     with watch.stage("error bars"):
         image = with_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
@@ -120,7 +124,7 @@ def store_image(
 
 
 def save_pictures(folder: Path, image: SarImage) -> Path:
-    """Write quick-looks of every channel and of the bounce orders; return the first channel's."""
+    """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
     from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
 
     save(quicklook(image), folder / PICTURE)
@@ -137,7 +141,7 @@ def save_facts(folder: Path, facts: Mapping[str, Any]) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this program, Python and the packages that the result depends on."""
+    """Return the versions of this program, Python and the packages that the result depends on."""
     found = {"sarmitsuba": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -148,7 +152,7 @@ def versions() -> dict[str, str]:
 
 
 def radar_facts(radar: Radar) -> dict[str, Any]:
-    """Parameters of the radar, with units in their names; the track in short (raw.h5 has every pulse)."""
+    """Return the radar's parameters, with units in their names. The track is summarised; raw.h5 has every pulse."""
     track, window = radar.track, radar.window
     span = float(track.time[-1] - track.time[0])
     return {

@@ -1,4 +1,4 @@
-"""Compare the simulator with closed forms: a table on the terminal, a page with a plot for every case."""
+"""Compare the simulator with closed forms. Prints a table and writes a page with one plot per case."""
 
 import argparse
 import time
@@ -18,12 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         default=Path("docs"),
-        help="folder of validation.md and images/validation",
+        help="folder for validation.md and images/validation (default docs)",
     )
-    parser.add_argument("--case", nargs="+", metavar="NAME", help="only these cases; no page is written")
-    parser.add_argument("--topic", nargs="+", metavar="TOPIC", help="only these topics; no page is written")
+    parser.add_argument("--case", nargs="+", metavar="NAME", help="run only these cases, and write no page")
     parser.add_argument(
-        "--quick", action="store_true", help="fewer bands, angles and looks, as the tests run them"
+        "--topic", nargs="+", metavar="TOPIC", help="run only these topics, and write no page"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="use fewer bands, angles and looks, as the tests do"
     )
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
 
@@ -42,10 +44,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     partial = bool(args.case or args.topic)
     for name in args.case or ():
         if name not in {entry.name for entry in entries}:
-            raise OutputError(f"validate: there is no case {name!r}; `validate --list` names them")
+            raise OutputError(f"validate: there is no case {name!r}; `validate --list` shows all cases")
     for name in args.topic or ():
         if name not in {entry.topic for entry in entries}:
-            raise OutputError(f"validate: there is no topic {name!r}; `validate --list` names them")
+            raise OutputError(f"validate: there is no topic {name!r}; `validate --list` shows all topics")
     if partial:
         entries = tuple(e for e in entries if e.name in (args.case or ()) or e.topic in (args.topic or ()))
     images = args.output / "images" / "validation"

@@ -19,8 +19,8 @@ _MAX_PRODUCTS = 50_000_000
 _MAX_FACES = 200_000
 
 
-class ShapeFacts:
-    """Geometric context, each worked out when it is asked for.
+class ShapeAnalysis:
+    """Properties of the visible geometry, each worked out when it is asked for.
 
     Parameters
     ----------
@@ -340,4 +340,4 @@ def _first_nonzero(rows: F64) -> F64:
     return np.asarray(rows[np.arange(len(rows)), np.argmax(big, axis=1)])
 
 
-__all__ = ["ShapeFacts"]
+__all__ = ["ShapeAnalysis"]

@@ -13,8 +13,9 @@ from sarmitsuba.loader.radar_builder import build_radar
 from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.convexity import is_convex_body
-from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene

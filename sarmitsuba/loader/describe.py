@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.parameters import filled
-from sarmitsuba.scene.settings import EFFECT_NAMES, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ def describe(root: Element, radar_root: Element | None, overrides: Overrides, la
     sensor, film = _sensor(root, radar_root, label)
     radar = _radar_input(sensor, film, overrides)
     values, _ = overrides.read(_integrator(root, radar_root), tables.INTEGRATOR)
-    effects = {name: values.pop(name) for name in EFFECT_NAMES}
+    effects = {effect.name: values.pop(effect.name) for effect in switchable_effects()}
     values["gridding_width"] = values["gridding_width"] or radar.film.gridding_width
     return Described(radar, filled(TraceSettings(), {**values, "effects": effects}))
 

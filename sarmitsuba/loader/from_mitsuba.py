@@ -15,7 +15,7 @@ from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
-from sarmitsuba.materials.library import ADAPTER_BSDFS
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"

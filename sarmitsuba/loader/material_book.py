@@ -9,17 +9,17 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.library import (
+from sarmitsuba.materials.bsdfs import (
     ADAPTER_BSDFS,
     adapter_note,
-    itu_material,
+    named_material,
     ordinary_material,
     radar_material,
     rough,
     sionna_itu_name,
     sionna_material,
 )
+from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
 from sarmitsuba.parameters import did_you_mean
 
@@ -82,7 +82,7 @@ class MaterialBook:
             raise SceneError(f"{where}: BSDFs are nested more than {_MAX_NESTING} deep; flatten them")
         itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
         if itu:
-            material, note = itu_material(name, itu, self.frequency, **rough(self.rms_height))
+            material, note = named_material(name, itu, self.frequency, **rough(self.rms_height))
         elif plugin == tables.RADAR_MATERIAL.plugin:
             values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL)
             material, note = radar_material(name, values, given, self.frequency, where)

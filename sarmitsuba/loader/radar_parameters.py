@@ -24,7 +24,7 @@ class RadarDescription:
     parameter to the program where its documentation says *automatic*.
     """
 
-    mode: str = described("stripmap", "how the beam is steered", choices=lambda: MODES.names)
+    mode: str = described("stripmap", "how the beam is steered", choices=lambda: tuple(sorted(MODES.names)))
     slant_range: float = described(10e3, "from the antenna at mid-aperture to the aim point", "m", 1.0, 1e9)
     look_angle_deg: float = described(
         45.0,

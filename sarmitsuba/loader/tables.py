@@ -1,5 +1,6 @@
 """The parameters of every plugin."""
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.loader.material_tables import (
     ABSORBER,
     HOLDER,
@@ -9,33 +10,25 @@ from sarmitsuba.loader.material_tables import (
     RADIO_MATERIAL,
 )
 from sarmitsuba.loader.radar_parameters import FILM, SENSOR
-from sarmitsuba.materials.library import ORDINARY_RMS_HEIGHT
+from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
-from sarmitsuba.scene.settings import EFFECT_NAMES, METHODS, TOLERANCE_DB
+from sarmitsuba.scene.settings import METHODS, TOLERANCE_DB
 
-_EFFECT_DOCS = {
-    "fresnel": "reflection coefficients of the materials; off: every surface a perfect conductor",
-    "roughness": "coherent reflection reduced by the rms height",
-    "coherent": "physical-optics return of the smooth part of the surfaces",
-    "diffuse": "incoherent return of rough surfaces",
-    "speckle": "persistent random reflectivity of the diffuse scatterers; off: all have the same phase",
-    "cross_polarisation": "channels with different transmit and receive polarisation",
-    "antenna_pattern": "two-way beam pattern",
-    "spreading": "spherical spreading inside the scene",
-    "visibility": "test of the way back to the antenna",
-    "tube_phase": "phase integral over each ray tube's footprint",
-    "diffuse_double": "diffuse return after a mirror chain, with its reciprocal path",
-    "footprint_splitting": "ray tubes shared among the scatterer cells that they overlap",
-    "noise": "thermal noise of the receiver",
-    "depolarisation": "rotation of the polarisation by reflection",
-    "trajectory": "deviation of the track from a straight line",
-}
+
+def _switches() -> tuple[Param, ...]:
+    """One switch for every effect that has one, as the effects describe them."""
+    return tuple(
+        Param(effect.name, "string", "auto", effect.documentation, choices=("auto", "on", "off"))
+        for effect in switchable_effects()
+    )
+
 
 INTEGRATOR = ParamTable(
     plugin="sar_path",
     element="integrator",
     doc="Multi-bounce coherent ray tubes. Every effect is `auto` (decided from the scene), `on` or `off`.",
     hints={"rr_depth": "paths end at max_depth", "hide_emitters": "emitters have no meaning for a radar"},
+    more=_switches,
     params=(
         Param(
             "method",
@@ -109,10 +102,6 @@ INTEGRATOR = ParamTable(
             "m",
             0.0,
             0.1,
-        ),
-        *(
-            Param(name, "string", "auto", _EFFECT_DOCS[name], choices=("auto", "on", "off"))
-            for name in EFFECT_NAMES
         ),
     ),
 )

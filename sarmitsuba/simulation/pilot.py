@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.context import KINDS, Context, PilotResult, Sampling
+from sarmitsuba.effects.context import KINDS, PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.window import (
@@ -84,7 +84,7 @@ def plan_scene(
     window = window or launch_window(scene)
     sampling = sampling_of(scene, None, window)
     seconds = run_seconds(scene, sampling)
-    shape = Context(scene).shape_within(PROOF_SHARE * seconds)
+    shape = SceneContext(scene).shape_within(PROOF_SHARE * seconds)
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
     if _kinds(scene, draft) != _kinds(scene, None):
         sampling = sampling_of(scene, draft, window)
@@ -120,7 +120,7 @@ def sampling_of(scene: Scene, draft: EffectsPlan | None, window: LaunchWindow) -
 def _kinds(scene: Scene, draft: EffectsPlan | None) -> tuple[bool, bool]:
     """Whether there are diffuse and coherent returns: by the draft, or for all that there may be."""
     if draft is None:
-        return any(m.diffuse_law != "none" for m in scene.materials), True
+        return any(m.scatters for m in scene.materials), True
     return draft.flags.diffuse, draft.flags.coherent
 
 
@@ -167,7 +167,7 @@ def run_pilot(
     trace_scene: TraceScene | None = None,
     *,
     pulses: Sequence[int] | None = None,
-    shape: ShapeFacts | None = None,
+    shape: ShapeAnalysis | None = None,
 ) -> PilotResult:
     """Trace the pilot.
 
@@ -199,7 +199,7 @@ def run_pilot(
     budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
-    shape = shape or Context(scene).shape
+    shape = shape or SceneContext(scene).shape
     points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
     features = 0
@@ -257,7 +257,7 @@ def _kinds_of_a_hit(flags: KernelFlags) -> list[str]:
 
 
 def _features(
-    scene: Scene, shape: ShapeFacts, sampling: Sampling, window: LaunchWindow, n_patches: int
+    scene: Scene, shape: ShapeAnalysis, sampling: Sampling, window: LaunchWindow, n_patches: int
 ) -> tuple[F64, F64]:
     """Small features that random patches would not meet often enough, strongest first: points, sizes."""
     points, sizes = shape.features

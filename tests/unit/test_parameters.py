@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.errors import ExtensionError, RadarError, SceneError
 from sarmitsuba.loader.tables import INTEGRATOR, SENSOR, TABLES
 from sarmitsuba.parameters import Param, ParamTable, did_you_mean
 
@@ -118,3 +118,15 @@ def test_did_you_mean_is_silent_without_a_close_name() -> None:
     assert did_you_mean("qqq", ["prf", "speed"]) == ""
     with pytest.raises(SceneError, match="plugin knows a, b"):
         table(Param("a", "float", 0.0, "a"), Param("b", "float", 0.0, "b")).read({"zzzz": 1}, WHERE)
+
+
+def test_what_comes_on_top_takes_no_name_that_is_taken() -> None:
+    table = ParamTable(
+        "thing",
+        "bsdf",
+        "A thing.",
+        (Param("size", "float", 1.0, "of it"),),
+        more=lambda: (Param("size", "float", 2.0, "another"),),
+    )
+    with pytest.raises(ExtensionError, match="thing has a parameter 'size' already"):
+        table.read({}, "here")

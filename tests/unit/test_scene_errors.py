@@ -85,7 +85,11 @@ def test_the_good_one_loads(tmp_path: Path) -> None:
             '"perspective"',
             "scene.xml: no sar_antenna sensor (only perspective); add one, or lay a",
         ),
-        ('value="pec"', 'value="peck"', 'bsdf "metal": material = "peck" is not one of pec, vacuum'),
+        (
+            'value="pec"',
+            'value="peck"',
+            'bsdf "metal": material = "peck" is not one of asphalt_concrete, brick',
+        ),
         ('id="metal"/>', 'id="mettle"/>', 'unresolved reference to "mettle"'),
         (
             '"rectangle"',

@@ -245,6 +245,16 @@ def test_a_track_in_python_replaces_angles_and_range() -> None:
         ),
         ([SceneMesh(*cube(), "pec")], {"radar": RadarDescription(mode="side")}, "RadarDescription: mode = "),
         (
+            [SceneMesh(*cube(), "pec")],
+            {"settings": TraceSettings(effects={"specle": "on"})},
+            'TraceSettings: unknown parameter "specle"; did you mean "speckle"',
+        ),
+        (
+            [SceneMesh(*cube(), "pec")],
+            {"settings": TraceSettings(max_depth=-1)},
+            "TraceSettings: max_depth = -1 is below the bound 0",
+        ),
+        (
             [SceneMesh(*cube(), Material("a", pec=True)), SceneMesh(*cube(), Material("a"))],
             {},
             'two materials are named "a"',

@@ -177,8 +177,9 @@ def diffuse_laws(quick: bool = False) -> Case:
 
 def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
     """Law of a material at exact angles, without the kernel's table."""
-    from sarmitsuba.materials import diffuse
     from sarmitsuba.materials.laws.iem import iem_backscatter
+    from sarmitsuba.materials.laws.roughness import shared_energy_sigma0
+    from sarmitsuba.materials.laws.small_perturbation import small_perturbation_sigma0
 
     k, s, length = 2.0 * np.pi / LAM, material.rms_height, material.correlation_length
     level = 10.0 ** (material.diffuse_level_db / 10.0)
@@ -192,14 +193,14 @@ def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
         r2 = float(np.abs((np.sqrt(SOIL) - 1.0) / (np.sqrt(SOIL) + 1.0)) ** 2)
         same = r2 * np.exp(-(np.tan(theta) ** 2) / (2.0 * m2)) / (2.0 * m2 * c**4)
     elif material.diffuse_law == "small_perturbation":
-        return diffuse.small_perturbation_sigma0(theta, SOIL, k, s, length)
+        return small_perturbation_sigma0(theta, SOIL, k, s, length)
     elif material.diffuse_law == "iem":
         return iem_backscatter(theta, SOIL, k, s, length)
     else:
         fine = np.linspace(0.0, np.pi / 2.0, 4001)
         pair = []
         for r in fresnel(np.cos(fine), SOIL):
-            pair.append(np.interp(theta, fine, diffuse.shared_energy_sigma0(fine, np.abs(r) ** 2, k * s)))
+            pair.append(np.interp(theta, fine, shared_energy_sigma0(fine, np.abs(r) ** 2, k * s)))
         return pair[0], pair[1]
     return same, same
 

@@ -10,7 +10,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import EFFECT_NAMES, Switch, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import chain, make_scene, track_distance
 from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison
@@ -36,8 +36,7 @@ BRIGHT = Material(
 
 def diffuse_only(**settings: Any) -> TraceSettings:
     """Settings without the coherent returns of smooth faces, whose rims draw bright lines of their own."""
-    effects: dict[str, Switch] = {**dict.fromkeys(EFFECT_NAMES, "auto"), "coherent": "off"}
-    return TraceSettings(effects=effects, **settings)
+    return TraceSettings(effects={"coherent": "off"}, **settings)
 
 
 def box(
