@@ -38,6 +38,7 @@ class Param:
     positive : True also refuses the minimum itself
     choices : allowed strings, or a function that returns them (names of a registry that modules of the user fill)
     auto : True when the default 0 means automatic
+    python : errors give an example in Python, not in XML
     """
 
     name: str
@@ -50,6 +51,7 @@ class Param:
     positive: bool = False
     choices: Choices = ()
     auto: bool = False
+    python: bool = False
 
     @property
     def tag(self) -> str:
@@ -122,6 +124,8 @@ class Param:
         example = self.default if self.default != "" or not self.choices else self.allowed[0]
         if example is None:
             example = 0.0
+        if self.python:
+            return f"give {self.bounds_text()}, for example {self.name}={example!r}"
         if isinstance(example, bool):
             example = "true" if example else "false"
         elif not isinstance(example, str):
@@ -207,13 +211,16 @@ class ParamTable:
         """Every parameter with its default."""
         return {p.name: p.default for p in self.rows}
 
-    def read(self, given: Mapping[str, object], where: str) -> dict[str, Value | None]:
+    def read(
+        self, given: Mapping[str, object], where: str, *, python: bool = False
+    ) -> dict[str, Value | None]:
         """Validate what a file gives and fill in defaults.
 
         Parameters
         ----------
         given : name to value as the XML parser typed it
         where : start of every error, for example ``scene.xml: sensor "radar"``
+        python : errors give examples in Python, not in XML
 
         Returns
         -------
@@ -225,9 +232,10 @@ class ParamTable:
         """
         for name in given:
             self.check_name(name, where)
+        rows = tuple(replace(p, python=True) for p in self.rows) if python else self.rows
         return {
             p.name: p.convert(given[p.name], where, self.error) if p.name in given else p.default
-            for p in self.rows
+            for p in rows
         }
 
     def check_name(self, name: str, where: str) -> None:

@@ -126,7 +126,7 @@ def _described(
             f"{settings.gridding_width}; give it to TraceSettings only"
         )
     given = {f.name: getattr(settings, f.name) for f in fields(settings) if f.name != "effects"}
-    read = INTEGRATOR.read(given | dict(settings.effects), type(settings).__name__)
+    read = INTEGRATOR.read(given | dict(settings.effects), type(settings).__name__, python=True)
     effects = {effect.name: read[effect.name] for effect in switchable_effects()}
     return Described(RadarInput.of(radar, film, track), filled(settings, {"effects": effects}))
 

@@ -255,15 +255,17 @@ class RadarInput:
         film_where: str = FILM.plugin,
         folder: Path = Path(),
         track: Track | None = None,
+        *,
+        python: bool = False,
     ) -> "RadarInput":
-        """Validate parameters that are given by name.
+        """Validate parameters that are given by name; ``python`` as for `ParamTable.read`.
 
         Raises
         ------
         RadarError
             A name is unknown, a value has the wrong type or is out of bounds, or belongs to another mode.
         """
-        values = SENSOR.read(sensor, where)
+        values = SENSOR.read(sensor, where, python=python)
         own = {p.name: values.pop(p.name) for p in mode_parameters()}
         law = MODES[str(values["mode"])]
         used = {p.name for p in law.parameters}
@@ -277,7 +279,7 @@ class RadarInput:
         description = filled(RadarDescription(mode_parameters=values_of_mode), values)
         return RadarInput(
             description,
-            filled(FilmDescription(), FILM.read(film, film_where)),
+            filled(FilmDescription(), FILM.read(film, film_where, python=python)),
             frozenset(sensor),
             frozenset(film),
             where,
@@ -295,6 +297,7 @@ class RadarInput:
             type(radar).__name__,
             type(film).__name__,
             track=track,
+            python=True,
         )
 
 

@@ -241,7 +241,7 @@ def test_a_track_in_python_replaces_angles_and_range() -> None:
         (
             [SceneMesh(*cube(), "pec")],
             {"radar": RadarDescription(prf=-1.0)},
-            "RadarDescription: prf = -1 Hz is below",
+            "RadarDescription: prf = -1 Hz is below .*, for example prf=0.0$",
         ),
         ([SceneMesh(*cube(), "pec")], {"radar": RadarDescription(mode="side")}, "RadarDescription: mode = "),
         (
