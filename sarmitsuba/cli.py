@@ -37,7 +37,7 @@ def build_parser() -> argparse.ArgumentParser:
         sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
         command.add_arguments(sub)
         _add_extension(sub)
-        sub.add_argument("--quiet", action="store_true", help="show only errors")
+        sub.add_argument("--quiet", action="store_true", help="show errors only")
         sub.add_argument("--verbose", action="store_true", help="show log messages")
         sub.set_defaults(run=command.run)
     return parser

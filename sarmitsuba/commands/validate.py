@@ -1,4 +1,4 @@
-"""Compare the simulator with closed forms. Prints a table and writes a page with one plot per case."""
+"""Compare the simulator with closed forms: a table on the terminal, a page with a plot for every case."""
 
 import argparse
 import time
@@ -18,14 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         default=Path("docs"),
-        help="folder for validation.md and images/validation (default docs)",
+        help="folder of validation.md and images/validation",
     )
-    parser.add_argument("--case", nargs="+", metavar="NAME", help="run only these cases, and write no page")
+    parser.add_argument("--case", nargs="+", metavar="NAME", help="only these cases; no page is written")
+    parser.add_argument("--topic", nargs="+", metavar="TOPIC", help="only these topics; no page is written")
     parser.add_argument(
-        "--topic", nargs="+", metavar="TOPIC", help="run only these topics, and write no page"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="use fewer bands, angles and looks, as the tests do"
+        "--quick", action="store_true", help="fewer bands, angles and looks, as the tests run them"
     )
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
 
@@ -44,10 +42,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     partial = bool(args.case or args.topic)
     for name in args.case or ():
         if name not in {entry.name for entry in entries}:
-            raise OutputError(f"validate: there is no case {name!r}; `validate --list` shows all cases")
+            raise OutputError(f"validate: there is no case {name!r}; `validate --list` names them")
     for name in args.topic or ():
         if name not in {entry.topic for entry in entries}:
-            raise OutputError(f"validate: there is no topic {name!r}; `validate --list` shows all topics")
+            raise OutputError(f"validate: there is no topic {name!r}; `validate --list` names them")
     if partial:
         entries = tuple(e for e in entries if e.name in (args.case or ()) or e.topic in (args.topic or ()))
     images = args.output / "images" / "validation"

@@ -161,9 +161,9 @@ def test_results_are_not_overwritten_unasked(
         (
             MemoryError(),
             2,
-            "error: out of memory; ask for a smaller image, fewer pulses or a coarser spacing",
+            "error: out of memory; ask for a smaller image, fewer pulses or a coarser ray_spacing",
         ),
-        (KeyboardInterrupt(), 130, "error: interrupted; nothing half-written was left behind"),
+        (KeyboardInterrupt(), 130, "error: interrupted; no half-written file was left behind"),
     ],
 )
 def test_errors_are_one_line(
