@@ -43,7 +43,7 @@ class Depolarisation(Effect):
         return Assessment(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
 
     def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Two more Gaussians a cell and a full scattering tensor."""
+        """Two more Gaussians per cell and a full scattering matrix."""
         return {"depolarisation": on}
 
 

@@ -53,7 +53,7 @@ class FootprintSplitting(Effect):
         return Assessment(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
 
     def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One contribution a tube in place of four; rays on a grid of their own."""
+        """One contribution per tube in place of four; rays on a grid of their own."""
         return {"footprint_splitting": on}
 
 

@@ -34,7 +34,7 @@ class Visibility(Effect):
         return Assessment(True, "later hits can be hidden from the antenna", error)
 
     def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One ray query a hit."""
+        """One ray query per hit."""
         return {"visibility": on}
 
 
