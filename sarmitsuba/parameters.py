@@ -4,7 +4,7 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from sarmitsuba.errors import ExtensionError, SarmitsubaError, SceneError
 
@@ -12,7 +12,11 @@ Kind = Literal["float", "integer", "string", "boolean", "integer or auto", "igno
 Value = float | int | str | bool
 Choices = tuple[str, ...] | Callable[[], tuple[str, ...]]
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 T = TypeVar("T")
+D = TypeVar("D", bound="DataclassInstance")
 _PARAM = "param"  # key in the metadata of a field
 
 _TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
@@ -34,6 +38,7 @@ class Param:
     positive : True also refuses the minimum itself
     choices : allowed strings, or a function that returns them (names of a registry that modules of the user fill)
     auto : True when the default 0 means automatic
+    python : errors give an example in Python, not in XML
     """
 
     name: str
@@ -46,6 +51,7 @@ class Param:
     positive: bool = False
     choices: Choices = ()
     auto: bool = False
+    python: bool = False
 
     @property
     def tag(self) -> str:
@@ -57,7 +63,7 @@ class Param:
         """The choices now; empty where every string is allowed."""
         return self.choices() if callable(self.choices) else self.choices
 
-    def convert(self, value: Any, where: str, error: type[SarmitsubaError]) -> Value | None:
+    def convert(self, value: object, where: str, error: type[SarmitsubaError]) -> Value | None:
         """Return ``value`` with the parameter's type, or raise ``error`` with one line."""
         if self.kind == "ignored":
             return self.default
@@ -71,7 +77,7 @@ class Param:
 
     def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value | None:
         """Return the value written as ``text`` (a command-line override)."""
-        value: Any = text
+        value: object = text
         if self.kind == "boolean":
             lower = text.strip().lower()
             value = True if lower in _TRUE else False if lower in _FALSE else text
@@ -81,7 +87,7 @@ class Param:
             value = _as_number(text, float)
         return self.convert(value, where, error)
 
-    def _number(self, value: Any, where: str, error: type[SarmitsubaError]) -> Value:
+    def _number(self, value: object, where: str, error: type[SarmitsubaError]) -> Value:
         if self.kind == "integer or auto" and isinstance(value, str):
             value = 0 if value == "auto" else _as_number(value, int)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -100,7 +106,7 @@ class Param:
             )
         return float(value) if self.kind == "float" else value
 
-    def _string(self, value: Any, where: str, error: type[SarmitsubaError]) -> str:
+    def _string(self, value: object, where: str, error: type[SarmitsubaError]) -> str:
         if not isinstance(value, str):
             raise self._wrong_type(value, where, error)
         if self.choices and value not in self.allowed:
@@ -110,7 +116,7 @@ class Param:
             )
         return value
 
-    def _wrong_type(self, value: Any, where: str, error: type[SarmitsubaError]) -> SarmitsubaError:
+    def _wrong_type(self, value: object, where: str, error: type[SarmitsubaError]) -> SarmitsubaError:
         shown = f'"{one_line(value)}"' if isinstance(value, str) else one_line(value)
         return error(f"{where}: {self.name} = {shown} is not of type {self.kind}; {self._remedy()}")
 
@@ -118,6 +124,8 @@ class Param:
         example = self.default if self.default != "" or not self.choices else self.allowed[0]
         if example is None:
             example = 0.0
+        if self.python:
+            return f"give {self.bounds_text()}, for example {self.name}={example!r}"
         if isinstance(example, bool):
             example = "true" if example else "false"
         elif not isinstance(example, str):
@@ -199,17 +207,20 @@ class ParamTable:
                 return param
         raise KeyError(name)
 
-    def defaults(self) -> dict[str, Any]:
+    def defaults(self) -> dict[str, Value | None]:
         """Every parameter with its default."""
         return {p.name: p.default for p in self.rows}
 
-    def read(self, given: Mapping[str, Any], where: str) -> dict[str, Any]:
+    def read(
+        self, given: Mapping[str, object], where: str, *, python: bool = False
+    ) -> dict[str, Value | None]:
         """Validate what a file gives and fill in defaults.
 
         Parameters
         ----------
         given : name to value as the XML parser typed it
         where : start of every error, for example ``scene.xml: sensor "radar"``
+        python : errors give examples in Python, not in XML
 
         Returns
         -------
@@ -221,9 +232,10 @@ class ParamTable:
         """
         for name in given:
             self.check_name(name, where)
+        rows = tuple(replace(p, python=True) for p in self.rows) if python else self.rows
         return {
             p.name: p.convert(given[p.name], where, self.error) if p.name in given else p.default
-            for p in self.rows
+            for p in rows
         }
 
     def check_name(self, name: str, where: str) -> None:
@@ -284,19 +296,24 @@ def params_of(description: type) -> tuple[Param, ...]:
     )
 
 
+def filled(description: D, values: Mapping[str, object]) -> D:
+    """Copy of a dataclass with validated values of its fields put in."""
+    return replace(description, **values)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``; did you mean "..."?`` when a known name is close to ``name``, else an empty string."""
     close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
     return f'; did you mean "{close[0]}"?' if close else ""
 
 
-def one_line(value: Any, limit: int = 60) -> str:
+def one_line(value: object, limit: int = 60) -> str:
     """Text of a value on one line, shortened."""
     text = " ".join(str(value).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-def _as_number(text: str, kind: type[int] | type[float]) -> Any:
+def _as_number(text: str, kind: type[int] | type[float]) -> object:
     try:
         return kind(text)
     except ValueError:
@@ -311,4 +328,4 @@ def _text(value: float, unit: str) -> str:
     return f"{_compact(value)} {unit}".strip()
 
 
-__all__ = ["Param", "ParamTable", "Value", "described", "did_you_mean", "one_line", "params_of"]
+__all__ = ["Param", "ParamTable", "Value", "described", "did_you_mean", "filled", "one_line", "params_of"]

@@ -51,8 +51,8 @@ def geometry_from_angles(given: RadarInput, aim: F64) -> AimGeometry:
             f"look_angle_deg = {s.look_angle_deg:g} deg, so that no line of sight has both; lower the "
             "squint or raise the look angle"
         )
-    sight = np.sin(squint) * along + np.sqrt(side_square) * across - np.cos(look) * np.array([0.0, 0.0, 1.0])
-    return AimGeometry(aim, aim - s.slant_range * sight, along, across)
+    line = np.sin(squint) * along + np.sqrt(side_square) * across - np.cos(look) * np.array([0.0, 0.0, 1.0])
+    return AimGeometry(aim, aim - s.slant_range * line, along, across)
 
 
 def given_track(given: RadarInput, offset: F64) -> Track | None:

@@ -1,22 +1,23 @@
 """Scenes made in Python: meshes, points and a radar description in, the same `Scene` as from a file out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.radar_parameters import FilmDescription, RadarDescription, RadarInput
-from sarmitsuba.loader.tables import RADAR_MATERIAL
+from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
 from sarmitsuba.materials.material import Material
-from sarmitsuba.parameters import Value
+from sarmitsuba.parameters import Value, filled
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -124,7 +125,10 @@ def _described(
             f"FilmDescription: gridding_width = {film.gridding_width}, but the settings say "
             f"{settings.gridding_width}; give it to TraceSettings only"
         )
-    return Described(RadarInput.of(radar, film, track), settings)
+    given = {f.name: getattr(settings, f.name) for f in fields(settings) if f.name != "effects"}
+    read = INTEGRATOR.read(given | dict(settings.effects), type(settings).__name__, python=True)
+    effects = {effect.name: read[effect.name] for effect in switchable_effects()}
+    return Described(RadarInput.of(radar, film, track), filled(settings, {"effects": effects}))
 
 
 def _material(collector: Collector, mesh: SceneMesh, label: str) -> int:

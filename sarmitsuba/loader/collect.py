@@ -88,8 +88,8 @@ class Collector:
         if shape.plugin != "sphere":
             raise SceneError(f"{shape.where}: point_scatterer is on a {shape.plugin}; put it on a sphere")
         position = placed.to_world[:3, :3] @ sphere_center(shape) + placed.to_world[:3, 3]
-        rcs = float(power_from_db(values["rcs_dbsm"]))
-        return PointTarget(placed.name, position, rcs, float(np.radians(values["phase_deg"])))
+        rcs, phase = float(values["rcs_dbsm"] or 0.0), float(values["phase_deg"] or 0.0)
+        return PointTarget(placed.name, position, float(power_from_db(rcs)), float(np.radians(phase)))
 
 
 __all__ = ["SAGITTA_OVER_WAVELENGTH", "Collector"]

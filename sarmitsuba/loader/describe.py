@@ -8,6 +8,7 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.radar_parameters import RadarInput
+from sarmitsuba.parameters import filled
 from sarmitsuba.scene.settings import TraceSettings
 
 
@@ -41,10 +42,9 @@ def describe(root: Element, radar_root: Element | None, overrides: Overrides, la
     sensor, film = _sensor(root, radar_root, label)
     radar = _radar_input(sensor, film, overrides)
     values, _ = overrides.read(_integrator(root, radar_root), tables.INTEGRATOR)
-    effects = {effect.name: values[effect.name] for effect in switchable_effects()}
-    settings = {name: value for name, value in values.items() if name not in effects}
-    settings["gridding_width"] = settings["gridding_width"] or radar.film.gridding_width
-    return Described(radar, TraceSettings(**settings, effects=effects))
+    effects = {effect.name: values.pop(effect.name) for effect in switchable_effects()}
+    values["gridding_width"] = values["gridding_width"] or radar.film.gridding_width
+    return Described(radar, filled(TraceSettings(), {**values, "effects": effects}))
 
 
 def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Element, Element | None]:

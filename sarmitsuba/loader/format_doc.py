@@ -8,6 +8,7 @@ from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.radar.mode import MODES
 
 _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -15,7 +16,7 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 def fill_tables(page: str) -> str:
     """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
 
-    NAME is a plugin, ``effects``, ``laws``, ``itu``, ``bsdfs`` or ``shapes``. To bring the pages up to date::
+    NAME is a plugin, ``effects``, ``laws``, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To bring pages up to date::
 
         python -m sarmitsuba.loader.format_doc docs/scene_format.md docs/effects.md
     """
@@ -26,7 +27,22 @@ def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
         return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
-    return {"effects": _effects, "laws": _laws, "itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+    tables = {
+        "effects": _effects,
+        "laws": _laws,
+        "modes": _modes,
+        "itu": _itu,
+        "bsdfs": _bsdfs,
+        "shapes": _shapes,
+    }
+    return tables[name]()
+
+
+def _modes() -> str:
+    rows = ["| mode | beam | parameters of its own |", "|---|---|---|"]
+    for mode in sorted(MODES, key=lambda mode: mode.name):
+        rows.append(f"| `{mode.name}` | {mode.doc} | {', '.join(f'`{p.name}`' for p in mode.parameters)} |")
+    return "\n".join(rows)
 
 
 def _effects() -> str:

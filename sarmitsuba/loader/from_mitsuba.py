@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +145,7 @@ def _plugin(class_name: str) -> str:
     return class_name if class_name in tables.TABLES else _BSDF_CLASSES.get(lower, lower)
 
 
-def _scalar(value: Any) -> float:
+def _scalar(value: "mi.Float") -> float:
     return float(np.asarray(value).ravel()[0])
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
@@ -22,7 +21,7 @@ _DICT = "dict"
 
 
 def load_scene(
-    scene: "Path | str | Mapping[str, Any] | mi.Scene",
+    scene: "Path | str | Mapping[str, object] | mi.Scene",
     *,
     radar: Path | str | None = None,
     parameters: Mapping[str, str] | None = None,

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.elements import Element
-from sarmitsuba.parameters import ParamTable, did_you_mean, one_line
+from sarmitsuba.loader.elements import Element, Property
+from sarmitsuba.parameters import ParamTable, Value, did_you_mean, one_line
+
+Given = Property | Value | None
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Overrides:
 
     entries: tuple[tuple[str, str, str], ...] = ()
 
-    def given(self, element: Element, table: ParamTable, skip: tuple[str, ...] = ()) -> dict[str, Any]:
+    def given(self, element: Element, table: ParamTable, skip: tuple[str, ...] = ()) -> dict[str, Given]:
         """Parameters that an element or an override gives, not yet validated.
 
         Parameters
@@ -34,7 +35,7 @@ class Overrides:
         ------
         ``table.error`` : an override has an unknown name or cannot be read
         """
-        given: dict[str, Any] = {name: v for name, v in element.given().items() if name not in skip}
+        given: dict[str, Given] = {name: v for name, v in element.given().items() if name not in skip}
         for prefix, name, text in self.entries:
             if prefix in (element.plugin, element.id):
                 where = f"-D {prefix}.{name}={text}"
@@ -42,7 +43,7 @@ class Overrides:
                 given[name] = table[name].parse(text, where, table.error)
         return given
 
-    def read(self, element: Element, table: ParamTable) -> tuple[dict[str, Any], frozenset[str]]:
+    def read(self, element: Element, table: ParamTable) -> tuple[dict[str, Value | None], frozenset[str]]:
         """Return validated parameters of an element and the names that are given."""
         given = self.given(element, table)
         return table.read(given, element.where), frozenset(given)

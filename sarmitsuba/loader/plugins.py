@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sarmitsuba.parameters import ParamTable
 _PACKAGE = "sarmitsuba_plugins"
 _NAME = "registered_name"  # attribute of a plugin class that Mitsuba knows
 
-Plugin = TypeVar("Plugin", bound=type[Any])
+Plugin = TypeVar("Plugin", bound="type[mi.Object]")
 
 
 def plugins_dir() -> Path:

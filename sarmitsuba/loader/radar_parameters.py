@@ -6,12 +6,12 @@ The fields below are the only list of them: the tables that read scene files and
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.parameters import ParamTable, Value, described, params_of
+from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
 from sarmitsuba.radar.mode import MODES, mode_parameters
 from sarmitsuba.radar.track import Track
 
@@ -24,7 +24,7 @@ class RadarDescription:
     parameter to the program where its documentation says *automatic*.
     """
 
-    mode: str = described("stripmap", "how the beam is steered", choices=lambda: MODES.names)
+    mode: str = described("stripmap", "how the beam is steered", choices=lambda: tuple(sorted(MODES.names)))
     slant_range: float = described(10e3, "from the antenna at mid-aperture to the aim point", "m", 1.0, 1e9)
     look_angle_deg: float = described(
         45.0,
@@ -249,23 +249,25 @@ class RadarInput:
 
     @staticmethod
     def read(
-        sensor: Mapping[str, Any],
-        film: Mapping[str, Any],
+        sensor: Mapping[str, object],
+        film: Mapping[str, object],
         where: str = SENSOR.plugin,
         film_where: str = FILM.plugin,
         folder: Path = Path(),
         track: Track | None = None,
+        *,
+        python: bool = False,
     ) -> "RadarInput":
-        """Validate parameters that are given by name.
+        """Validate parameters that are given by name; ``python`` as for `ParamTable.read`.
 
         Raises
         ------
         RadarError
             A name is unknown, a value has the wrong type or is out of bounds, or belongs to another mode.
         """
-        values = SENSOR.read(sensor, where)
+        values = SENSOR.read(sensor, where, python=python)
         own = {p.name: values.pop(p.name) for p in mode_parameters()}
-        law = MODES[values["mode"]]
+        law = MODES[str(values["mode"])]
         used = {p.name for p in law.parameters}
         for name in own:
             if name in sensor and name not in used:
@@ -273,10 +275,11 @@ class RadarInput:
                 raise RadarError(
                     f"{where}: {name} has no effect with mode = {law.name}; take mode = {owners} or leave it out"
                 )
-        description = RadarDescription(**values, mode_parameters={k: v for k, v in own.items() if k in used})
+        values_of_mode = {name: value for name, value in own.items() if name in used and value is not None}
+        description = filled(RadarDescription(mode_parameters=values_of_mode), values)
         return RadarInput(
             description,
-            FilmDescription(**FILM.read(film, film_where)),
+            filled(FilmDescription(), FILM.read(film, film_where, python=python)),
             frozenset(sensor),
             frozenset(film),
             where,
@@ -294,10 +297,11 @@ class RadarInput:
             type(radar).__name__,
             type(film).__name__,
             track=track,
+            python=True,
         )
 
 
-def _given(description: RadarDescription | FilmDescription) -> dict[str, Any]:
+def _given(description: RadarDescription | FilmDescription) -> dict[str, object]:
     """Fields that differ from their defaults, NumPy's scalars as Python's."""
     values = {
         f.name: getattr(description, f.name) for f in fields(description) if f.name != "mode_parameters"

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
@@ -46,7 +45,7 @@ def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
     return root
 
 
-def parse_dict(scene: Mapping[str, Any], label: str) -> Element:
+def parse_dict(scene: Mapping[str, object], label: str) -> Element:
     """Read a dict as `mi.load_dict` takes it into elements; file names are relative to the working folder.
 
     Parameters

@@ -20,7 +20,14 @@ def test_the_page_is_up_to_date(name: str) -> None:
 
 def test_the_page_holds_every_plugin() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {*TABLES, "laws", "itu", "bsdfs", "shapes"}
+    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {
+        *TABLES,
+        "laws",
+        "modes",
+        "itu",
+        "bsdfs",
+        "shapes",
+    }
 
 
 def test_the_smallest_scene_of_the_page_loads(tmp_path: Path) -> None:

@@ -241,9 +241,19 @@ def test_a_track_in_python_replaces_angles_and_range() -> None:
         (
             [SceneMesh(*cube(), "pec")],
             {"radar": RadarDescription(prf=-1.0)},
-            "RadarDescription: prf = -1 Hz is below",
+            "RadarDescription: prf = -1 Hz is below .*, for example prf=0.0$",
         ),
         ([SceneMesh(*cube(), "pec")], {"radar": RadarDescription(mode="side")}, "RadarDescription: mode = "),
+        (
+            [SceneMesh(*cube(), "pec")],
+            {"settings": TraceSettings(effects={"specle": "on"})},
+            'TraceSettings: unknown parameter "specle"; did you mean "speckle"',
+        ),
+        (
+            [SceneMesh(*cube(), "pec")],
+            {"settings": TraceSettings(max_depth=-1)},
+            "TraceSettings: max_depth = -1 is below the bound 0",
+        ),
         (
             [SceneMesh(*cube(), Material("a", pec=True)), SceneMesh(*cube(), Material("a"))],
             {},
