@@ -159,9 +159,10 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
 
 def lambert_without_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.materials import diffuse
+    from sarmitsuba.materials.laws.constant_gamma import ConstantGamma
+    from sarmitsuba.materials.laws.lambert import Lambert
 
-    return _replaced(diffuse, "lambert_sigma0", lambda f: lambda theta, albedo: 4.0 * albedo * np.cos(theta))
+    return _replaced(Lambert, "sigma0", lambda f: ConstantGamma.sigma0)
 
 
 def forgotten_loss() -> AbstractContextManager[None]:

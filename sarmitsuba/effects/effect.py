@@ -4,9 +4,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.registry import Registry
 from sarmitsuba.scene.scene import Scene
 
@@ -87,7 +88,9 @@ class Effect(ABC):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """Whether the context calls for it."""
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Values of its ``kernel_flags``."""
         return {}
 

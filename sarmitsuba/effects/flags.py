@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+# on or off, or the polarisation channels
+FlagValue = bool | tuple[str, ...]
+
 
 @dataclass(frozen=True)
 class KernelFlags:
@@ -47,4 +50,4 @@ class KernelFlags:
         return tuple(sorted(letters))
 
 
-__all__ = ["KernelFlags"]
+__all__ = ["FlagValue", "KernelFlags"]

@@ -10,7 +10,7 @@ import numpy as np
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.context import PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
-from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import ExtensionError, SarmitsubaWarning, SceneError
 from sarmitsuba.scene.scene import Scene
@@ -137,7 +137,7 @@ def plan_effects(
     wanted = scene.settings.effects
     _check_switches(scene)
     decided: dict[str, Decision] = {}
-    chosen: dict[str, Any] = {
+    chosen: dict[str, FlagValue] = {
         "channels": scene.radar.channels,
         "double_phase": scene.settings.phase_precision == "double",
     }
@@ -181,7 +181,7 @@ def _check_switches(scene: Scene) -> None:
             )
 
 
-def _declared(effect: Effect, values: Mapping[str, Any]) -> Mapping[str, Any]:
+def _declared(effect: Effect, values: Mapping[str, FlagValue]) -> Mapping[str, FlagValue]:
     """Kernel flags of an effect, if it has declared them all."""
     for name in values:
         if name not in effect.kernel_flags:
@@ -191,11 +191,12 @@ def _declared(effect: Effect, values: Mapping[str, Any]) -> Mapping[str, Any]:
     return values
 
 
-def _kernel_flags(chosen: Mapping[str, Any]) -> KernelFlags:
+def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
     """Flags that the kernel knows as fields, the others by name where they are on."""
     known = {f.name for f in fields(KernelFlags)}
     extra = frozenset(name for name, value in chosen.items() if name not in known and value)
-    return KernelFlags(**{name: value for name, value in chosen.items() if name in known}, extra=extra)
+    fitting: dict[str, Any] = {name: value for name, value in chosen.items() if name in known}
+    return KernelFlags(**fitting, extra=extra)
 
 
 def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:

@@ -82,7 +82,7 @@ class MaterialBook:
             raise SceneError(f"{where}: BSDFs are nested more than {_MAX_NESTING} deep; flatten them")
         itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
         if itu:
-            material, note = named_material(name, itu, self.frequency, **rough(self.rms_height))
+            material, note = named_material(name, itu, self.frequency, rough(self.rms_height))
         elif plugin == tables.RADAR_MATERIAL.plugin:
             values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL)
             material, note = radar_material(name, values, given, self.frequency, where)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,19 +19,22 @@ _NO_LEVEL_DB = -300.0  # written in XML for "none"
 ORDINARY_RMS_HEIGHT = 1e-3
 
 
-def named_material(name: str, kind: str, frequency: float, **surface: Any) -> tuple[Material, str]:
-    """Material of a registered name with further fields of `Material`, and the note of its permittivity.
+def named_material(
+    name: str, kind: str, frequency: float, surface: Material | None = None
+) -> tuple[Material, str]:
+    """Material of a registered name, and the note of its permittivity.
 
     Parameters
     ----------
     name : unique in the scene
     kind : name in ``MATERIALS``
     frequency : Hz
+    surface : whose roughness and diffuse law it gets; None for a smooth one
     """
-    entry = MATERIALS[kind]
+    entry, surface = MATERIALS[kind], surface or smooth()
     if entry.pec:
-        return Material(name, pec=True, **surface), ""
-    return _material(name, entry.permittivity(frequency), **surface), entry.note(frequency)
+        return replace(surface, name=name, pec=True), ""
+    return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
 
 
 def radar_material(
@@ -54,21 +58,22 @@ def radar_material(
     law = LAWS[values["diffuse_law"]]
     _check_law(law, values, given, where)
     ratio = values["cross_polar_ratio_db"]
-    surface = {
-        "rms_height": values["rms_height"],
-        "diffuse_law": law.name,
-        "diffuse_level_db": values["diffuse_level_db"] if law.level else -np.inf,
-        "correlation_length": values["correlation_length"],
-        "cross_polar_ratio_db": -np.inf if ratio <= _NO_LEVEL_DB else ratio,
-        "law_parameters": tuple((p.name, float(values[p.name])) for p in law.parameters),
-    }
+    surface = Material(
+        name,
+        rms_height=values["rms_height"],
+        diffuse_law=law.name,
+        diffuse_level_db=values["diffuse_level_db"] if law.level else -np.inf,
+        correlation_length=values["correlation_length"],
+        cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
+        law_parameters=tuple((p.name, float(values[p.name])) for p in law.parameters),
+    )
     if values["material"]:
-        return named_material(name, values["material"], frequency, **surface)
+        return named_material(name, values["material"], frequency, surface)
     if "conductivity" in given:
         eps = permittivity_from_conductivity(values["permittivity_real"], values["conductivity"], frequency)
     else:
         eps = complex(values["permittivity_real"], -values["permittivity_imag"])
-    return _material(name, eps, **surface), ""
+    return _material(name, eps, surface), ""
 
 
 def sionna_material(
@@ -100,26 +105,27 @@ def sionna_material(
             values["relative_permittivity"], values["conductivity"], frequency
         )
     if "scattering_coefficient" in given or rms_height == 0.0:
-        return _material(name, eps, **scattering_surface(values, eps, frequency)), note
-    return _material(name, eps, **rough(rms_height)), note or _rough_note(plugin, rms_height)
+        return _material(name, eps, scattering_surface(values, eps, frequency)), note
+    return _material(name, eps, rough(rms_height)), note or _rough_note(plugin, rms_height)
 
 
-def scattering_surface(values: Mapping[str, Any], eps: complex, frequency: float) -> dict[str, Any]:
-    """Fields of `Material` that stand for Sionna's scattering and cross-polarisation coefficients."""
+def scattering_surface(values: Mapping[str, Any], eps: complex, frequency: float) -> Material:
+    """Roughness and diffuse law that stand for Sionna's scattering and cross-polarisation coefficients."""
     share = min(float(values["scattering_coefficient"]) ** 2, 0.999)
     if share == 0.0:
-        return {}
+        return smooth()
     k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
     root = np.sqrt(eps)
     albedo = share * abs((1.0 - root) / (1.0 + root)) ** 2
     cross = min(float(values["xpd_coefficient"]), 0.5)
-    return {
+    return replace(
+        smooth(),
         # exp(-4 (k s)^2) = 1 - S^2
-        "rms_height": math.sqrt(-math.log1p(-share) / 4.0) / k,
-        "diffuse_law": "lambert",
-        "diffuse_level_db": 10.0 * math.log10(max(4.0 * albedo, 1e-30)),
-        "cross_polar_ratio_db": 10.0 * math.log10(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
-    }
+        rms_height=math.sqrt(-math.log1p(-share) / 4.0) / k,
+        diffuse_law="lambert",
+        diffuse_level_db=10.0 * math.log10(max(4.0 * albedo, 1e-30)),
+        cross_polar_ratio_db=10.0 * math.log10(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
+    )
 
 
 def sionna_itu_name(identifier: str) -> str:
@@ -130,9 +136,14 @@ def sionna_itu_name(identifier: str) -> str:
     return name[4:] if name[4:] in ITU_BANDS else ""
 
 
-def rough(rms_height: float) -> dict[str, Any]:
-    """Fields of `Material` of a rough surface that scatters what its mirror direction loses; none when smooth."""
-    return {"rms_height": rms_height, "diffuse_law": "roughness"} if rms_height > 0.0 else {}
+def smooth() -> Material:
+    """A surface without roughness and diffuse law, its permittivity yet to be filled in."""
+    return Material("smooth")
+
+
+def rough(rms_height: float) -> Material:
+    """Roughness and diffuse law of a surface that scatters what its mirror direction loses; height in m."""
+    return replace(smooth(), rms_height=rms_height, diffuse_law="roughness") if rms_height > 0.0 else smooth()
 
 
 def _rough_note(plugin: str, rms_height: float) -> str:
@@ -201,7 +212,7 @@ def ordinary_material(
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
     words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
     note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; give radar_material for better'
-    surface: dict[str, Any] = rough(rms_height) if is_rough else {}
+    surface = rough(rms_height) if is_rough else smooth()
     if kind == "principled":
         kind = (
             "pec"
@@ -210,7 +221,7 @@ def ordinary_material(
             if _above_half(values, "spec_trans")
             else "concrete"
         )
-    return named_material(name, kind, frequency, **surface)[0], note
+    return named_material(name, kind, frequency, surface)[0], note
 
 
 def adapter_note(plugin: str) -> str:
@@ -223,10 +234,10 @@ def _above_half(values: Mapping[str, Any], key: str) -> bool:
     return isinstance(value, int | float) and value > 0.5
 
 
-def _material(name: str, eps: complex, **surface: Any) -> Material:
-    """Material of a permittivity; vacuum without a diffuse return is invisible."""
-    invisible = eps == 1.0 and not LAWS[surface.get("diffuse_law", "none")].blocks_as_vacuum
-    return Material(name, permittivity=eps, invisible=invisible, **surface)
+def _material(name: str, eps: complex, surface: Material) -> Material:
+    """Surface of a permittivity; vacuum without a diffuse return is invisible."""
+    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    return replace(surface, name=name, permittivity=eps, invisible=invisible)
 
 
 def _check_law(law: DiffuseLaw, values: Mapping[str, Any], given: frozenset[str], where: str) -> None:

@@ -34,7 +34,7 @@ SWITCHES = (
     "tube_phase",
     "multi_bounce",
 )
-SWITCHES = [effect.name for effect in switchable_effects()]
+EFFECT_SWITCHES = [effect.name for effect in switchable_effects()]
 ROUGH = Material(
     "rough",
     permittivity=5.0 - 0.5j,
@@ -128,7 +128,7 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
 @pytest.mark.parametrize("seed", range(8))
 def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    effects = {name: str(rng.choice(["auto", "on", "off"])) for name in SWITCHES}
+    effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_SWITCHES}
     if effects["diffuse"] == "off":  # without both nothing returns, which is refused
         effects["coherent"] = "on"
     if effects["footprint_splitting"] == "off":  # refused where there is more than bare level ground

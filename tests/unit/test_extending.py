@@ -2,20 +2,26 @@
 
 import gc
 import re
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.focusing import focus
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.io import write_image
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
+from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.registry import Registry
+from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 
@@ -65,12 +71,13 @@ def registries_as_they_were() -> Iterator[None]:
         registry._entries, registry._owners = entries, owners
 
 
-def run(heading: str) -> dict[str, Any]:
-    """Run a section's Python in a namespace of its own and return that."""
-    name = "extending_" + heading.lower().replace(" ", "_")
-    namespace: dict[str, Any] = {"__name__": name}
-    exec(compile(EXAMPLES[heading].python, f"{PAGE.name}: {heading}", "exec"), namespace)
-    return namespace
+@pytest.fixture
+def module() -> Iterator[ModuleType]:
+    """A module of its own for an example to run in."""
+    made = ModuleType("sarmitsuba_example")
+    sys.modules[made.__name__] = made
+    yield made
+    del sys.modules[made.__name__]
 
 
 SCENE = """<scene version="3.0.0">
@@ -155,18 +162,75 @@ def check_an_effect(example: Example, folder: Path) -> None:
     assert np.abs(seen.total("VV")).max() > 10.0 * np.abs(hidden.total("VV")).max()
 
 
-CHECKS = {
+def check_a_radar_mode(example: Example, folder: Path) -> None:
+    """Its beam is the scene's, whose footprint moves as fast as the file says; its parameter is its own."""
+    sensor = '<sensor type="sar_antenna">'
+    path = write(folder)
+    path.write_text(path.read_text().replace(sensor, example.xml[0].replace("</sensor>", "")))
+    radar = load_scene(path).radar
+    footprint = radar.track.position + 10e3 * radar.pointing.boresight
+    moved, flown = ((line[-1] - line[0]) @ radar.track.along for line in (footprint, radar.track.position))
+    # tol: the aim point's range changes over the aperture
+    assert moved / flown == pytest.approx(0.5, abs=1e-3)
+    assert "footprint_speed_ratio" in SENSOR.markdown()
+    path.write_text(path.read_text().replace("sliding_spotlight", "stripmap"))
+    with pytest.raises(RadarError, match="footprint_speed_ratio"):
+        load_scene(path)
+
+
+def check_a_focuser(example: Example, folder: Path) -> None:
+    """The built-in backprojection's image and levels; its option bounds what it takes."""
+    raw = ideal_echoes(
+        ideal_radar(slant_range=10e3, resolution=2.0, n_samples=128), np.array([1.3, -2.1, 0.0]), rcs=2.5
+    )
+    request = ImageRequest(extent_azimuth=20.0, extent_range=20.0)
+    image, exact = (
+        focus(raw, request=request, focuser=name, range_window="taylor")
+        for name in ("numpy_backprojection", "backprojection")
+    )
+    # tol: linear interpolation
+    assert np.linalg.norm(image.data - exact.data) < 0.01 * np.linalg.norm(exact.data)
+    np.testing.assert_allclose(image.sigma0(), exact.sigma0(), rtol=0.05, atol=1e-3 * exact.sigma0().max())
+    with pytest.raises(DataError, match=r"largest = 1e\+03; take focuser backprojection or omega_k"):
+        focus(raw, request=request, focuser="numpy_backprojection,largest=1000")
+
+
+def check_a_window(example: Example, folder: Path) -> None:
+    """Its limits are a Hann and no window; it broadens with its parameter."""
+    u = np.linspace(-0.5, 0.5, 101)
+    assert str(parse_window("tukey")) == "tukey:0.5"
+    np.testing.assert_allclose(parse_window("tukey:1")(u), parse_window("hann")(u), atol=1e-12)
+    np.testing.assert_allclose(parse_window("tukey:0")(u[1:-1]), 1.0)
+    assert 1.0 < parse_window("tukey:0.25").broadening < parse_window("tukey:0.75").broadening
+
+
+def check_a_file_format(example: Example, folder: Path) -> None:
+    """Found by its suffix, and holds what was written."""
+    raw = ideal_echoes(ideal_radar(n_samples=64, resolution=4.0), np.zeros(3))
+    image = focus(raw, request=ImageRequest(extent_azimuth=16.0, extent_range=16.0))
+    write_image(image, folder / "image.npz")
+    with np.load(folder / "image.npz") as saved:
+        np.testing.assert_array_equal(saved[image.channels[0]], image.total())
+        np.testing.assert_array_equal(saved["range"], image.grid.range)
+
+
+CHECKS: dict[str, Callable[[Example, Path], None]] = {
     "A diffuse law": check_a_diffuse_law,
     "A material": check_a_material,
     "An effect": check_an_effect,
+    "A radar mode": check_a_radar_mode,
+    "A focuser": check_a_focuser,
+    "A window": check_a_window,
+    "A file format": check_a_file_format,
 }
 
 
 @pytest.mark.parametrize("heading", EXAMPLES)
-def test_an_example_of_the_page_runs_and_works(heading: str, tmp_path: Path) -> None:
+def test_an_example_of_the_page_runs_and_works(heading: str, module: ModuleType, tmp_path: Path) -> None:
     assert heading in CHECKS, "a section with code has no check"
-    run(heading)
-    CHECKS[heading](EXAMPLES[heading], tmp_path)
+    example = EXAMPLES[heading]
+    exec(compile(example.python, f"{PAGE.name}: {heading}", "exec"), vars(module))
+    CHECKS[heading](example, tmp_path)
 
 
 def test_every_check_has_its_section() -> None:

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.scene.scene import Scene
 
 
@@ -47,7 +48,9 @@ class AntennaPattern(Effect):
             True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
         )
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Gain at launch and at every closing."""
         return {"antenna_pattern": on}
 

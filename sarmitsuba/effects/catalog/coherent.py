@@ -1,12 +1,13 @@
 """Physical-optics return of the smooth part of the surfaces."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
@@ -77,7 +78,9 @@ class Coherent(Effect):
             True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
         )
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Closing to the antenna by physical optics."""
         return {"coherent": on}
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 
@@ -34,7 +35,9 @@ class CrossPolarisation(Effect):
             return Assessment(True, f"the radar records {', '.join(channels)}", 0.0)
         return Assessment(False, f"only {', '.join(channels)} asked for", -np.inf)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Channels to record."""
         return {"channels": context.scene.radar.channels if on else _co_polar(context.scene)}
 

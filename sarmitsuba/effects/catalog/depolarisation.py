@@ -1,12 +1,13 @@
 """Cross-polar diffuse return."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 
 
@@ -42,8 +43,10 @@ class Depolarisation(Effect):
             )
         return Assessment(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Two more Gaussians a cell and a full scattering tensor."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Two more Gaussians per cell and a full scattering matrix."""
         return {"depolarisation": on}
 
 

@@ -1,12 +1,13 @@
 """Persistent diffuse scatterers on rough surfaces."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.diffuse import diffuse_tables
 
@@ -39,7 +40,9 @@ class Diffuse(Effect):
             error = context.pilot.energy_db(slice(1, 3), 1)
         return Assessment(True, f"diffuse law on {names(rough)}", error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Laws that tell h from v need the plane of incidence: a property of the law, not an effect."""
         return {"diffuse": on, "polarised_diffuse": on and _polarised(context)}
 

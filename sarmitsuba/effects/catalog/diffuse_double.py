@@ -1,12 +1,13 @@
 """Diffuse hits behind mirrors: the reversed path and the way back along the chain."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class DiffuseDouble(Effect):
@@ -44,7 +45,9 @@ class DiffuseDouble(Effect):
             True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
         )
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """A second operator and a third contribution at every hit."""
         return {"diffuse_double": on}
 

@@ -1,12 +1,13 @@
 """Sharing of ray tubes among the scatterer cells that they overlap."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.errors import SceneError
 
 
@@ -52,8 +53,10 @@ class FootprintSplitting(Effect):
             return Assessment(False, "bare level ground: one ray through the middle of each cell", error)
         return Assessment(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One contribution a tube in place of four; rays on a grid of their own."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """One contribution per tube in place of four; rays on a grid of their own."""
         return {"footprint_splitting": on}
 
 

@@ -1,12 +1,13 @@
 """Fresnel coefficients of dielectrics and metals; without them every surface is a perfect conductor."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
@@ -40,7 +41,9 @@ class Fresnel(Effect):
             )
         return Assessment(True, f"dielectric {names([m.name for m in lossy])}", error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Complex reflection coefficients in the kernel."""
         return {"fresnel": on}
 

@@ -1,12 +1,13 @@
 """How many bounces are followed."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 # bounces followed when neither a proof nor a pilot says how many matter. Rays that leave the scene cost nothing
 # more, so a small run loses little by it
@@ -45,7 +46,9 @@ class MaxDepth(Effect):
             return Assessment(True, why, float("nan"), DEFAULT_DEPTH)
         return _measured(context.pilot, context.tolerance_db)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Without it the loop and the reflection are left out."""
         depth = decided[self.name].value or DEFAULT_DEPTH
         return {"multi_bounce": depth > 1}

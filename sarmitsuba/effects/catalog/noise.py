@@ -39,7 +39,7 @@ class Noise(Effect):
                 context.pilot.clutter if context.pilot.clutter > 0 else float(context.pilot.peak[3].max())
             )
             error = 10.0 * float(np.log10(rcs / reference))
-        return Assessment(True, f"{radar.noise_temperature:g} K: {level:.0f} dBsm a cell", error)
+        return Assessment(True, f"{radar.noise_temperature:g} K: {level:.0f} dBsm per cell", error)
 
     def without(self, scene: Scene) -> Scene:
         """A receiver at zero kelvin."""

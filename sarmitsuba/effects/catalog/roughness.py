@@ -1,12 +1,13 @@
 """Coherent loss of rough surfaces."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 
 
@@ -38,7 +39,9 @@ class Roughness(Effect):
             return Assessment(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
         return Assessment(True, rough, error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """An exponential at every closing and reflection."""
         return {"roughness": on}
 

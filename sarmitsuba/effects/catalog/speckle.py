@@ -1,12 +1,13 @@
 """Complex Gaussian scatterers, the source of speckle."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class Speckle(Effect):
@@ -31,7 +32,9 @@ class Speckle(Effect):
             return Assessment(False, "nothing diffuse", -np.inf)
         return Assessment(True, "diffuse cells carry speckle", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Box-Muller on the cell's hash."""
         return {"speckle": on}
 

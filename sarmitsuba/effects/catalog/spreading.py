@@ -1,12 +1,13 @@
 """Spherical spreading inside the scene; without it every path has the spreading of the scene's middle."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class Spreading(Effect):
@@ -32,7 +33,9 @@ class Spreading(Effect):
             return Assessment(False, f"1/R^2 varies by {100 * change:.2g} % only", error)
         return Assessment(True, f"1/R^2 varies by {100 * change:.2g} %", error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """A division by both legs at every hit."""
         return {"spreading": on}
 

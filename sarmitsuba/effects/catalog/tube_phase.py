@@ -1,12 +1,13 @@
 """Phase integral over a ray's footprint."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 
 
@@ -48,7 +49,9 @@ class TubePhase(Effect):
             error,
         )
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """A sum over the four corners of the ray's patch at every closing; off, the patch's area."""
         return {"tube_phase": on}
 

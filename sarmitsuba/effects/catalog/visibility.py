@@ -1,12 +1,13 @@
 """Shadow rays from the second hit on."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
@@ -33,8 +34,10 @@ class Visibility(Effect):
             error = context.pilot.energy_db(3, 2)
         return Assessment(True, "later hits can be hidden from the antenna", error)
 
-    def flags(self, on: bool, context: SceneContext, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One ray query a hit."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """One ray query per hit."""
         return {"visibility": on}
 
 

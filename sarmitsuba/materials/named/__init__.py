@@ -1,1 +1,1 @@
-"""Named materials, one source of figures a file."""
+"""Named materials, one source of figures per file."""
