@@ -41,6 +41,7 @@ def orders(scene: Any) -> np.ndarray:
     )
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, run_trial
     from sarmitsuba.image.metrics import image_error_db

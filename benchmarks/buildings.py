@@ -6,6 +6,7 @@ from pathlib import Path
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.loader.load import load_scene

@@ -8,6 +8,7 @@ import harness
 TARGETS = (-20.0, -27.0, -33.0)
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.commands.cost import table
     from sarmitsuba.cost.study import study_cost

@@ -3,6 +3,7 @@
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.echo.gridding import spreading_kernel

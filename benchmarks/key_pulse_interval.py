@@ -5,6 +5,7 @@ from typing import Any
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.focusing import default_grid

@@ -17,6 +17,7 @@ APERTURE = 0.05
 LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
     from sarmitsuba.focusing import default_grid

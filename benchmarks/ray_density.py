@@ -7,6 +7,7 @@ FACTORS = (2.83, 2.0, 1.41, 1.0, 0.71, 0.5)  # of the automatic spacing: rays do
 REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of the default, two such passes
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.report import Rays
     from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial

@@ -37,6 +37,7 @@ def rough(scene: Any) -> Any:
     return replace(scene, materials=materials)
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import crop
     from sarmitsuba.image.metrics import image_error_db

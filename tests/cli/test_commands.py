@@ -236,7 +236,7 @@ def run_in_terminal(code: str) -> str:
     except OSError:  # Linux's way to say that the other side is closed
         pass
     os.close(leader)
-    assert process.wait(timeout=30) == 0
+    assert process.wait() == 0
     return b"".join(chunks).decode()
 
 
@@ -297,7 +297,7 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         assert process.stdout.readline() == "working\n"
         process.send_signal(signal.SIGINT)
         try:
-            _, err = process.communicate(timeout=20)
+            _, err = process.communicate()
         finally:
             process.kill()
     assert process.returncode == 130
@@ -356,7 +356,6 @@ def run() -> Runner:
             capture_output=True,
             text=True,
             env={**os.environ, **environment},
-            timeout=120,
         )
 
     return call

@@ -4,33 +4,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.trace import field
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.comparison import Case, CaseEntry, Comparison, db
+from sarmitsuba.validation.bands import BANDS
+from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.comparison import Case, Comparison
+from sarmitsuba.validation.targets import PERMITTIVITY
 
 C128 = NDArray[np.complex128]
-
-# relative permittivities at X band: ITU-R P.2040-3 concrete (5.24, 0.271 S/m at 9.6 GHz), moist soil, water, a
-# metal of 1e7 S/m at 10 GHz, and a lossless one that has an exact Brewster angle
-PERMITTIVITY = {
-    "lossless 4": 4.0 + 0.0j,
-    "concrete": 5.24 - 0.507j,
-    "soil": 15.0 - 3.0j,
-    "water": 62.0 - 32.0j,
-    "metal": 1.0 - 1.7975e7j,
-}
-ROUNDING = "float32 arithmetic, 6e-8 an operation, and 1e-5 asked for"
+ROUNDING = "float32 arithmetic, 6e-8 per operation, and 1e-5 asked for"
 
 
 def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[C128, C128]:
     """Return TE and TM coefficients as the compiled kernel computes them, in float32."""
-    from sarmitsuba.backend import ensure_backend
-
     ensure_backend()
-    from sarmitsuba.backend import dr, mi
-    from sarmitsuba.trace import field
-
     chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
     te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi, dr)
     dr.eval(te, tm)
@@ -86,7 +76,7 @@ def fresnel_end_to_end(quick: bool = False) -> Case:
     def double(wall: Material) -> C128:
         floor = Material("floor", pec=True)
         result = monostatic_rcs(
-            shape, (wall, floor), look, targets.BANDS["X"], max_depth=2, keep_orders=True, ray_spacing=0.0025
+            shape, (wall, floor), look, BANDS["X"], max_depth=2, keep_orders=True, ray_spacing=0.0025
         )
         return np.asarray(result.amplitude[:, 1, :])
 
@@ -131,74 +121,7 @@ def fresnel_end_to_end(quick: bool = False) -> Case:
     )
 
 
-def wall_ground(quick: bool = False) -> Case:
-    """Double bounce of a concrete wall on soil, HH and VV: level and loss against metal."""
-    lam = targets.wavelength("X")
-    height, length, ground = 0.8, 0.6, 2.0
-    theta = np.linspace(15.0, 80.0, 14 if quick else 66)
-    look = targets.from_azimuth(np.zeros_like(theta), np.radians(90.0 - theta))
-    shape = targets.wall_and_ground(height, length, ground)
+CASES.register(CaseEntry("fresnel_kernel", "materials", fresnel_kernel))
+CASES.register(CaseEntry("fresnel_end_to_end", "materials", fresnel_end_to_end))
 
-    def double(wall: Material, floor: Material) -> NDArray[np.float64]:
-        result = monostatic_rcs(
-            shape,
-            (wall, floor),
-            look,
-            targets.BANDS["X"],
-            max_depth=2,
-            keep_orders=True,
-            ray_spacing=lam / 4.5,
-        )
-        return np.abs(result.amplitude[:, 1, :]) ** 2
-
-    concrete = Material("concrete", permittivity=PERMITTIVITY["concrete"])
-    soil = Material("soil", permittivity=PERMITTIVITY["soil"])
-    metal = Material("metal", pec=True)
-    power, perfect = double(concrete, soil), double(metal, metal)
-    arguments = (height, length, ground, lam, np.radians(theta))
-    closed = theory.wall_ground_amplitude(*arguments, concrete.permittivity, soil.permittivity)
-    closed_metal = theory.wall_ground_amplitude(*arguments)
-    comparisons = []
-    for i, channel in enumerate(("HH", "VV")):
-        comparisons += [
-            Comparison(
-                f"{channel}, concrete on soil",
-                theta,
-                db(np.abs(closed[i]) ** 2),
-                db(power[:, i]),
-                tolerance=0.3,
-                reason="rim of the lit aperture resolved to a fifth of a wavelength",
-                canonical=True,
-                floor=30.0,
-            ),
-            Comparison(
-                f"{channel}, relative to metal",
-                theta,
-                db(np.abs(closed[i] / closed_metal[i]) ** 2),
-                db(power[:, i] / perfect[:, i]),
-                tolerance=0.02,
-                reason="the same rays: float32 rounding, a larger share near the Brewster angles of VV",
-                unit="dB",
-                floor=40.0,
-            ),
-        ]
-    return Case(
-        name="wall_ground",
-        topic="materials",
-        title="Wall-ground double bounce, concrete on soil",
-        formula="(2 sqrt(pi) / lambda) 2 b min(h sin t, g cos t) R_wall(90 - t) R_ground(t); HH by TE, VV by TM",
-        source="dihedral of unequal faces with both Fresnel coefficients (Ulaby and Long 2014)",
-        x_label="incidence angle on the ground (deg)",
-        y_label="RCS (dBsm) or ratio (dB)",
-        comparisons=tuple(comparisons),
-        note=f"Wall {height:g} m x {length:g} m, ground {ground:g} m, X band; eps 5.24 - 0.507j and 15 - 3j.",
-    )
-
-
-CASES = (
-    CaseEntry("fresnel_kernel", "materials", fresnel_kernel),
-    CaseEntry("fresnel_end_to_end", "materials", fresnel_end_to_end),
-    CaseEntry("wall_ground", "materials", wall_ground),
-)
-
-__all__ = ["CASES", "PERMITTIVITY", "fresnel_end_to_end", "fresnel_kernel", "kernel_fresnel", "wall_ground"]
+__all__ = ["fresnel_end_to_end", "fresnel_kernel", "kernel_fresnel"]
