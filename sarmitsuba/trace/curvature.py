@@ -1,10 +1,14 @@
 """How a smooth surface bends at each of its facets, so that ray tubes spread as it would spread them."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.meshes import weld
 
 F64 = NDArray[np.float64]
@@ -20,7 +24,7 @@ def facet_curvature(
     corners: F64,
     group: NDArray[np.integer[Any]],
     wavelength: float,
-    place: NDArray[np.int64] | None = None,
+    vertex: NDArray[np.int64] | None = None,
 ) -> F64 | None:
     r"""Shape operator of the smooth surface that the facets of each group stand for.
 
@@ -35,7 +39,7 @@ def facet_curvature(
     corners : (n_faces, 3, 3) float64, m
     group : (n_faces,) smooth group of each face
     wavelength : m
-    place : (3 n_faces,) labels of the corners' places, None to work them out
+    vertex : (3 n_faces,) labels of the corners' merged vertices, None to work them out
 
     Returns
     -------
@@ -56,10 +60,10 @@ def facet_curvature(
     unit = sides / np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
     angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", unit, np.roll(unit, 1, axis=1)), -1.0, 1.0))
 
-    # one label a place and group: surfaces that meet at an edge keep their own normals there
-    place = weld(corners.reshape(-1, 3)) if place is None else place
+    # one label per vertex and group: surfaces that meet at an edge keep their own normals there
+    vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
     _, label = np.unique(
-        place * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3), return_inverse=True
+        vertex * (int(group.max()) + 1) + np.repeat(group.astype(np.int64), 3), return_inverse=True
     )
     label = label.reshape(-1)
     weighted = (angle[:, :, None] * normal[:, None, :]).reshape(-1, 3)
@@ -73,13 +77,13 @@ def facet_curvature(
     t2 = np.cross(normal, t1)
     frame = np.stack([t1, t2], axis=1)
     edges = np.einsum("fai,fki->fak", frame, np.stack([sides[:, 0], -sides[:, 2]], axis=1))
-    turns = np.einsum("fai,fki->fak", frame, at_corner[:, 1:] - at_corner[:, :1])
+    changes = np.einsum("fai,fki->fak", frame, at_corner[:, 1:] - at_corner[:, :1])
     size = edges[:, 0, 0] * edges[:, 1, 1]
     usable = smooth & (np.abs(size) > 1e-300)
     inverse = np.zeros_like(edges)
     inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 0, 1] = edges[:, 1, 1], edges[:, 0, 0], -edges[:, 0, 1]
     inverse = inverse / np.where(usable, size, 1.0)[:, None, None]
-    s = np.where(usable[:, None, None], turns @ inverse, 0.0)
+    s = np.where(usable[:, None, None], changes @ inverse, 0.0)
     s = 0.5 * (s + np.swapaxes(s, 1, 2))
 
     along = np.einsum("fai,fki->fka", frame, sides)
@@ -104,22 +108,24 @@ def _bent(normal: F64, group: NDArray[np.integer[Any]]) -> bool:
     return bool((length[count > 1] < (1.0 - 1e-9) * count[count > 1]).any())
 
 
-def turned(table: Any, face: Any, active: Any, side: Any, dr: Any, mi: Any) -> Any:
-    """Change of the normal for a step on the facet: a function of float32 vectors; ``side`` -1 turns the normal."""
+def normal_change(
+    table: mi.Float, face: mi.UInt32, active: mi.Bool, sign: mi.Float
+) -> Callable[[mi.Vector3f], mi.Vector3f]:
+    """Change of the normal for a step on the facet: a function of float32 vectors; ``sign`` -1 reverses the normal."""
     a = dr.gather(mi.Vector4f, table, face * 2, active)
     b = dr.gather(mi.Vector4f, table, face * 2 + 1, active)
 
-    def apply(step: Any) -> Any:
+    def apply(step: mi.Vector3f) -> mi.Vector3f:
         return (
             mi.Vector3f(
                 a.x * step.x + a.w * step.y + b.x * step.z,
                 a.w * step.x + a.y * step.y + b.y * step.z,
                 b.x * step.x + b.y * step.y + a.z * step.z,
             )
-            * side
+            * sign
         )
 
     return apply
 
 
-__all__ = ["LARGEST_SAGITTA", "facet_curvature", "turned"]
+__all__ = ["LARGEST_SAGITTA", "facet_curvature", "normal_change"]

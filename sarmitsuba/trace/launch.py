@@ -1,7 +1,7 @@
 """Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,11 +194,6 @@ class PulseBatch:
     def n_pulses(self) -> int:
         """Number of pulses in the launch."""
         return int(self.position.shape[0])
-
-
-def vector64(mi: Any, rows: F64) -> Any:
-    """(n, 3) float64 array as a flat Dr.Jit buffer to gather 3-vectors from."""
-    return mi.Float64(np.ascontiguousarray(rows, dtype=np.float64).reshape(-1))
 
 
 __all__ = [

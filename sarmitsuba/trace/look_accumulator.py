@@ -1,15 +1,19 @@
 """Contributions of one look binned straight into image coordinates: slant range and range rate."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
-from sarmitsuba.trace.accumulators import GridAccumulator, phase_factor, place
+from sarmitsuba.trace.accumulators import GridAccumulator, grid_cells, phase_factor
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.state import Contribution
 
 F64 = NDArray[np.float64]
 
@@ -58,17 +62,17 @@ class LookGrid:
         """Antenna's speed, m/s."""
         return float(np.linalg.norm(self.velocity))
 
-    def coordinates(self, slant_range: Any, rate: Any, xp: Any = np) -> tuple[Any, Any]:
+    def coordinates(self, slant_range: Any, range_rate: Any, xp: Any = np) -> tuple[Any, Any]:
         """Range and rate coordinate of paths, m and m/s, arrays of NumPy or Dr.Jit float64."""
         if not self.zero_doppler:
-            return slant_range, rate
-        sine = rate * (1.0 / self.speed)
+            return slant_range, range_rate
+        sine = range_rate * (1.0 / self.speed)
         cosine = xp.sqrt(xp.maximum(1.0 - sine * sine, 1e-6))
-        return slant_range * cosine, rate / cosine
+        return slant_range * cosine, range_rate / cosine
 
-    def cells(self, slant_range: Any, rate: Any, xp: Any = np) -> tuple[Any, Any, Any]:
+    def cells(self, slant_range: Any, range_rate: Any, xp: Any = np) -> tuple[Any, Any, Any]:
         """Range less the reference (m), and the position of paths on the two axes in cells."""
-        r, s = self.coordinates(slant_range, rate, xp)
+        r, s = self.coordinates(slant_range, range_rate, xp)
         offset = r - self.reference_range
         x = (offset - self.range0) * (1.0 / self.range_step)
         y = (s - self.rate0) * (1.0 / self.rate_step)
@@ -84,38 +88,29 @@ class ImageAccumulator(GridAccumulator):
         super().__init__(n_slots, grid.n_range, grid.n_rate, n_channels, max_order, wavelength)
         self.look = grid
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
         """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         look, f64 = self.look, mi.Float64
-        r, s = slant_range, rate
+        r, s = contribution.slant_range, contribution.range_rate
         if look.zero_doppler:
-            sine = rate * dr.opaque(f64, 1.0 / look.speed)
+            sine = s * dr.opaque(f64, 1.0 / look.speed)
             cosine = dr.sqrt(dr.maximum(1.0 - sine * sine, 1e-6))
-            r, s = slant_range * cosine, rate / cosine
+            r, s = r * cosine, s / cosine
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
         y = (s - dr.opaque(f64, look.rate0)) * dr.opaque(f64, 1.0 / look.rate_step)
-        ix, wx, inside_x = place(x, look.kernel, look.n_range, mi, dr)
-        iy, wy, inside_y = place(y, look.kernel, look.n_rate, mi, dr)
-        inside = active & inside_x & inside_y
-        phasor = phase_factor(offset, self.wavelength, mi, dr)
-        values = [amplitude * phasor for amplitude in amplitudes]
+        ix, wx, inside_x = grid_cells(x, look.kernel, look.n_range)
+        iy, wy, inside_y = grid_cells(y, look.kernel, look.n_rate)
+        inside = contribution.active & inside_x & inside_y
+        phase = phase_factor(offset, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
         # opaque: another grid of the same kind then needs no new kernel
         n_range, n_rate = dr.opaque(mi.UInt32, look.n_range), dr.opaque(mi.UInt32, look.n_rate)
-        base = (self.slot(order) * n_range + ix) * n_rate + iy
+        base = (self.slot(contribution.order) * n_range + ix) * n_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
-        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+        return (dr.select(contribution.active & ~inside, state[0] + 1, state[0]),)
 
 
 __all__ = ["ImageAccumulator", "LookGrid"]
