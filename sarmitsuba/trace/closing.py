@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, tube
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
-from sarmitsuba.trace.speckle import CellFrame
+from sarmitsuba.trace.speckle import N_CELLS, CellFrame
 from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
@@ -118,42 +118,65 @@ class DiffuseReturns:
     straight_weight: mi.Float
     retro_weight: mi.Float
 
-    def contributions(self) -> list[Contribution]:
-        """All of them."""
-        out = []
-        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        cells = self.frame.cells() if flags.footprint_splitting else self.frame.own()
-        for share, centre, key in cells:
-            random = speckle_coefficients(key, hit.row.w, flags)
-            leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
-            length, length_back = dr.norm(leg), dr.norm(leg_back)
-            rate_out = -dr.dot(leg, ray.virtual_velocity) / length
-            rate_back = dr.dot(leg_back, lane.velocity) / length_back
-            factor = self.straight_weight * share
-            straight = Contribution(
-                kind=mi.UInt32(DIFFUSE),
-                order=hit.order,
-                pulse=lane.pulse,
-                slant_range=0.5 * (length + length_back),
-                range_rate=0.5 * (rate_out + rate_back),
-                amplitudes=tuple(_mixed(terms, random) * factor for terms in self.straight),
-                active=hit.sees & (share > 0.0),
-            )
-            out.append(straight)
+    def pending(self) -> mi.UInt32:
+        """One bit per return that there is: ``N_CELLS`` on the way home, then as many back along the chain."""
+        reached = [self.frame.share(i >= 2, i % 2 == 1) > 0.0 for i in range(N_CELLS)]
+        if not self.kernel.flags.footprint_splitting:
+            reached = [mi.Bool(True)]
+        bits = mi.UInt32(0)
+        for i, inside in enumerate(reached):
+            bits |= dr.select(self.hit.sees & inside, mi.UInt32(1 << i), 0)
             if self.retro is not None:
-                factor = self.retro_weight * share
-                # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
-                retro = replace(
-                    straight,
-                    kind=mi.UInt32(RETRO),
-                    order=2 * hit.order - 1,
-                    slant_range=length,
-                    range_rate=rate_out,
-                    amplitudes=tuple(_mixed(terms, random) * factor for terms in self.retro),
-                    active=hit.active & ~hit.first & (share > 0.0),
-                )
-                out.append(retro)
-        return out
+                chain = self.hit.active & ~self.hit.first
+                bits |= dr.select(chain & inside, mi.UInt32(1 << (i + N_CELLS)), 0)
+        return bits
+
+    def contribution(self, index: mi.UInt32, active: mi.Bool) -> Contribution:
+        """The return of a bit of :meth:`pending`, another one in every lane."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        share, centre, key = mi.Float(1.0), *self.frame.cell(mi.Bool(False), mi.Bool(False))
+        if flags.footprint_splitting:
+            second_a, second_b = (index & 2) != 0, (index & 1) != 0
+            share, (centre, key) = self.frame.share(second_a, second_b), self.frame.cell(second_a, second_b)
+        random = speckle_coefficients(key, hit.row.w, flags)
+        leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
+        length, length_back = dr.norm(leg), dr.norm(leg_back)
+        rate_out = -dr.dot(leg, ray.virtual_velocity) / length
+        rate_back = dr.dot(leg_back, lane.velocity) / length_back
+        straight = Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=hit.order,
+            pulse=lane.pulse,
+            slant_range=0.5 * (length + length_back),
+            range_rate=0.5 * (rate_out + rate_back),
+            amplitudes=tuple(
+                _mixed(terms, random) * (self.straight_weight * share) for terms in self.straight
+            ),
+            active=active,
+        )
+        if self.retro is None:
+            return straight
+        retro = replace(
+            straight,
+            kind=mi.UInt32(RETRO),
+            order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
+            slant_range=length,
+            range_rate=rate_out,
+            amplitudes=tuple(_mixed(terms, random) * (self.retro_weight * share) for terms in self.retro),
+        )
+        return selected(index >= N_CELLS, retro, straight)
+
+
+def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
+    """``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
+    return replace(
+        b,
+        kind=dr.select(condition, a.kind, b.kind),
+        order=dr.select(condition, a.order, b.order),
+        slant_range=dr.select(condition, a.slant_range, b.slant_range),
+        range_rate=dr.select(condition, a.range_rate, b.range_rate),
+        amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
+    )
 
 
 def close_diffuse(
@@ -211,4 +234,4 @@ def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
 
-__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver"]
+__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver", "selected"]

@@ -11,12 +11,11 @@ mirrors, and diffuse-to-diffuse bounces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import close_coherent, close_diffuse, receiver
+from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver, selected
 from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, reflect
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
 
@@ -92,25 +91,58 @@ def _bounce(
     tube_here = footprint(kernel, lane, ray, hit)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive = receiver(kernel, lane, hit)
-    returns: list[Contribution] = []
+    coherent = diffuse = None
     if flags.coherent:
-        returns.append(close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive))
+        coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
     if flags.diffuse:
-        returns += close_diffuse(kernel, lane, ray, hit, tube_here, receive).contributions()
-    added, count = _add(accumulator, added, returns, ray.contributions)
+        diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
+    added, count = _add(accumulator, added, coherent, diffuse)
+    count = ray.contributions + count
     if not flags.multi_bounce:
         return replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count), added
     return replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count), added
 
 
 def _add(
-    accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution], count: mi.UInt32
+    accumulator: Accumulator,
+    added: LaneArrays,
+    coherent: Contribution | None,
+    diffuse: DiffuseReturns | None,
 ) -> tuple[LaneArrays, mi.UInt32]:
-    """Hand contributions to the accumulator and count them."""
-    for contribution in returns:
-        count = dr.select(contribution.active, count + 1, count)
-        added = accumulator.add(added, contribution)
-    return added, count
+    """Hand the contributions of a hit to the accumulator; returns how many there are.
+
+    Each lane goes through its own in a loop, so that the accumulator's code, long for spreading kernels, is in the
+    kernel once, and lanes with one contribution do not wait for the slots of nine.
+    """
+    if diffuse is None:
+        if coherent is None:
+            return added, mi.UInt32(0)
+        return accumulator.add(added, coherent), dr.select(coherent.active, mi.UInt32(1), 0)
+    pending = diffuse.pending()
+    if coherent is not None:
+        pending = (pending << 1) | dr.select(coherent.active, mi.UInt32(1), 0)
+
+    def some_left(left: mi.UInt32, added: LaneArrays) -> mi.Bool:
+        return left != 0
+
+    def add_next(left: mi.UInt32, added: LaneArrays) -> tuple[mi.UInt32, LaneArrays]:
+        number = dr.tzcnt(left)
+        active = left != 0
+        if coherent is None:
+            contribution = diffuse.contribution(number, active)
+        else:
+            contribution = selected(number == 0, coherent, diffuse.contribution(number - 1, active))
+        return left & (left - 1), accumulator.add(added, contribution)
+
+    _, added = dr.while_loop(
+        (pending, added),
+        some_left,
+        add_next,
+        labels=("left", "added"),
+        label="contributions",
+        mode="symbolic",
+    )
+    return added, dr.popcnt(pending)
 
 
 __all__ = ["Accumulator", "KernelSettings", "TraceCounts", "trace"]

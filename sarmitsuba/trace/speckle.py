@@ -10,6 +10,8 @@ from sarmitsuba.backend import dr, mi
 
 TWO_PI = 6.283185307179586
 
+N_CELLS = 4  # that a tube can reach: its own and the nearer neighbour, along either axis
+
 
 def mix(x: mi.UInt32) -> mi.UInt32:
     """One round of a 32-bit finaliser (two multiplications, three shifts): every input bit reaches every output bit."""
@@ -49,7 +51,7 @@ class CellFrame:
         cell: mi.Float64,
         seed: mi.UInt32,
     ) -> None:
-        self.cell, self.group, self.seed = cell, group, seed
+        self.edge, self.group, self.seed = cell, group, seed
         ax, ay, az = dr.abs(n.x), dr.abs(n.y), dr.abs(n.z)
         # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
         self.take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
@@ -93,18 +95,19 @@ class CellFrame:
         other = dr.maximum(0.5 * width - dr.select(low, fraction, 1.0 - fraction), 0.0) / width
         return (1.0 - other, other), dr.select(low, -1.0, 1.0)
 
-    def cells(self) -> list[tuple[mi.Float, mi.Vector3d, mi.UInt32]]:
-        """Share of the tube (float32), phase centre (float64 m) and hash (uint32) of the four cells it can reach."""
-        return [self._cell(i, j) for i in (0, 1) for j in (0, 1)]
+    def share(self, second_a: mi.Bool | bool, second_b: mi.Bool | bool) -> mi.Float:
+        """Share of the tube that falls in its own cell or, along one axis or both, in the nearer neighbour."""
+        a, b = (
+            (dr.select(second, s[1], s[0]))
+            for second, s in ((second_a, self.share_a), (second_b, self.share_b))
+        )
+        return a * b
 
-    def own(self) -> list[tuple[mi.Float, mi.Vector3d, mi.UInt32]]:
-        """The same for the cell that the ray hits alone, with all of the tube: for rays through the cells' centres."""
-        return [(mi.Float(1.0), *self._cell(0, 0)[1:])]
-
-    def _cell(self, i: int, j: int) -> tuple[mi.Float, mi.Vector3d, mi.UInt32]:
-        ia = self.ia + (mi.Float64(self.step_a) if i else 0.0)
-        ib = self.ib + (mi.Float64(self.step_b) if j else 0.0)
-        ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
+    def cell(self, second_a: mi.Bool, second_b: mi.Bool) -> tuple[mi.Vector3d, mi.UInt32]:
+        """Phase centre (float64 m) and hash (uint32) of the hit's own cell or, along one axis or both, the next."""
+        ia = self.ia + mi.Float64(dr.select(second_a, self.step_a, 0.0))
+        ib = self.ib + mi.Float64(dr.select(second_b, self.step_b, 0.0))
+        ca, cb = (ia + 0.5) * self.edge, (ib + 0.5) * self.edge
         # the cell's centre, along the left-out axis onto the tangent plane
         cc = self.c - ((ca - self.a) * self.na + (cb - self.b) * self.nb) / self.nc
         i32, u32 = mi.Int32, mi.UInt32
@@ -117,7 +120,7 @@ class CellFrame:
             dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
             dr.select(self.take_z, cc, cb),
         )
-        return self.share_a[i] * self.share_b[j], centre, key
+        return centre, key
 
 
 def _missed(width: mi.Float) -> mi.Float:
@@ -151,4 +154,4 @@ def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["CellFrame", "gaussian", "mix", "unit_phase"]
+__all__ = ["N_CELLS", "CellFrame", "gaussian", "mix", "unit_phase"]
