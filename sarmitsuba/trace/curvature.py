@@ -52,12 +52,12 @@ def facet_curvature(
     Ignores groups whose facets are not wound alike (their normals cancel; they stay flat).
     """
     n = corners.shape[0]
-    sides = np.roll(corners, -1, axis=1) - corners
-    normal = np.cross(sides[:, 0], -sides[:, 2])
+    edges = np.roll(corners, -1, axis=1) - corners
+    normal = np.cross(edges[:, 0], -edges[:, 2])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     if not _bent(normal, group):
         return None
-    unit = sides / np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
+    unit = edges / np.maximum(np.linalg.norm(edges, axis=2, keepdims=True), 1e-300)
     angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", unit, np.roll(unit, 1, axis=1)), -1.0, 1.0))
 
     # one label per vertex and group: surfaces that meet at an edge keep their own normals there
@@ -76,19 +76,19 @@ def facet_curvature(
     t1 = unit[:, 0]
     t2 = np.cross(normal, t1)
     frame = np.stack([t1, t2], axis=1)
-    edges = np.einsum("fai,fki->fak", frame, np.stack([sides[:, 0], -sides[:, 2]], axis=1))
+    steps = np.einsum("fai,fki->fak", frame, np.stack([edges[:, 0], -edges[:, 2]], axis=1))
     changes = np.einsum("fai,fki->fak", frame, at_corner[:, 1:] - at_corner[:, :1])
-    size = edges[:, 0, 0] * edges[:, 1, 1]
+    size = steps[:, 0, 0] * steps[:, 1, 1]
     usable = smooth & (np.abs(size) > 1e-300)
-    inverse = np.zeros_like(edges)
-    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 0, 1] = edges[:, 1, 1], edges[:, 0, 0], -edges[:, 0, 1]
+    inverse = np.zeros_like(steps)
+    inverse[:, 0, 0], inverse[:, 1, 1], inverse[:, 0, 1] = steps[:, 1, 1], steps[:, 0, 0], -steps[:, 0, 1]
     inverse = inverse / np.where(usable, size, 1.0)[:, None, None]
     s = np.where(usable[:, None, None], changes @ inverse, 0.0)
     s = 0.5 * (s + np.swapaxes(s, 1, 2))
 
-    along = np.einsum("fai,fki->fka", frame, sides)
+    along = np.einsum("fai,fki->fka", frame, edges)
     bend = np.abs(np.einsum("fka,fab,fkb->fk", along, s, along)).max(axis=1)  # twice 4 sagittas
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
     flat = (bend / np.maximum(longest, 1e-300) < _FLAT) | (bend / 8.0 > LARGEST_SAGITTA * wavelength)
     s[flat] = 0.0
     if not s.any():
