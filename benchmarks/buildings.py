@@ -9,7 +9,7 @@ import harness
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
 
     report = harness.Report(

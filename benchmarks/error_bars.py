@@ -12,7 +12,7 @@ TOLERANCE = 1.5  # dB
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.error_bars import SHARED_DB
 
     report = harness.Report(

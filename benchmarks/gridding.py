@@ -8,7 +8,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.echo.gridding import spreading_kernel
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     report = harness.Report(
         "gridding",

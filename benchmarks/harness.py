@@ -248,7 +248,7 @@ def munich() -> Path | None:
 def load_munich(**parameters: str) -> Any:
     """Munich under the airborne X-band radar: 400 m x 400 m, 512 pulses; None where it is not installed."""
     from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     path = munich()
     if path is None:

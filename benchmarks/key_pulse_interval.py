@@ -9,7 +9,7 @@ import harness
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     report = harness.Report(
         "key_pulse_interval",

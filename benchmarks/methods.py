@@ -21,7 +21,7 @@ LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sq
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     report = harness.Report(
         "methods",
@@ -148,7 +148,7 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
     from sarmitsuba.cost.sweep import Setting, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
 
     out: dict[str, list[float]] = {

@@ -12,7 +12,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.report import Rays
     from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.window import launch_window, scatterer_cell
 

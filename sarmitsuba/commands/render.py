@@ -84,7 +84,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     watch = results.Stopwatch()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.loader.xml import load_scene
+        from sarmitsuba.loader.load import load_scene
 
         with watch.stage("start"):
             backend = ensure_backend()

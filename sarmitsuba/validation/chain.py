@@ -14,7 +14,8 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.loader.radar_builder import build_radar
+from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
@@ -45,12 +46,7 @@ def make_scene(
     geometry = geometry or Geometry.empty()
     film = {k: v for k, v in parameters.items() if k in tables.FILM.names}
     sensor = {k: v for k, v in parameters.items() if k not in film}
-    given = RadarInput(
-        tables.SENSOR.read(sensor, "sar_antenna"),
-        tables.FILM.read(film, "range_film"),
-        frozenset(sensor),
-        frozenset(film),
-    )
+    given = RadarInput.read(sensor, film)
     clouds = [np.asarray([p.position for p in points])] if points else []
     if geometry.n_faces:
         clouds.append(geometry.vertices)

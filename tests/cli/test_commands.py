@@ -79,7 +79,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     backend = types.SimpleNamespace(variant="none")
     module("sarmitsuba.backend", ensure_backend=lambda: backend)
-    module("sarmitsuba.loader.xml", load_scene=load_scene)
+    module("sarmitsuba.loader.load", load_scene=load_scene)
     module("sarmitsuba.simulation.raw", simulate=fake_simulate)
     module("sarmitsuba.focusing", focus=fake_focus)
     return seen

@@ -9,7 +9,7 @@ from sarmitsuba.cost.sweep import crop
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.error_bars import estimate_error
 from sarmitsuba.simulation.image import simulate_image
 from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing, scatterer_cell

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.errors import SarmitsubaError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 
 N_SCENES = 10_000
 HANG = 600.0  # s: a watchdog that says where; one scene takes milliseconds

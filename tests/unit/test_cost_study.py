@@ -9,7 +9,7 @@ from sarmitsuba.cost.model import CostModel, corrected, split_stages
 from sarmitsuba.cost.proof import Check, Reference
 from sarmitsuba.cost.report import Candidate, Rays, options_of, pareto, recommend
 from sarmitsuba.cost.study import _REFERENCES, SPACINGS, _field
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:

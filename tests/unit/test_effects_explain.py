@@ -9,7 +9,7 @@ import pytest
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.tessellate import cube, cylinder, rectangle, sphere
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba.cost.sweep import crop
 from sarmitsuba.errors import DataError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.passes import fingerprint, refine
 

@@ -1,21 +1,22 @@
-"""The effects there are: every module of ``sarmitsuba.effects.catalog`` holds one. A new file adds an effect."""
+"""What an effect is: all the program knows of one is in the effect's own file in ``effects/catalog``."""
 
-import importlib
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import ClassVar
 
-from sarmitsuba.effects import catalog
-from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.registry import Registry
 from sarmitsuba.scene.scene import Scene
+
+_NO_FLAGS: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the context say about an effect, before the user has a word.
+    """What the context says about an effect, before the user has a word.
 
     Parameters
     ----------
@@ -64,23 +65,33 @@ class Effect(ABC):
 
     Attributes
     ----------
-    name : in the plan, and in the scene file where it can be set there
+    name : in the plan, and of the switch in the scene file
     title : half a line for tables
-    rank : place in the plan; an effect may look at the decisions of those before it
+    documentation : of the switch in the scene file, half a sentence; empty: it has no switch
+    off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
+    rank : position in the plan; an effect may look at the decisions of those before it
     cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`
+    kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
+        fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
     """
 
     name: ClassVar[str]
     title: ClassVar[str]
+    documentation: ClassVar[str] = ""
+    off_when: ClassVar[str] = ""
+    off_means: ClassVar[str] = ""
     rank: ClassVar[int]
     cost: ClassVar[float] = 0.0
+    kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
 
     @abstractmethod
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
-        """Whether the context call for it."""
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """Whether the context calls for it."""
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Fields of ``KernelFlags`` that it sets."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Values of its ``kernel_flags``."""
         return {}
 
     def without(self, scene: Scene) -> Scene:
@@ -88,15 +99,17 @@ class Effect(ABC):
         return scene
 
 
-@cache
+EFFECTS: Registry[Effect] = Registry("effect", "sarmitsuba.effects.catalog")
+
+
 def effects() -> tuple[Effect, ...]:
-    """Every effect of the catalogue, in order."""
-    found = []
-    for module in pkgutil.iter_modules(catalog.__path__):
-        loaded = importlib.import_module(f"{catalog.__name__}.{module.name}")
-        found.append(loaded.EFFECT)
-    found.sort(key=lambda effect: (effect.rank, effect.name))
-    return tuple(found)
+    """Every effect in the order of the plan."""
+    return tuple(sorted(EFFECTS, key=lambda effect: (effect.rank, effect.name)))
 
 
-__all__ = ["Assessment", "Decision", "Effect", "effects"]
+def switchable_effects() -> tuple[Effect, ...]:
+    """Those with a switch in the scene file, in the order of the plan."""
+    return tuple(effect for effect in effects() if effect.documentation)
+
+
+__all__ = ["EFFECTS", "Assessment", "Decision", "Effect", "effects", "switchable_effects"]
