@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from sarmitsuba.backend import dr, mi
+
 
 def normal_change(
     table: mi.Float, face: mi.UInt32, active: mi.Bool, sign: mi.Float

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.errors import SarmitsubaError, SceneError
+from sarmitsuba.errors import SceneError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
