@@ -187,20 +187,20 @@ class BlockAccumulator(GridAccumulator):
         range0 = slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
-        y = (rate - dr.opaque(mi.Float64, rate_reference + plan.rate0)) * dr.opaque(
-            mi.Float64, 1.0 / plan.rate_step
+        y = (rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
+            mi.Float64, 1.0 / plan.range_rate_step
         )
         ix, wx, inside_x = place(x, plan.kernel, plan.n_range, mi, dr)
-        iy, wy, inside_y = place(y, plan.rate_kernel, plan.n_rate, mi, dr)
+        iy, wy, inside_y = place(y, plan.range_rate_kernel, plan.n_range_rate, mi, dr)
         inside = active & inside_x & inside_y
         phasor = phase_factor(range0, self.wavelength, mi, dr)
         values = [amplitude * phasor for amplitude in amplitudes]
         # opaque sizes: the next block's grid then needs no new kernel
-        n_range, n_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_rate)
-        base = (self.slot(order) * n_range + ix) * n_rate + iy
+        n_range, n_range_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_range_rate)
+        base = (self.slot(order) * n_range + ix) * n_range_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
-                self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
+                self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
         lost = active & (~inside | self.outside(pulse, slant_range, active))
         return (dr.select(lost, state[0] + 1, state[0]),)
 
