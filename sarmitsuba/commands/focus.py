@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
 
 NAME = "focus"
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands import results
     from sarmitsuba.io import read_raw
 
-    watch = results.Stopwatch()
+    watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         with watch.stage("read raw"):
             raw = read_raw(args.raw)
@@ -71,7 +71,7 @@ def focus_into(
     raw: "RawData",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
+    watch: StageTimer,
     facts: dict[str, Any],
 ) -> Path:
     """Focus, write the image and its pictures into the folder, add to the facts. Return the picture's path."""

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, focus_into
 from sarmitsuba.errors import DataError
+from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Render."""
     from sarmitsuba.commands import results
 
-    watch = results.Stopwatch()
+    watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
         from sarmitsuba.loader.xml import load_scene
@@ -130,7 +130,7 @@ def _raw_and_image(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
+    watch: StageTimer,
     facts: dict[str, Any],
 ) -> Path:
     """Simulate raw data, write and focus them. Return the file to look at."""
@@ -140,7 +140,6 @@ def _raw_and_image(
     known = {
         "scene": scene.name,
         "look_side": raw.radar.look_side,
-        "image_request": dataclasses.asdict(scene.image),  # so that raw.h5 alone focuses to the same image
     }
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
     console.say(f"plan: {raw.metadata['plan']}")
@@ -161,7 +160,7 @@ def _raw_and_image(
 
 
 def _simulate(
-    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: "Stopwatch"
+    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
@@ -195,12 +194,12 @@ def _image_only(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
+    watch: StageTimer,
     facts: dict[str, Any],
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.render import render
 
     method = scene.settings.method
     if args.no_focus or args.raw != "compressed":
@@ -214,9 +213,7 @@ def _image_only(
             "--time-limit), or use --method hybrid"
         )
     with watch.stage("simulate"):
-        image = simulate_image(
-            scene, range_window=args.window, azimuth_window=args.window, progress=console.progress
-        )
+        image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     console.say(f"plan: {image.metadata['plan']}")

@@ -3,7 +3,6 @@
 import dataclasses
 import importlib.metadata
 import platform
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,34 +19,13 @@ from sarmitsuba.io import parameters, write_image, write_raw
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.error_bars import with_error_bars
+from sarmitsuba.timing import StageTimer
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
 PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 _ALL = (RAW, IMAGE, EXR, PICTURE, FACTS)
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
-
-
-class Stopwatch:
-    """Seconds spent in each stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._start = time.perf_counter()
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the ``with`` block to a stage."""
-        before = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
-
-    @property
-    def total(self) -> float:
-        """Seconds since the watch was made."""
-        return time.perf_counter() - self._start
 
 
 @contextmanager
@@ -96,7 +74,7 @@ def save_raw(folder: Path, raw: RawData) -> None:
 
 
 def store_image(
-    folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any], console: Console
+    folder: Path, image: SarImage, watch: StageTimer, facts: dict[str, Any], console: Console
 ) -> Path:
     """Write the image as HDF5, OpenEXR and pictures, and add to the facts. Return the first picture's path."""
     with watch.stage("error bars"):
@@ -187,7 +165,6 @@ __all__ = [
     "PICTURE",
     "PICTURE_ORDERS",
     "RAW",
-    "Stopwatch",
     "clear_results",
     "output_folder",
     "radar_facts",

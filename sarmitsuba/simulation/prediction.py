@@ -4,14 +4,12 @@ import gc
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
-from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
@@ -20,11 +18,12 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.raw import Timer, TraceJob, TraceStatistics, block_error_db
-from sarmitsuba.simulation.window import launch_window, ray_lattices
-from sarmitsuba.trace.geometry import build_trace_scene
-
-Clock = Callable[[], float]
+from sarmitsuba.simulation.raw import block_error_db
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.speed import SpeedModel, Work
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.timing import Clock, StageTimer
 
 # part of the pulses that the focuser is timed on, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
@@ -44,7 +43,9 @@ class Prediction:
     memory : bytes, most that the process will hold at a time, interpreter and libraries included
     rays, key_pulses, contributions : of the whole run
     pixels : of the image, all layers
-    facts : what else the prediction rests on: ray rate, adds per second, sizes
+    key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
+    rays_per_second, pixel_pulses_per_second : measured rates
+    raw_bytes : of the raw data
     """
 
     seconds: Mapping[str, float]
@@ -53,7 +54,10 @@ class Prediction:
     key_pulses: int
     contributions: int
     pixels: int
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    key_pulse_interval: int
+    rays_per_second: float
+    pixel_pulses_per_second: float
+    raw_bytes: int
 
     @property
     def total(self) -> float:
@@ -61,18 +65,20 @@ class Prediction:
         return float(sum(self.seconds.values()))
 
 
-class ClockTimer(Timer):
-    """The run's stage timer on another clock."""
+@dataclass(frozen=True)
+class _Traced:
+    """What tracing and synthesis of the whole run take.
 
-    def __init__(self, clock: Clock) -> None:
-        super().__init__()
-        self.clock, self.before = clock, clock()
+    Parameters
+    ----------
+    seconds : by stage
+    statistics : of the whole run
+    share : of one ray subset's pulses that was traced to find out
+    """
 
-    def lap(self, stage: str) -> None:
-        """Book the time since the last lap on ``stage``."""
-        now = self.clock()
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self.before
-        self.before = now
+    seconds: Mapping[str, float]
+    statistics: TraceStatistics
+    share: float
 
 
 def predict(
@@ -94,74 +100,28 @@ def predict(
     Takes every batch to cost what the first costs. Ignores reading the scene, writing the results, and passes of
     rays beyond the first.
     """
-    ensure_backend()
-    seconds: dict[str, float] = {}
-    start = clock()
-    geometry, wavelength = scene.geometry, scene.radar.waveform.wavelength
-    trace_scene = build_trace_scene(geometry, scene.materials, wavelength) if geometry.n_faces else None
-    seconds["build"] = clock() - start
-    start = clock()
-    planned = plan or plan_scene(scene, trace_scene)
-    if planned.pilot:  # the first time may have compiled the pilot's kernel
+    run = Run(scene, plan=plan, clock=clock)
+    seconds, planned = dict(run.timer.seconds), run.plan
+    if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
-        planned = plan or plan_scene(scene, trace_scene)
-    seconds["plan"] = clock() - start
-    scene = planned.apply(scene)
-    radar, settings = scene.radar, scene.settings
-    orders = tuple(range(1, planned.max_depth + 1)) if settings.keep_orders else (0,)
-    subsets = (1, 2) if settings.keep_subsets else (0,)
-    layers = tuple(Layer(c, o, s) for s in subsets for o in orders for c in radar.channels)
-    shape = (len(layers), radar.track.n_pulses, radar.window.n_samples)
-    data = np.zeros(shape, dtype=np.complex64)
-    stats, done = TraceStatistics(), 1.0
-    facts: dict[str, Any] = {}
-    if trace_scene is not None:
-        window = launch_window(scene)
-        flags = replace(planned.flags, taper=planned.flags.taper and window.taper > 0)
-        start = clock()
-        sets = [ray_lattices(scene, window, planned.flags, draw=s, subset=s) for s in subsets]
-        seconds["launch grid"] = clock() - start
-        rays = sets[0]
-        more = sum(g.n_rays for grids in sets for g in grids) / sum(g.n_rays for g in rays)
-        job = TraceJob(scene, replace(planned, flags=flags), window, trace_scene, ClockTimer(clock))
-        target = data[: len(layers) // len(subsets)]
-        max_order = len(orders) if settings.keep_orders else 0
-        start = clock()
-        done, stats = next(job.run(rays, target, max_order, facts))
-        first = clock() - start
-        # again for the time: the first took the compilation along, and the choice of the block length
-        job.scene = replace(
-            scene, settings=replace(settings, key_pulse_interval=int(facts["key_pulse_interval"]))
-        )
-
-        def batch() -> Mapping[str, float]:
-            job.timer = ClockTimer(clock)
-            next(job.run(rays, target, max_order, dict(facts)))
-            return job.timer.seconds
-
-        stages = _steady(batch)
-        seconds["trace"] = stages.get("trace", 0.0) * more / done
-        seconds["synthesise"] = stages.get("synthesise", 0.0) * len(subsets) / done
-        seconds["plan"] += sum(_steady(lambda: {"": _choosing(job, scene, clock)}).values())
-        seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
-        stats = _scaled(stats, more / done)
-        interval = int(facts["key_pulse_interval"])
+        plan_scene(scene, run.trace_scene, clock=clock)
+        seconds["plan"] = clock() - start
+    radar, settings = run.scene.radar, run.scene.settings
+    layers = run.layers.layers
+    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    stats, interval, untouched = TraceStatistics(), 0, 0.0
+    if run.sampling is not None:
+        traced = _tracing(run, run.sampling, data, clock)
+        for stage, value in traced.seconds.items():
+            seconds[stage] = seconds.get(stage, 0.0) + value
+        stats, interval = traced.statistics, run.sampling.key_pulse_interval
         planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
-    if scene.points:
-        start = clock()
-        few = _some_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
-        part = np.zeros((len(layers), few.track.n_pulses, shape[2]), dtype=np.complex64)
-        add_points(replace(scene, radar=few), planned.flags, trace_scene, part, layers)
-        seconds["points"] = (clock() - start) * radar.track.n_pulses / few.track.n_pulses
-    seconds["focus"], pixels, loading = _focus_seconds(scene, layers, data, clock)
-    if trace_scene is None:  # else tracing has started the back end before
+        untouched = data.nbytes * max(0.0, 1.0 - traced.share / len(run.layers.subsets))
+    if run.scene.points:
+        seconds["points"] = _points_seconds(run, clock)
+    seconds["focus"], pixels, loading = _focus_seconds(run.scene, layers, data, clock)
+    if run.trace_scene is None:  # else tracing has started the back end before
         seconds["first use"] = min(FIRST_USE, loading)
-    untouched = data.nbytes * max(0.0, 1.0 - done / len(subsets)) if trace_scene is not None else 0
-    facts.update(
-        rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
-        pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
-        raw_bytes=data.nbytes,
-    )
     prediction = Prediction(
         seconds=seconds,
         memory=int(peak_memory() + untouched),
@@ -169,32 +129,60 @@ def predict(
         key_pulses=stats.key_pulses,
         contributions=stats.contributions,
         pixels=pixels,
-        facts=facts,
+        key_pulse_interval=interval,
+        rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
+        pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
+        raw_bytes=data.nbytes,
     )
     del data
     gc.collect()
     return planned, prediction
 
 
-def _choosing(job: TraceJob, scene: Scene, clock: Clock) -> float:
-    """Seconds to choose the block length."""
-    settings = scene.settings
-    if settings.method == "raw" or settings.key_pulse_interval:
-        return 0.0
+def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
+    """Trace the first batch of the run, twice, and take all others to be like it."""
+    run.timer = StageTimer(clock)
+    lattices = run.lattices(sampling, 0)
+    seconds = dict(run.timer.seconds)
+    target = data[run.layers.of_subset(0)]
+
+    def choosing() -> Mapping[str, float]:
+        again = replace(sampling)  # works the interval out anew
+        start = clock()
+        _ = again.key_pulse_interval
+        return {"plan": clock() - start}
+
+    seconds["plan"] = _steady(choosing)["plan"]
+    tracer = run.tracer(sampling)
+    _ = sampling.key_pulse_interval  # kept from here on
     start = clock()
-    choose_block_length(
-        scene.radar,
-        job.window.center,
-        job.phase_box(),
-        settings.gridding_width,
-        settings.tolerance_db,
-        extra_slant_range=job.extra_slant_range(),
-    )
-    return clock() - start
+    done, stats = next(tracer.batches(lattices[0], target, run.layers.max_order))
+    first = clock() - start
+
+    def batch() -> Mapping[str, float]:
+        tracer.timer = StageTimer(clock)
+        next(tracer.batches(lattices[0], target, run.layers.max_order))
+        return {stage: tracer.timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
+
+    stages = _steady(batch)
+    more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
+    whole = stats.scaled(more / done)
+    speed = SpeedModel.measured(Work(rays=stats.rays, samples=target.size * done), stages)
+    predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
+    seconds |= {stage: predicted[stage] for stage in stages}
+    seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
+    return _Traced(seconds, whole, done)
 
 
-def _scaled(stats: TraceStatistics, factor: float) -> TraceStatistics:
-    return TraceStatistics(**{name: round(value * factor) for name, value in vars(stats).items()})
+def _points_seconds(run: Run, clock: Clock) -> float:
+    """Seconds that ideal points take, from a sixteenth of the pulses."""
+    scene, layers = run.scene, run.layers.layers
+    radar = scene.radar
+    few = _some_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
+    part = np.zeros((len(layers), few.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    start = clock()
+    add_points(replace(scene, radar=few), run.plan.flags, run.trace_scene, part, layers)
+    return (clock() - start) * radar.track.n_pulses / few.track.n_pulses
 
 
 def _some_pulses(radar: Radar, n: int) -> Radar:
@@ -211,7 +199,7 @@ def _some_pulses(radar: Radar, n: int) -> Radar:
 
 
 def _focus_seconds(
-    scene: Scene, layers: tuple[Layer, ...], data: Any, clock: Clock
+    scene: Scene, layers: tuple[Layer, ...], data: NDArray[np.complex64], clock: Clock
 ) -> tuple[float, int, float]:
     """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; pixels; what the first time adds."""
     radar = scene.radar
@@ -266,4 +254,4 @@ def peak_memory() -> int:
     return int(most if sys.platform == "darwin" else most * 1024)
 
 
-__all__ = ["ClockTimer", "Prediction", "peak_memory", "predict"]
+__all__ = ["Prediction", "peak_memory", "predict"]
