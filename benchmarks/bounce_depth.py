@@ -13,8 +13,8 @@ PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
 
 def scenes(quick: bool) -> dict[str, Any]:
-    from sarmitsuba.cost.sweep import crop
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
     city = None if quick else harness.load_munich()
@@ -25,8 +25,6 @@ def scenes(quick: bool) -> dict[str, Any]:
 
 def orders(scene: Any) -> np.ndarray:
     """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
-    from sarmitsuba.simulation.image import simulate_image
-
     image = simulate_image(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
     channel = image.channels[0]
     return np.stack(

@@ -7,9 +7,10 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, run_trial
     from sarmitsuba.loader.xml import load_scene
     from sarmitsuba.mesh.city import make_city
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "buildings",

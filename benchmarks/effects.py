@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sarmitsuba.simulation.window import diffuse_spacing, launch_window
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.block import BlockPlan, plan_block
@@ -37,7 +38,6 @@ from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction import ClockTimer, peak_memory, predict
 from sarmitsuba.simulation.raw import TraceJob, simulate
-from sarmitsuba.simulation.window import diffuse_spacing, launch_window
 from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice

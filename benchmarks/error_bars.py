@@ -86,14 +86,15 @@ def run(quick: bool) -> harness.Report:
 
 def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> list[dict]:  # type: ignore[no-untyped-def]
     """True and estimated error of every run, by factor."""
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+
     from sarmitsuba.cost.report import Rays
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image
+    from sarmitsuba.cost.sweep import Setting, mean_image
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.simulation.error_bars import estimate_error
-    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.piece import crop
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     plan, window = plan_scene(whole), launch_window(whole)
     rays = Rays.of(whole, plan)

@@ -4,10 +4,11 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, run_trial
     from sarmitsuba.echo.gridding import spreading_kernel
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "gridding",

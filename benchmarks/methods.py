@@ -18,9 +18,10 @@ LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sq
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.cost.sweep import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "methods",
@@ -39,9 +40,10 @@ def run(quick: bool) -> harness.Report:
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+
     from sarmitsuba.cost.report import Rays
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     window, plan = launch_window(whole), plan_scene(whole)
     rays = Rays.of(whole, plan)

@@ -4,9 +4,10 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "phase_precision",

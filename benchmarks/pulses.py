@@ -4,8 +4,9 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.sweep import Setting, run_trial
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "pulses",

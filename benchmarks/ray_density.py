@@ -8,12 +8,14 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 
 
 def run(quick: bool) -> harness.Report:
+    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+
     from sarmitsuba.cost.report import Rays
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.cost.sweep import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
 
     report = harness.Report(
         "ray_density",

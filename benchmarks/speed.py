@@ -38,9 +38,9 @@ def rough(scene: Any) -> Any:
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import crop
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.simulation.piece import crop
 
     report = harness.Report(
         "speed",
@@ -243,11 +243,12 @@ def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:
 
 def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     """Seconds of one launch, for three accumulators; its number of rays."""
+    from sarmitsuba.simulation.window import launch_window
+
     from sarmitsuba.backend import dr
     from sarmitsuba.echo.block import plan_block
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.raw import Timer, TraceJob
-    from sarmitsuba.simulation.window import launch_window
     from sarmitsuba.trace.accumulators import BlockAccumulator
     from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace

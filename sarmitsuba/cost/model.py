@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sarmitsuba.cost.proof import Check
-from sarmitsuba.cost.report import Candidate, Rays
+from sarmitsuba.cost.report import Candidate
+from sarmitsuba.simulation.sampling import RaySpacings
 
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0
@@ -22,36 +23,20 @@ AFFECTS = {
 }
 
 
-def split_stages(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
-    """Seconds by stage, tracing split into what goes by launches and what goes by rays.
-
-    Parameters
-    ----------
-    full, sparse : of two runs that differ in their rays
-    fewer : rays of ``full`` over those of ``sparse``
-    """
-    out = {k: v for k, v in full.items() if k != "trace"}
-    seconds = full.get("trace", 0.0)
-    rays = (seconds - sparse.get("trace", 0.0)) / (1.0 - 1.0 / fewer)
-    out["rays"] = min(max(rays, 0.05 * seconds), seconds)
-    out["launches"] = seconds - out["rays"]
-    return out
-
-
 @dataclass
 class CostModel:
     """What the sweeps found, and what follows for combinations.
 
     Parameters
     ----------
-    rays : automatic spacings
+    spacings : automatic distances between rays
     full : seconds by stage of the plain setting on the whole scene, for ``hybrid`` and ``image``
     plain : values of the plain setting
     errors : dB, of every (parameter, value)
     ratios : seconds by stage of every (parameter, value) over those of the plain setting; ray spacings go by their rays
     """
 
-    rays: Rays
+    spacings: RaySpacings
     full: Mapping[str, Mapping[str, float]]
     plain: Mapping[str, Any]
     errors: dict[tuple[str, Any], float] = field(default_factory=dict)
@@ -96,13 +81,17 @@ class CostModel:
             total = sum(self.energy(k, picks[k]) for k in ("ray_spacing", "max_depth", "focuser"))
             for key in ("gridding_width", "key_pulse_interval"):
                 total += max(0.0, self.energy(key, picks[key]) - self.energy(key, self.plain[key]))
-            changes = {**picks, **self.rays.at(picks["ray_spacing"] / self.rays.coherent), "method": "hybrid"}
+            changes = {
+                **picks,
+                **self.spacings.at(picks["ray_spacing"] / self.spacings.coherent),
+                "method": "hybrid",
+            }
             out.append(self._candidate("hybrid", picks, changes, total))
         spacings = [v for p, v in self.errors if p == "image"]
         for spacing, depth in itertools.product(spacings, self.values("max_depth")):
             picks = {"ray_spacing": spacing, "max_depth": depth}
             total = self.energy("image", spacing) + self.energy("max_depth", depth)
-            changes = {**picks, **self.rays.at(spacing / self.rays.coherent), "method": "image"}
+            changes = {**picks, **self.spacings.at(spacing / self.spacings.coherent), "method": "image"}
             out.append(self._candidate("image", picks, changes, total))
         return out
 
@@ -153,4 +142,4 @@ def _distance(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
     return total
 
 
-__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected", "split_stages"]
+__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected"]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.sweep import Setting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
@@ -31,9 +32,12 @@ class Reference:
     noise: float
 
     @staticmethod
-    def of(scene: Scene, setting: Setting, grid: ImageGrid) -> "Reference":
+    def of(scene: Scene, setting: Setting, grid: ImageGrid, clock: StudyClock) -> "Reference":
         """Trace it."""
-        a, b = (run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i).image for i in range(2))
+        a, b = (
+            run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i, clock=clock).image
+            for i in range(2)
+        )
         mean = 0.5 * (a.astype(np.complex128) + b)
         return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)))
 
@@ -71,6 +75,7 @@ class Proof:
     reference : image of the field
     factor : ray spacing of the reference, in automatic ones
     text : which part the field is
+    clock : of the seconds
     """
 
     scene: Scene
@@ -80,6 +85,7 @@ class Proof:
     reference: Reference
     factor: float
     text: str
+    clock: StudyClock
 
     def cost(self, seconds: float) -> float:
         """Seconds that :meth:`measure` takes for a setting that takes the whole scene so many."""
@@ -88,13 +94,15 @@ class Proof:
     def measure(self, changes: Mapping[str, Any], pass_index: int = 0) -> Check:
         """Error on the field and seconds on the whole scene, with these lattices."""
         setting = self.base.but(**changes)
-        trial = run_trial(self.field, setting, self.grid, pass_index=pass_index)
+        trial = run_trial(self.field, setting, self.grid, pass_index=pass_index, clock=self.clock)
         error = self.reference.error_db(trial.image)
         if self.field is not self.scene:
-            trial = run_trial(self.scene, setting, pass_index=pass_index)
+            trial = run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock)
         seconds = trial.seconds
         if seconds < STEADY:
-            seconds = min(seconds, run_trial(self.scene, setting, pass_index=pass_index).seconds)
+            seconds = min(
+                seconds, run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock).seconds
+            )
         return Check(error, seconds)
 
 

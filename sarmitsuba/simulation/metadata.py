@@ -5,19 +5,16 @@ from typing import Any
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.statistics import SamplingReport
 
 
-def raw_metadata(
-    run: Run, plan: EffectsPlan, sampling: SamplingReport | None, notes: Sequence[str]
-) -> dict[str, Any]:
+def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, Any]:
     """Of raw data; ``image`` is what makes them focus to the image that the scene asks for."""
     scene = run.scene
     return {
         **_common(run, plan, notes),
         "scene_path": str(scene.path) if scene.path else None,
         "scene_offset_m": scene.offset.tolist(),
-        "sampling": sampling.as_dict() if sampling else {},
+        "sampling": run.report.as_dict() if run.report else {},
         "image": dict(vars(scene.image)),
     }
 
@@ -38,7 +35,7 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, Any]
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
         "effects": dict(plan.as_dict()),
         "plan": plan.summary(),
-        "statistics": vars(run.statistics),
+        "statistics": dict(vars(run.statistics)),
         "seconds": dict(run.timer.seconds),
         "notes": list(notes),
     }

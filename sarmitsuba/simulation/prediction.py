@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.radar.antenna import Pointing
-from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.piece import middle_pulses
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.raw import block_error_db
@@ -178,24 +177,11 @@ def _points_seconds(run: Run, clock: Clock) -> float:
     """Seconds that ideal points take, from a sixteenth of the pulses."""
     scene, layers = run.scene, run.layers.layers
     radar = scene.radar
-    few = _some_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
+    few = middle_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
     part = np.zeros((len(layers), few.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
     start = clock()
     add_points(replace(scene, radar=few), run.plan.flags, run.trace_scene, part, layers)
     return (clock() - start) * radar.track.n_pulses / few.track.n_pulses
-
-
-def _some_pulses(radar: Radar, n: int) -> Radar:
-    """The radar with the ``n`` pulses about the middle of its track."""
-    start = (radar.track.n_pulses - n) // 2
-    pick = slice(start, start + n)
-    p, w = radar.pointing, radar.window
-    return replace(
-        radar,
-        track=radar.track.slice(start, start + n),
-        pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
-        window=ReceiveWindow(w.start_range[pick], w.sample_spacing, w.n_samples),
-    )
 
 
 def _focus_seconds(
@@ -208,7 +194,7 @@ def _focus_seconds(
     grid = default_grid(radar, scene.image)
 
     def taken(k: int) -> Mapping[str, float]:
-        part = _some_pulses(radar, k)
+        part = middle_pulses(radar, k)
         start = (n - k) // 2
         raw = RawData(data[:, start : start + k], layers, "compressed", part)
         before = clock()

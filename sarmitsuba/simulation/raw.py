@@ -69,25 +69,25 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    report: SamplingReport | None = None
+    run.statistics, run.report = TraceStatistics(), None
     notes = list(run.notes)
     if run.sampling is not None:
-        report = _trace(run, run.sampling, data, pass_index, progress or silent)
+        run.report = _trace(run, run.sampling, data, pass_index, progress or silent)
     if scene.points:
         n = add_points(scene, plan.flags, run.trace_scene, data, layers)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
     notes += _check_energy(scene, run.statistics, data)
-    if run.sampling is not None and report is not None:
-        notes += check_sampling(run.sampling, report.spacings)
+    if run.sampling is not None and run.report is not None:
+        notes += check_sampling(run.sampling, run.report.spacings)
         plan = plan.with_key_pulses(
-            report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
+            run.report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
         )
     raw = RawData(data, layers, "compressed", radar)
     if plan.on("noise"):
         raw = add_noise(raw, seed=settings.seed)
         run.timer.lap("noise")
-    metadata = raw_metadata(run, plan, report, notes)
+    metadata = raw_metadata(run, plan, notes)
     return replace(raw, metadata={**metadata, **raw.metadata})
 
 

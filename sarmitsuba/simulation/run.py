@@ -9,7 +9,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.sampling import SamplingPlan
-from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
@@ -33,7 +33,8 @@ class Run:
     sampling : how the scene is sampled; None where there is no mesh
     layers : what is kept apart
     timer : seconds by stage
-    statistics : of everything traced so far
+    statistics : of the last image or raw data
+    report : the rays that raw data took; None before, and where there is no mesh
     notes : one line each; what was assumed, repaired or is worth a warning
     """
 
@@ -56,6 +57,7 @@ class Run:
             self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
+        self.report: SamplingReport | None = None
         self.notes = [*scene.notes, *self.plan.notes]
         self.timer.lap("plan")
 

@@ -141,7 +141,9 @@ def test_results_are_not_overwritten_unasked(
     (tmp_path / "quicklook_order.png").write_text("old")
     (tmp_path / "mine.txt").write_text("mine")
     assert cli.main(["render", "box", "-o", str(tmp_path)]) == 2
-    assert "is not empty; choose another -o, or use --force to overwrite its results" in capsys.readouterr().err
+    assert (
+        "is not empty; choose another -o, or use --force to overwrite its results" in capsys.readouterr().err
+    )
     assert cli.main(["render", "box", "-o", str(tmp_path), "--force", "--no-focus"]) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json", "mine.txt"}
 
