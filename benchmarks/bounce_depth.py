@@ -25,7 +25,9 @@ def scenes(quick: bool) -> dict[str, Any]:
 
 def orders(scene: Any) -> np.ndarray:
     """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
-    image = simulate_image(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
+    from sarmitsuba.simulation.render import render
+
+    image = render(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
     channel = image.channels[0]
     return np.stack(
         [
@@ -40,7 +42,7 @@ def orders(scene: Any) -> np.ndarray:
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, run_trial
+    from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.image.metrics import image_error_db
 
     report = harness.Report(

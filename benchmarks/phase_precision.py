@@ -4,7 +4,7 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, run_trial
+    from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
     from sarmitsuba.simulation.piece import crop

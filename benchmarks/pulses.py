@@ -4,7 +4,7 @@ import harness
 
 
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, run_trial
+    from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.loader.xml import load_scene
     from sarmitsuba.simulation.piece import crop
 
@@ -30,7 +30,7 @@ def run(quick: bool) -> harness.Report:
         seconds = trial.seconds - trial.stages["focus"]
         direct = (raw.seconds - raw.stages["focus"]) * n / few.radar.track.n_pulses
         memory = trial.peak_bytes / 1e6
-        rows.append([n, trial.facts["statistics"]["key_pulses"], seconds, direct, memory, own])
+        rows.append([n, trial.statistics.key_pulses, seconds, direct, memory, own])
     report.table(
         "",
         ["pulses", "key pulses", "hybrid s", "raw s (scaled)", "ratio", "memory MB", "of it raw data MB"],

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.sweep import Setting, Trial, run_trial
+from sarmitsuba.cost.trial import Setting, Trial, run_trial
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.piece import crop
 from sarmitsuba.simulation.sampling import SamplingPlan

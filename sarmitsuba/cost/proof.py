@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.sweep import Setting, run_trial
+from sarmitsuba.cost.trial import Setting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 

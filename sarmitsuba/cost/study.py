@@ -10,8 +10,8 @@ from sarmitsuba.cost.model import CostModel
 from sarmitsuba.cost.pieces import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
-from sarmitsuba.cost.sweep import Setting, run_trial
 from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, sweep_all, whole_stages
+from sarmitsuba.cost.trial import Setting, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid

@@ -10,7 +10,7 @@ from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.cost.proof import Reference
 from sarmitsuba.cost.report import SPARE_DB, Row
-from sarmitsuba.cost.sweep import Setting, Trial, run_trial
+from sarmitsuba.cost.trial import Setting, Trial, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import ImageGrid

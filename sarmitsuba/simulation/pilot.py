@@ -116,7 +116,7 @@ def run_pilot(
 
     Parameters
     ----------
-    draft : plan from static facts; effects that the user switched off stay off
+    draft : plan from the static context; effects that the user switched off stay off
     sampling : of the full run, with the scene as loaded
     trace_scene : built already, or None
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last

@@ -128,7 +128,7 @@ class Raster:
         look = window.center - antenna
         look = look / np.linalg.norm(look)
         axis_x, axis_y, center, d = (
-            _constant(v, mi.Vector3f, f32, dr)
+            _constant(v, mi.Vector3f, f32)
             for v in (window.frame.axis_x[0], window.frame.axis_y[0], window.center, look)
         )
         back = dr.opaque(f32, 4.0 * scene.extent + float(np.linalg.norm(window.center)))
@@ -155,7 +155,7 @@ class Raster:
         area = dr.square(dr.opaque(f32, self.spacing)) / cosine
 
         # ---- pixel of its range and along-track position, shared by four pixels
-        x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64, dr), antenna)
+        x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64), antenna)
         n_azimuth, n_range = grid.shape
         inside = seen & (x >= 0.0) & (x < dr.opaque(mi.Float64, n_azimuth - 1))
         inside &= (y >= 0.0) & (y < dr.opaque(mi.Float64, n_range - 1))
@@ -183,7 +183,7 @@ class Raster:
     def _pixel(self, leg: Any, antenna: NDArray[np.float64]) -> tuple[Any, Any]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
-        along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64, dr))
+        along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
         closest2 = dr.squared_norm(leg) - dr.square(along)
         offset = grid.origin - antenna
         drop = float(antenna[2] - grid.height)
@@ -199,7 +199,7 @@ class Raster:
         return x, y
 
 
-def _constant(value: NDArray[np.float64], vector: Any, scalar: Any, dr: Any) -> Any:
+def _constant(value: NDArray[np.float64], vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 

@@ -133,10 +133,7 @@ def monostatic_rcs(
         # lanes of one direction lie together
         parts.append(
             np.stack(
-                [
-                    _sum_lanes(s.real, grid.n_rays, dr, mi) + 1j * _sum_lanes(s.imag, grid.n_rays, dr, mi)
-                    for s in sums
-                ],
+                [_sum_lanes(s.real, grid.n_rays) + 1j * _sum_lanes(s.imag, grid.n_rays) for s in sums],
                 axis=-1,
             )
         )
@@ -144,7 +141,7 @@ def monostatic_rcs(
     return RcsResult(amplitude, channels, grid.n_rays)
 
 
-def _sum_lanes(values: Any, block: int, dr: Any, mi: Any) -> NDArray[np.float64]:
+def _sum_lanes(values: Any, block: int) -> NDArray[np.float64]:
     return np.asarray(dr.block_sum(mi.Float64(values), block), dtype=np.float64)
 
 
