@@ -342,10 +342,12 @@ def arrays() -> ModuleType:
     except ImportError as error:
         raise BackendError(f"Dr.Jit cannot be imported: {error}; pip install drjit==1.5.0") from error
     mitsuba = sys.modules.get("mitsuba")
-    variant = (mitsuba.variant() if mitsuba else None) or os.environ.get(VARIANT_VARIABLE) or ""
-    if not variant.startswith(("llvm_", "cuda_")):
-        variant = CUDA_VARIANT if gpu_description() else LLVM_VARIANT
+    asked = (mitsuba.variant() if mitsuba else None, os.environ.get(VARIANT_VARIABLE))
+    usable = [variant for variant in asked if variant and variant.startswith(("llvm_", "cuda_"))]
+    variant = usable[0] if usable else CUDA_VARIANT if gpu_description() else LLVM_VARIANT
     if variant.startswith("cuda_"):
+        if not drjit.has_backend(drjit.JitBackend.CUDA):
+            raise BackendError(f"variant {variant!r} needs an NVIDIA GPU with its driver; none works here")
         return importlib.import_module("drjit.cuda")
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         raise BackendError(_no_llvm(choice))

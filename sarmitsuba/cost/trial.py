@@ -37,8 +37,8 @@ class Setting:
 
     Parameters
     ----------
-    changes : fields of ``TraceSettings`` to their values; ``focuser`` (``backprojection`` or ``omega_k``) and
-        ``interpolation`` (of backprojection) beside them
+    changes : fields of ``TraceSettings`` to their values; ``focuser`` (its name) and ``interpolation`` (an
+        option of backprojection) beside them
     """
 
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -116,14 +116,12 @@ def run_trial(
                 stages, samples = dict(raw.metadata["seconds"]), raw.data.size
         compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
         if samples:
+            focuser = str(setting.changes.get("focuser", "backprojection"))
+            if "interpolation" in setting.changes:
+                focuser += f",interpolation={setting.changes['interpolation']}"
             timer = StageTimer()
             with compiling() as spent:
-                image = focus(
-                    raw,
-                    grid,
-                    method=setting.changes.get("focuser", "backprojection"),
-                    interpolation=setting.changes.get("interpolation", "kernel"),
-                )
+                image = focus(raw, grid, focuser=focuser)
             timer.lap("focus")
             stages |= timer.seconds
             compiled += _take(stages, spent[0], ("focus",))

@@ -1,7 +1,5 @@
 """Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,7 @@ from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import azimuth_cell, default_grid
-from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
+from sarmitsuba.focusing.aperture import CellPolynomial, incidence_angle, matched_weights
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -233,7 +231,7 @@ class Imager:
 
 def azimuth_cell_of(
     scene: Scene, grid: ImageGrid, range_window: str, azimuth_window: str
-) -> tuple[float, dict[str, Any]]:
+) -> tuple[float, CellPolynomial]:
     """Noise-equivalent azimuth cell at the grid's centre, m, and its change over range, as the focuser states it."""
     radar = scene.radar
     middle = grid.positions_on_line(grid.azimuth.size // 2)

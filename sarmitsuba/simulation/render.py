@@ -6,7 +6,6 @@
 
 import time
 from dataclasses import replace
-from typing import Literal
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SceneError
@@ -27,7 +26,7 @@ def render(
     method: Method | None = None,
     seed: int | None = None,
     grid: ImageGrid | None = None,
-    focuser: Literal["backprojection", "omega_k"] = "backprojection",
+    focuser: str = "backprojection",
     range_window: str = "rectangular",
     azimuth_window: str = "rectangular",
     plan: EffectsPlan | None = None,
@@ -43,8 +42,7 @@ def render(
     method : ``raster``, ``image``, ``hybrid`` or ``raw``; default: the scene's
     seed : of every random number; default: the scene's
     grid : pixels; default: those that the scene asks for, the same for every method
-    focuser : of raw data, as for :func:`sarmitsuba.focusing.focus`
-    range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
+    focuser, range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
     plan : overrides the automatic effects plan
     pass_index : other values shift the ray lattices and nothing else
     progress : called after every batch
@@ -83,7 +81,7 @@ def render(
         image = focus(
             raw,
             grid or default_grid(scene.radar, scene.image),
-            method=focuser,
+            focuser=focuser,
             range_window=range_window,
             azimuth_window=azimuth_window,
             progress=report,
