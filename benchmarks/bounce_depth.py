@@ -14,7 +14,7 @@ PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
 def scenes(quick: bool) -> dict[str, Any]:
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.piece import crop
+    from sarmitsuba.simulation.sampling.piece import crop
 
     found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
     city = None if quick else harness.load_munich()

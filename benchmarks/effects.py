@@ -35,9 +35,9 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction import peak_memory, predict
+from sarmitsuba.simulation.prediction.prediction import peak_memory, predict
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator

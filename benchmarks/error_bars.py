@@ -12,7 +12,7 @@ TOLERANCE = 1.5  # dB
 
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.error_bars import SHARED_DB
+    from sarmitsuba.simulation.refinement.error_bars import SHARED_DB
 
     report = harness.Report(
         "error_bars",
@@ -89,11 +89,11 @@ def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> 
     from sarmitsuba.cost.trial import Setting, mean_image
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.error_bars import estimate_error
-    from sarmitsuba.simulation.piece import crop
     from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.refinement.error_bars import estimate_error
     from sarmitsuba.simulation.render import render
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     plan = plan_scene(whole)
     sampling = SamplingPlan.of(whole, plan.flags)

@@ -8,7 +8,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.echo.gridding import spreading_kernel
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.piece import crop
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "gridding",

@@ -21,7 +21,7 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.piece import crop
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "methods",
@@ -41,7 +41,7 @@ def run(quick: bool) -> harness.Report:
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
     rays = sampling.spacings

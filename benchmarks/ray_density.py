@@ -11,9 +11,9 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.piece import crop
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     report = harness.Report(
         "ray_density",

@@ -40,7 +40,7 @@ def rough(scene: Any) -> Any:
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.image.metrics import image_error_db
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.piece import crop
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "speed",
@@ -136,7 +136,7 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
 
 
 def _cell(scene: Any) -> float:
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     return SamplingPlan.of(scene).scatterer_cell
 
@@ -171,7 +171,7 @@ def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None
 
 
 def _denser(scene: Any, factor: float) -> dict[str, float]:
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     own = SamplingPlan.of(scene).spacings.diffuse
     return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
@@ -246,7 +246,7 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     from sarmitsuba.backend import dr
     from sarmitsuba.echo.block import plan_block
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling import SamplingPlan
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
     from sarmitsuba.simulation.tracing import Tracer
     from sarmitsuba.timing import StageTimer
     from sarmitsuba.trace.accumulators import BlockAccumulator

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.loader.library import resolve_radar
     from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.explanation import explain
+    from sarmitsuba.simulation.prediction.explanation import explain
 
     ensure_backend()
     radar: Path | None = resolve_radar(args.radar) if args.radar else None

@@ -171,7 +171,7 @@ def _simulate(
     if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
-    from sarmitsuba.simulation.passes import refine
+    from sarmitsuba.simulation.refinement.passes import refine
 
     with watch.stage("simulate"):
         refined = refine(

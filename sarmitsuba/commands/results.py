@@ -18,7 +18,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import parameters, write_image, write_raw
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.error_bars import with_error_bars
+from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"

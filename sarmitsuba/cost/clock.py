@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Protocol
 
-from sarmitsuba.simulation.speed import TWO_CORES, SpeedModel, Work
+from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
 
 
 class StudyClock(Protocol):

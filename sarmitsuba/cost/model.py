@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.cost.proof import Check
 from sarmitsuba.cost.report import Candidate
-from sarmitsuba.simulation.sampling import RaySpacings
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0

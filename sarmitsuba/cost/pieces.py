@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.trial import Setting, Trial, run_trial
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.piece import crop
-from sarmitsuba.simulation.sampling import SamplingPlan
-from sarmitsuba.simulation.speed import run_seconds
+from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 # shares of the budget: for the sweeps, and at most for the reference of the proof
 SWEEP_SHARE, PROOF_SHARE = 0.4, 0.3

@@ -18,7 +18,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 # share of the budget after which nothing more is measured but the recommendation's check
 LAST_SHARE = 0.85

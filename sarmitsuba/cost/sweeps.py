@@ -15,8 +15,8 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling import RaySpacings
-from sarmitsuba.simulation.speed import split_trace
+from sarmitsuba.simulation.prediction.speed import split_trace
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
 REFERENCE_DEPTH = 6

@@ -19,9 +19,9 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.prediction.speed import Work
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.speed import Work
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.timing import StageTimer
 
@@ -204,9 +204,7 @@ def flush_caches() -> None:
     """Give Dr.Jit's pooled memory back, so that the next run's own shows."""
     if "drjit" not in sys.modules:
         return
-    import drjit
-
-    drjit.flush_malloc_cache()
+    dr.flush_malloc_cache()
 
 
 __all__ = ["Setting", "Trial", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]

@@ -21,8 +21,8 @@ from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeFacts
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling import SamplingPlan
-from sarmitsuba.simulation.speed import run_seconds
+from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor

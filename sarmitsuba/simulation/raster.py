@@ -12,7 +12,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
 
 F32 = NDArray[np.float32]

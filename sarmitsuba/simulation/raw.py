@@ -19,8 +19,8 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling import SamplingPlan
-from sarmitsuba.simulation.sampling_checks import check_sampling
+from sarmitsuba.simulation.sampling.checks import check_sampling
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 

@@ -11,7 +11,7 @@ from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
 from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator

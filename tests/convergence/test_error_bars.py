@@ -9,10 +9,10 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.simulation.error_bars import estimate_error
-from sarmitsuba.simulation.piece import crop
+from sarmitsuba.simulation.refinement.error_bars import estimate_error
 from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 
 @pytest.mark.parametrize("name", ["tower", "buildings16"])

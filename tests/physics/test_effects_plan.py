@@ -22,7 +22,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)

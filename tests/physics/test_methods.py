@@ -11,12 +11,12 @@ from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.image import Imager
-from sarmitsuba.simulation.piece import crop
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling import LOOK_SPACING, SamplingPlan
+from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.simulation.sampling.plan import LOOK_SPACING, SamplingPlan
 
 
 def points_only(**parameters: str) -> Scene:

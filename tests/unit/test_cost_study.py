@@ -10,8 +10,8 @@ from sarmitsuba.cost.proof import Check, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
 from sarmitsuba.cost.sweeps import SPACINGS
 from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.simulation.sampling import RaySpacings
-from sarmitsuba.simulation.speed import SpeedModel, Work, split_trace
+from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:

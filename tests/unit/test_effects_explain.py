@@ -9,8 +9,8 @@ from sarmitsuba.cli import main
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.simulation.explanation import explain
-from sarmitsuba.simulation.prediction import predict
+from sarmitsuba.simulation.prediction.explanation import explain
+from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 
 

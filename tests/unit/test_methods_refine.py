@@ -10,8 +10,8 @@ import pytest
 from sarmitsuba.errors import DataError
 from sarmitsuba.loader.xml import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.passes import fingerprint, refine
-from sarmitsuba.simulation.piece import crop
+from sarmitsuba.simulation.refinement.passes import fingerprint, refine
+from sarmitsuba.simulation.sampling.piece import crop
 
 
 class Ticks:

@@ -21,10 +21,10 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.error_bars import estimate_error, with_error_bars
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.refinement.error_bars import estimate_error, with_error_bars
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
@@ -196,7 +196,7 @@ def refine(
     Notes
     -----
     The passes reduce the error of ray sampling and no other; see
-    :func:`sarmitsuba.simulation.error_bars.estimate_error`.
+    :func:`sarmitsuba.simulation.refinement.error_bars.estimate_error`.
     """
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
     limit = scene.settings.time_limit if time_limit is None else time_limit

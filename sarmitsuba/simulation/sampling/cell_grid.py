@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.launch_window import LaunchWindow
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, morton
 
 F64 = NDArray[np.float64]

@@ -12,8 +12,8 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.cell_grid import cell_grid
-from sarmitsuba.simulation.launch_window import LaunchWindow, launch_window
+from sarmitsuba.simulation.sampling.cell_grid import cell_grid
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_window
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
 F64 = NDArray[np.float64]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sarmitsuba.simulation.sampling import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction import Prediction, predict
+from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 
 _WITHOUT_RAW = ("image", "raster")
 

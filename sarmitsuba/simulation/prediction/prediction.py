@@ -14,13 +14,13 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.piece import middle_pulses
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
+from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.raw import block_error_db
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling import SamplingPlan
-from sarmitsuba.simulation.speed import SpeedModel, Work
+from sarmitsuba.simulation.sampling.piece import middle_pulses
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 

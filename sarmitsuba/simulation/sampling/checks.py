@@ -7,7 +7,7 @@ import numpy as np
 
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.sampling import RAYS_PER_WAVELENGTH, SamplingPlan
+from sarmitsuba.simulation.sampling.plan import RAYS_PER_WAVELENGTH, SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings
 
 # share of the surface in facets smaller than the rays' spacing that is worth a warning
