@@ -3,12 +3,12 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from sarmitsuba.cost.proof import Check
 from sarmitsuba.cost.report import Candidate
+from sarmitsuba.cost.trial import Changes, Value
 from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # error that counts as none: float32 and the reference's own
@@ -38,21 +38,21 @@ class CostModel:
 
     spacings: RaySpacings
     full: Mapping[str, Mapping[str, float]]
-    plain: Mapping[str, Any]
-    errors: dict[tuple[str, Any], float] = field(default_factory=dict)
-    ratios: dict[tuple[str, Any], dict[str, float]] = field(default_factory=dict)
+    plain: Changes
+    errors: dict[tuple[str, Value], float] = field(default_factory=dict)
+    ratios: dict[tuple[str, Value], dict[str, float]] = field(default_factory=dict)
 
-    def values(self, parameter: str) -> list[Any]:
+    def values(self, parameter: str) -> list[Value]:
         """Swept values of a parameter; its plain one where it was not swept, and for key pulses always."""
         swept = [v for p, v in self.errors if p == parameter]
         missing = not swept or (parameter == "key_pulse_interval" and self.plain[parameter] not in swept)
         return [*swept, self.plain[parameter]] if missing else swept
 
-    def energy(self, parameter: str, value: Any) -> float:
+    def energy(self, parameter: str, value: Value) -> float:
         """Of the error, over that of the image."""
         return float(10.0 ** (self.errors.get((parameter, value), FLOOR_DB) / 10.0))
 
-    def seconds(self, method: str, picks: Mapping[str, Any]) -> float:
+    def seconds(self, method: str, picks: Changes) -> float:
         """Of the whole scene: each stage times the ratios of the parameters that change it."""
         total = 0.0
         for stage, seconds in self.full[method].items():
@@ -62,10 +62,10 @@ class CostModel:
             total += seconds
         return total
 
-    def _ratio(self, parameter: str, value: Any, stage: str) -> float:
+    def _ratio(self, parameter: str, value: Value, stage: str) -> float:
         """Seconds of a stage with this value over those with the plain one."""
         if parameter == "ray_spacing":  # as the number of rays
-            return float((self.plain[parameter] / value) ** 2)
+            return (float(self.plain[parameter]) / float(value)) ** 2
         own = self.ratios.get((parameter, value), {}).get(stage, 1.0)
         plain = self.ratios.get((parameter, self.plain[parameter]), {}).get(stage, 1.0)
         # key pulses are counted against the whole scene's own already
@@ -83,7 +83,7 @@ class CostModel:
                 total += max(0.0, self.energy(key, picks[key]) - self.energy(key, self.plain[key]))
             changes = {
                 **picks,
-                **self.spacings.at(picks["ray_spacing"] / self.spacings.coherent),
+                **self.spacings.at(float(picks["ray_spacing"]) / self.spacings.coherent),
                 "method": "hybrid",
             }
             out.append(self._candidate("hybrid", picks, changes, total))
@@ -91,13 +91,15 @@ class CostModel:
         for spacing, depth in itertools.product(spacings, self.values("max_depth")):
             picks = {"ray_spacing": spacing, "max_depth": depth}
             total = self.energy("image", spacing) + self.energy("max_depth", depth)
-            changes = {**picks, **self.spacings.at(spacing / self.spacings.coherent), "method": "image"}
+            changes = {
+                **picks,
+                **self.spacings.at(float(spacing) / self.spacings.coherent),
+                "method": "image",
+            }
             out.append(self._candidate("image", picks, changes, total))
         return out
 
-    def _candidate(
-        self, method: str, picks: Mapping[str, Any], changes: Mapping[str, Any], energy: float
-    ) -> Candidate:
+    def _candidate(self, method: str, picks: Changes, changes: Changes, energy: float) -> Candidate:
         return Candidate(changes, 10.0 * float(np.log10(energy)), self.seconds(method, picks))
 
 
@@ -129,14 +131,14 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, Check]) -> 
     return out
 
 
-def _distance(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
+def _distance(a: Changes, b: Changes) -> float:
     """Octaves of ray spacing and key-pulse interval, steps of what is counted, one for another focuser."""
     total = 0.0
     for key, value in a.items():
         if key in ("ray_spacing", "key_pulse_interval"):
-            total += abs(float(np.log2(value / b[key])))
+            total += abs(float(np.log2(float(value) / float(b[key]))))
         elif key in ("max_depth", "gridding_width"):
-            total += abs(value - b[key])
+            total += abs(float(value) - float(b[key]))
         elif key == "focuser":
             total += value != b[key]
     return total

@@ -1,10 +1,10 @@
 """What a cost study reports: table rows, combinations, recommendations as options of ``render``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sarmitsuba.cost.proof import Check, Proof
+from sarmitsuba.cost.trial import Changes
 from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # a smaller gain in error is not worth a line of its own, nor any time
@@ -50,7 +50,7 @@ class Candidate:
     measured : the estimate is from a run of this very combination, not from those of its neighbours
     """
 
-    changes: Mapping[str, Any]
+    changes: Changes
     error_db: float
     seconds: float
     measured: bool = False
@@ -161,7 +161,7 @@ def reference_text(spacings: RaySpacings, factor: float, depth: int) -> str:
     )
 
 
-def options_of(changes: Mapping[str, Any]) -> str:
+def options_of(changes: Changes) -> str:
     """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
 
     One set of rays, as in the study: two subsets for error bars would take more launches and twice the focusing.

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from sarmitsuba.cost.clock import StudyClock
 from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
 from sarmitsuba.cost.proof import Reference
 from sarmitsuba.cost.report import SPARE_DB, Row
-from sarmitsuba.cost.trial import Setting, Trial, run_trial
+from sarmitsuba.cost.trial import Setting, Trial, Value, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import ImageGrid
@@ -67,13 +66,13 @@ class Sweeps:
         """Seconds until the deadline."""
         return self.deadline - self.clock.now()
 
-    def run(self, **changes: Any) -> Trial:
+    def run(self, **changes: Value) -> Trial:
         """The plain setting with changes, on the piece."""
         trial = run_trial(self.scene, self.base.but(**changes), self.grid, clock=self.clock)
         self.report()
         return trial
 
-    def refresh(self, **changes: Any) -> None:
+    def refresh(self, **changes: Value) -> None:
         """Run the plain setting again: ratios are to a run of the same minute, whatever else the machine does."""
         self.now = self.run(**changes)
 
@@ -83,7 +82,7 @@ class Sweeps:
         if factor == factors[-1] and error_db < self.target_error_db - SPARE_DB and coarser < COARSEST:
             factors.append(coarser)
 
-    def ratios(self, trial: Trial, parameter: str, value: Any) -> dict[str, float]:
+    def ratios(self, trial: Trial, parameter: str, value: Value) -> dict[str, float]:
         """Seconds by stage over those of the plain setting."""
         now = _stages_of(trial, self.launch_seconds)
         then = _stages_of(self.now or self.plain, self.launch_seconds)
@@ -91,11 +90,11 @@ class Sweeps:
         out = {s: now.get(s, 0.0) / t if t > 1e-3 else 1.0 for s, t in then.items()}
         if parameter == "key_pulse_interval":  # the piece's few pulses do not show it
             before = self.whole.key_pulse_interval
-            launches = -(-self.n_pulses // value) / -(-self.n_pulses // before)
+            launches = -(-self.n_pulses // int(value)) / -(-self.n_pulses // before)
             out["launches"] = out["rays"] = launches
         return out
 
-    def note(self, parameter: str, value: Any, trial: Trial, error_db: float, remark: str = "") -> None:
+    def note(self, parameter: str, value: Value, trial: Trial, error_db: float, remark: str = "") -> None:
         """Put a trial into the table and the model."""
         error_db = max(error_db, FLOOR_DB)
         ratios = self.ratios(trial, parameter, value)
@@ -108,14 +107,14 @@ class Sweeps:
         self.row(parameter, value, trial, error_db, full, remark)
 
     def row(
-        self, parameter: str, value: Any, trial: Trial, error_db: float, full: float, remark: str = ""
+        self, parameter: str, value: Value, trial: Trial, error_db: float, full: float, remark: str = ""
     ) -> None:
         """Put a trial into the table."""
         shown = f"{value:.3g}" if isinstance(value, float) else str(value)
         megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
         self.rows.append(Row(parameter, shown, error_db, trial.seconds, full, megabytes, remark))
 
-    def paired(self, parameter: str, values: Iterable[Any], best: Any) -> None:
+    def paired(self, parameter: str, values: Iterable[Value], best: Value) -> None:
         """Sweep a parameter with the same rays; errors are against its best value."""
         if self.left() < 0.0:
             return

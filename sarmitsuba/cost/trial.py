@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,9 @@ from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.timing import StageTimer
 
 C64 = NDArray[np.complex64]
+# of a setting: numbers, switches, names
+Value = float | str
+Changes = Mapping[str, Value]
 
 WALL_CLOCK = WallClock()
 _TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
@@ -41,14 +43,14 @@ class Setting:
         option of backprojection) beside them
     """
 
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    changes: Changes = field(default_factory=dict)
 
     def apply(self, scene: Scene) -> Scene:
         """The scene with these settings."""
         own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
-        return replace(scene, settings=replace(scene.settings, **own))
+        return replace(scene, settings=replace(scene.settings, **own))  # type: ignore[arg-type]
 
-    def but(self, **changes: Any) -> "Setting":
+    def but(self, **changes: Value) -> "Setting":
         """A copy with some values replaced."""
         return Setting({**self.changes, **changes})
 
@@ -86,7 +88,7 @@ class Trial:
         """Pulses that shared one tracing; 1 for methods without raw data."""
         return self.sampling.key_pulse_interval if self.sampling else 1
 
-    def error_db(self, reference: NDArray[Any]) -> float:
+    def error_db(self, reference: C64) -> float:
         """Energy of the difference over that of the reference, dB."""
         return image_error_db(self.image, reference)
 

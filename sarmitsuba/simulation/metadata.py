@@ -1,13 +1,12 @@
 """What raw data and images say about the run that made them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.simulation.run import Run
 
 
-def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, Any]:
+def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
     """Of raw data; ``image`` is what makes them focus to the image that the scene asks for."""
     scene = run.scene
     return {
@@ -19,7 +18,7 @@ def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str,
     }
 
 
-def image_metadata(run: Run, method: str, focus: Mapping[str, Any]) -> dict[str, Any]:
+def image_metadata(run: Run, method: str, focus: Mapping[str, object]) -> dict[str, object]:
     """Of an image that was made without raw data; ``focus``: how its pixels are to be read."""
     return {
         **_common(run, run.plan, run.notes),
@@ -29,7 +28,7 @@ def image_metadata(run: Run, method: str, focus: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, Any]:
+def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
     return {
         "scene": run.scene.name,
         "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
@@ -69,7 +69,7 @@ class Raster:
         """Samples of the screen."""
         return self.columns * self.rows
 
-    def _stand_in(self) -> Any:
+    def _stand_in(self) -> "mi.Float":
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
@@ -180,7 +180,7 @@ class Raster:
         dr.eval(planes)
         return np.stack([plane.numpy().reshape(grid.shape) for plane in planes])
 
-    def _pixel(self, leg: Any, antenna: NDArray[np.float64]) -> tuple[Any, Any]:
+    def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
@@ -203,7 +203,7 @@ def _constant(value: NDArray[np.float64], vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 
-def _band(n: int, share: float, window: Any) -> NDArray[np.float64]:
+def _band(n: int, share: float, window: Window) -> NDArray[np.float64]:
     """Window over the band on n FFT bins; ``share`` is the pixel spacing over the cell."""
     bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
     return np.asarray(window(bins), dtype=np.float64)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
@@ -97,7 +96,7 @@ class SamplingReport:
     key_pulse_interval: int
     grid_bytes: int
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """JSON-able form."""
         return {
             "ray_spacing": self.spacings.finest,

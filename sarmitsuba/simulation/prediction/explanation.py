@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -29,9 +28,9 @@ class Explanation:
     plan: EffectsPlan
     prediction: Prediction | None
 
-    def as_dict(self) -> Mapping[str, Any]:
+    def as_dict(self) -> Mapping[str, object]:
         """JSON-able form."""
-        out: dict[str, Any] = {
+        out: dict[str, object] = {
             "scene": self.scene.name,
             "method": self.scene.settings.method,
             "plan": dict(self.plan.as_dict()),

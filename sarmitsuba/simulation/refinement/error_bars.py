@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ class ErrorBars:
     per_pixel: F32
     confidence_db: tuple[float, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """JSON-able form, without the pixels."""
         return {
             channel: {"error_db": round(e, 2), "noise_db": round(n, 2), "confidence_db": round(c, 2)}

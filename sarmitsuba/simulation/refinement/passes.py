@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +49,7 @@ class Passes:
     metadata : of the last pass's raw data
     levels : of every pass, how often its rays were doubled
     weight : of all passes together
+    rays : of one key pulse of the last pass
     """
 
     fingerprint: str
@@ -58,9 +58,10 @@ class Passes:
     data: NDArray[np.complex64] | None = None
     layers: tuple[Layer, ...] = ()
     history: list[tuple[float, float]] = field(default_factory=list)
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, object] = field(default_factory=dict)
     levels: list[int] = field(default_factory=list)
     weight: float = 0.0
+    rays: int = 0
 
     def add(self, raw: RawData, level: int) -> None:
         """Take in one more pass, weighted by what its rays are worth."""
@@ -69,6 +70,7 @@ class Passes:
         self.count += 1
         self.levels.append(level)
         self.layers, self.metadata = raw.layers, dict(raw.metadata)
+        self.rays = raw.metadata["sampling"].get("rays_per_key_pulse", 0)
         if self.data is None:
             self.data = raw.data.copy()
         else:
@@ -83,6 +85,7 @@ class Passes:
             "history": self.history,
             "levels": self.levels,
             "weight": self.weight,
+            "rays": self.rays,
             "layers": [dataclasses.astuple(layer) for layer in self.layers],
             "metadata": to_json(self.metadata),
         }
@@ -118,6 +121,7 @@ class Passes:
                 metadata=record["metadata"],
                 levels=[int(v) for v in record["levels"]],
                 weight=float(record["weight"]),
+                rays=int(record["rays"]),
             )
         except (OSError, KeyError, ValueError, EOFError) as error:
             raise DataError(
@@ -338,8 +342,7 @@ def _next_level(passes: Passes, took: float, left: float) -> int | None:
     if not passes.levels:
         return 0
     level = max(passes.levels)
-    rays = passes.metadata.get("sampling", {}).get("rays_per_key_pulse", 0)
-    if 2.0 * took <= 1.2 * left and rays <= MAX_RAYS:
+    if 2.0 * took <= 1.2 * left and passes.rays <= MAX_RAYS:
         return level + 1
     return level if took <= 1.5 * left and left > 0.0 else None
 
@@ -348,7 +351,7 @@ def fingerprint(scene: Scene) -> str:
     """Hash of everything that the passes of a scene depend on."""
     digest = hashlib.sha256()
 
-    def feed(value: Any) -> None:
+    def feed(value: object) -> None:
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             for item in dataclasses.fields(value):
                 digest.update(item.name.encode())
