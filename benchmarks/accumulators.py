@@ -1,7 +1,6 @@
 """What adding known paths to pulses costs, and how exact it is: direct and block accumulators, by block length.
 
-Run ``python benchmarks/accumulators.py [--quick] [--out FOLDER]``. Prints tables; with ``--out`` writes
-``accumulators.json`` and ``accumulators.md``.
+Run ``python benchmarks/accumulators.py [--quick] [-o FOLDER]``.
 
 The paths are random points (the worst order for the caches) whose slant ranges are computed in float64 inside the
 kernel, as the tracing kernel does; the accumulators are the ones of the tracing kernel. ``fill`` is that kernel,
@@ -12,11 +11,9 @@ block length that the simulation chooses, and direct adding where it finds none.
 multiple reflections, seen as images behind the box.
 """
 
-import argparse
 import platform
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -249,6 +246,7 @@ def measure_default(case: Case, n_paths: int, rounds: int) -> dict[str, Any]:
     }
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     backend = ensure_backend()
     n_paths = N_PATHS // 4 if quick else N_PATHS
@@ -317,18 +315,5 @@ def run(quick: bool) -> harness.Report:
     return report
 
 
-def main() -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a quarter of the paths, two rounds")
-    parser.add_argument("--out", type=Path, help="folder for accumulators.json and accumulators.md")
-    args = parser.parse_args()
-    report = run(args.quick)
-    if args.out:
-        report.save(args.out)
-    else:
-        print(report.markdown())
-
-
 if __name__ == "__main__":
-    main()
+    harness.main(run)

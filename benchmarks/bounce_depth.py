@@ -13,7 +13,7 @@ PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
 
 def scenes(quick: bool) -> dict[str, Any]:
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
 
     found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
@@ -41,6 +41,7 @@ def orders(scene: Any) -> np.ndarray:
     )
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.image.metrics import image_error_db

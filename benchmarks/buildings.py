@@ -6,9 +6,10 @@ from pathlib import Path
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
     from sarmitsuba.simulation.sampling.piece import crop
 

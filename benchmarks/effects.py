@@ -30,7 +30,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB

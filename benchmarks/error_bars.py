@@ -10,8 +10,9 @@ PIECES = {"tower": 0.6, "buildings16": 0.5, "urban_block": 0.4, "bridge": 0.5}  
 TOLERANCE = 1.5  # dB
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.refinement.error_bars import SHARED_DB
 
     report = harness.Report(

@@ -5,10 +5,11 @@ from typing import Any
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(

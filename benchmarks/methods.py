@@ -17,10 +17,11 @@ APERTURE = 0.05
 LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
@@ -149,7 +150,7 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
     from sarmitsuba.cost.trial import Setting, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
 
     out: dict[str, list[float]] = {

@@ -7,10 +7,11 @@ FACTORS = (2.83, 2.0, 1.41, 1.0, 0.71, 0.5)  # of the automatic spacing: rays do
 REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of the default, two such passes
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
     from sarmitsuba.simulation.sampling.piece import crop
     from sarmitsuba.simulation.sampling.plan import SamplingPlan

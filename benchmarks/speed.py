@@ -37,9 +37,10 @@ def rough(scene: Any) -> Any:
     return replace(scene, materials=materials)
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
-    from sarmitsuba.loader.xml import load_scene
     from sarmitsuba.simulation.raw import simulate
 
 __version__ = "0.1.0"
@@ -20,7 +20,7 @@ _HOME = {
     "RawData": "sarmitsuba.echo.raw",
     "SarImage": "sarmitsuba.image.sar_image",
     "focus": "sarmitsuba.focusing",
-    "load_scene": "sarmitsuba.loader.xml",
+    "load_scene": "sarmitsuba.loader.load",
     "register_plugins": "sarmitsuba.loader.plugins",
     "simulate": "sarmitsuba.simulation.raw",
 }

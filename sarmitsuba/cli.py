@@ -14,6 +14,7 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.registry import load_extension
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -27,21 +28,47 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the parser with every subcommand."""
+    """Return the parser with every subcommand; load extensions first, their names may be choices of options."""
     parser = _Parser(prog="sarmitsuba", description="Synthetic aperture radar simulator on Mitsuba 3.")
     parser.add_argument("--version", action="version", version=f"sarmitsuba {__version__}")
+    _add_extension(parser)
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
         sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
         command.add_arguments(sub)
-        sub.add_argument("--quiet", action="store_true", help="show only errors")
+        _add_extension(sub)
+        sub.add_argument("--quiet", action="store_true", help="show errors only")
         sub.add_argument("--verbose", action="store_true", help="show log messages")
         sub.set_defaults(run=command.run)
     return parser
 
 
+def _add_extension(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--extension",
+        action="append",
+        default=argparse.SUPPRESS,
+        metavar="MODULE_OR_FILE",
+        help="Python module or .py file whose modes, laws, focusers ... become known; may be given several times",
+    )
+
+
+def _load_extensions(argv: Sequence[str] | None) -> None:
+    """Import what ``--extension`` names, before or after the command."""
+    parser = _Parser(prog="sarmitsuba", add_help=False, allow_abbrev=False)
+    _add_extension(parser)
+    named, _ = parser.parse_known_args(argv)
+    for extension in getattr(named, "extension", ()):
+        load_extension(extension)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
+    try:
+        _load_extensions(argv)
+    except SarmitsubaError as error:
+        Console(quiet=False, verbose=False).complain(str(error))
+        return EXIT_USER
     args = build_parser().parse_args(argv)
     console = Console(quiet=args.quiet, verbose=args.verbose)
     try:

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
     from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     if args.budget <= 0.0 or args.target_error >= 0.0:
         raise SceneError(

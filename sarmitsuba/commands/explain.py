@@ -47,7 +47,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Explain."""
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.prediction.explanation import explain
 
     ensure_backend()

@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=float,
         metavar="S",
-        help="stop adding passes after this many seconds (default: the scene's); an interrupted run resumes when "
+        help="keep adding passes of rays for this many seconds (default: the scene's); an interrupted run resumes when "
         "started again",
     )
     parser.add_argument(
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.loader.xml import load_scene
+        from sarmitsuba.loader.load import load_scene
 
         with watch.stage("start"):
             backend = ensure_backend()

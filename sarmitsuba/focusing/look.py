@@ -79,7 +79,7 @@ def plan_look(
     weights, time, position, velocity = _centroid(radar, image, azimuth_window)
     # a beam fixed to the track passes over every pixel in turn: each has an aperture of its own
     zero_doppler = (
-        radar.mode == "stripmap" and radar.antenna.pattern != "isotropic" and radar.track.is_straight
+        radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic" and radar.track.is_straight
     )
     leg = image.positions() - position
     distance = np.linalg.norm(leg, axis=-1)

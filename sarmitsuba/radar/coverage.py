@@ -79,7 +79,7 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     lam = radar.waveform.wavelength
-    at_once = radar.mode == "spotlight" or not track.is_straight
+    at_once = radar.mode_law.instantaneous_doppler or not track.is_straight
     needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
     speed = float(np.linalg.norm(velocity, axis=1).max())
     beam = beam_bandwidth(radar.antenna, speed, lam)

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.context import KINDS, Context, PilotResult
+from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
@@ -75,7 +75,7 @@ def plan_scene(
     if scene.geometry.n_faces == 0:
         return plan_effects(scene)
     sampling = sampling or SamplingPlan.of(scene)
-    shape = Context(scene).shape_within(PROOF_SHARE * run_seconds(sampling))
+    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(sampling))
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
     sampling = sampling.obeying(scene, draft.flags)
     depth = draft.decision("max_depth")
@@ -109,7 +109,7 @@ def run_pilot(
     trace_scene: TraceScene | None = None,
     *,
     pulses: Sequence[int] | None = None,
-    shape: ShapeFacts | None = None,
+    shape: ShapeAnalysis | None = None,
     clock: Clock = time.perf_counter,
 ) -> PilotResult:
     """Trace the pilot.
@@ -143,7 +143,7 @@ def run_pilot(
     budget = min(MAX_RAYS, RAY_SHARE * sampling.rays_per_pulse * sampling.expected_key_pulses)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
-    shape = shape or Context(scene).shape
+    shape = shape or SceneContext(scene).shape
     points, sizes = _features(shape, sampling, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
     features = 0
@@ -200,7 +200,7 @@ def _kinds_of_a_hit(flags: KernelFlags) -> list[str]:
     return ["coherent"] * flags.coherent + cell * (CELLS_A_TUBE * flags.diffuse)
 
 
-def _features(shape: ShapeFacts, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
+def _features(shape: ShapeAnalysis, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
     """Small features that random patches would not meet often enough, strongest first: points, sizes."""
     points, sizes = shape.features
     if not len(points):

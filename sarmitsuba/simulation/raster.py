@@ -60,7 +60,7 @@ class Raster:
         self.notes: list[str] = []
         self.table = trace_scene.diffuse_table
         used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
-        if all(m.diffuse_law == "none" for m in used if not m.invisible):
+        if not any(m.scatters for m in used if not m.invisible):
             self.table = self._stand_in()
         self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
 

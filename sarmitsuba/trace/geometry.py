@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges
-from sarmitsuba.mesh.meshes import weld
+from sarmitsuba.mesh.curvature import facet_curvature
+from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.trace.curvature import facet_curvature
 
 DIFFUSE_NODES = 256
 
@@ -34,7 +35,7 @@ class TraceScene:
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
-    bend : works out :func:`sarmitsuba.trace.curvature.facet_curvature`, which single bounces do not need
+    bend : works out :func:`sarmitsuba.mesh.curvature.facet_curvature`, which single bounces do not need
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -72,8 +73,7 @@ class TraceScene:
 # within 2e-6 of +1 down to 0.01 degrees of grazing, and |eps c + q|^2 = 1e36 still fits float32
 PEC_CHI = (0.0, -1e18)
 
-# laws of tilted facets: the scattered level depends on the direction halfway between both rays
-HALF_VECTOR_LAWS = ("kirchhoff",)
+# marks laws of tilted facets: the scattered level depends on the direction halfway between both rays
 HALF_VECTOR_BIT = 31
 
 
@@ -120,7 +120,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
         table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
-    halfway = np.array([m.diffuse_law in HALF_VECTOR_LAWS for m in materials], dtype=np.uint32)
+    halfway = np.array([LAWS[m.diffuse_law].half_vector for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
     info = np.stack(
         [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1

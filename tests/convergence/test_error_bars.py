@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.refinement.error_bars import estimate_error
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.piece import crop

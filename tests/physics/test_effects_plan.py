@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import SarmitsubaError, SceneError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
@@ -118,29 +118,29 @@ def test_convex_looking_pairs_are_not_taken_for_convex(base: Scene) -> None:
     """Two bodies, each convex; a box on a plain; a roof seen from inside; one body whose closed shell has a notch."""
     a, b = box([-5, -5, 0], [-1, 5, 8]), box([1, -5, 0], [5, 5, 8])
     for meshes in ((a, b), (plain(60.0), box([-5, -5, 0], [5, 5, 8]))):
-        context = Context(scene(base, *meshes))
+        context = SceneContext(scene(base, *meshes))
         assert context.shape.single_bounce == ""
     # V of two plates: bulging towards the radar (a roof) it has one bounce, opening towards it two
     radar = base.radar.track.center_position
     side = np.sign(radar[0])
     roof = [quad([0, -5, 4], [0, 5, 4], [x, 5, 0], [x, -5, 0], 0) for x in (-4, 4)]
-    assert Context(scene(base, *roof)).shape.single_bounce
+    assert SceneContext(scene(base, *roof)).shape.single_bounce
     floor = quad([0, -5, 0], [0, 5, 0], [4 * side, 5, 0], [4 * side, -5, 0], 0)
     wall = quad([0, -5, 0], [0, 5, 0], [0, 5, 4], [0, -5, 4], 0)
-    corner = Context(scene(base, floor, wall))
+    corner = SceneContext(scene(base, floor, wall))
     assert corner.shape.single_bounce == "" and corner.shape.open_sight
     # a notch: the box with a corner pushed in is closed and one piece, but not its own hull
     v, f, m = box([-5, -5, 0], [5, 5, 8])
     v = v.copy()
     v[7] = [2.0, 2.0, 5.0]
-    assert Context(scene(base, (v, f, m))).shape.single_bounce == ""
+    assert SceneContext(scene(base, (v, f, m))).shape.single_bounce == ""
 
 
 def test_shapes_convex_by_their_kind_are_so(base: Scene) -> None:
     """The proof finds what is taken for granted for `sphere` and `cube`, turned and stretched as well."""
     matrix = np.array([[3.0, 1.0, 0.2], [-0.5, 1.0, 0.3], [0.1, -0.7, 0.4]])
     for vertices, faces in (cube(), *(sphere(1.0, s) for s in (0.1, 0.02, 3e-3, 3e-4))):
-        shape = Context(scene(base, (vertices @ matrix.T, faces, 0))).shape
+        shape = SceneContext(scene(base, (vertices @ matrix.T, faces, 0))).shape
         assert not shape.stated_convex and shape.convex_body
 
 
@@ -151,8 +151,8 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
     def stated(target: Scene, *flags: bool) -> Scene:
         return replace(target, geometry=replace(target.geometry, mesh_convex=flags))
 
-    def shape(target: Scene) -> ShapeFacts:
-        return Context(target).shape_within(0.0)
+    def shape(target: Scene) -> ShapeAnalysis:
+        return SceneContext(target).shape_within(0.0)
 
     assert shape(scene(base, one)).single_bounce == ""  # no time for a proof
     assert shape(stated(scene(base, one), True)).single_bounce == "one closed convex body"
@@ -168,7 +168,7 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
 
 
 def test_shadow_rays_stay_where_something_stands_between(base: Scene) -> None:
-    assert not Context(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
+    assert not SceneContext(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
 
 
 def test_flat_rules_need_every_vertex(base: Scene) -> None:
@@ -176,7 +176,7 @@ def test_flat_rules_need_every_vertex(base: Scene) -> None:
     v, f, m = plain(60.0)
     v = v.copy()
     v[2, 2] = 1e-3
-    assert not Context(scene(base, (v, f, m))).shape.flat
+    assert not SceneContext(scene(base, (v, f, m))).shape.flat
 
 
 # ---- cells of bare level ground
@@ -257,7 +257,7 @@ def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
 
 
 def test_rim_length(base: Scene) -> None:
-    shape = Context(scene(base, plain(10.0))).shape
+    shape = SceneContext(scene(base, plain(10.0))).shape
     far, near = np.array([[-50.0, -50.0], [50.0, 50.0]]), np.array([[-50.0, 0.0], [4.0, 50.0]])
     assert shape.rim_length(*far) == pytest.approx(80.0)
     assert shape.rim_length(*near) == pytest.approx(10.0 + 14.0)
@@ -265,7 +265,7 @@ def test_rim_length(base: Scene) -> None:
     # two subsets of one material, but not one smooth surface: the seam counts for both
     left = quad([-10, -10, 0], [0, -10, 0], [0, 10, 0], [-10, 10, 0], 1)
     right = quad([0, -10, 0], [10, -10, 0], [10, 10, 0], [0, 10, 0], 1)
-    assert Context(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
+    assert SceneContext(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
 
 
 # ---- pilot

@@ -9,7 +9,7 @@ from sarmitsuba.cost.pieces import REFERENCES, field_of_proof
 from sarmitsuba.cost.proof import Check, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
 from sarmitsuba.cost.sweeps import SPACINGS
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
 from sarmitsuba.simulation.sampling.plan import RaySpacings
 

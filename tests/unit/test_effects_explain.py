@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.explanation import explain
 from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate

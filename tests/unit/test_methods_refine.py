@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.refinement.passes import fingerprint, refine
 from sarmitsuba.simulation.sampling.piece import crop

@@ -11,8 +11,8 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.loader.xml import load_scene
 
 MIXED = """<scene version="3.0.0">
 <integrator type="sar_path"><integer name="max_depth" value="2"/><string name="speckle" value="off"/></integrator>

@@ -318,8 +318,8 @@ def _stolt(
 
 
 def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
-    """Pattern used as matched weight: in stripmap mode that at the image's central range, else 1."""
-    if radar.antenna.pattern == "isotropic" or radar.mode != "stripmap":
+    """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
+    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)
     rho = float(grid.range[grid.range.size // 2])

@@ -91,7 +91,7 @@ class SamplingPlan:
             When no geometry lies within the image's footprint.
         """
         if flags is None:
-            rough = any(m.diffuse_law != "none" for m in scene.materials)
+            rough = any(m.scatters for m in scene.materials)
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         window = launch_window(scene)
         azimuth = azimuth_cell(scene)
