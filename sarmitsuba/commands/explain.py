@@ -4,7 +4,6 @@ import argparse
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 from sarmitsuba.commands.console import Console
 
@@ -53,10 +52,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     ensure_backend()
     radar: Path | None = resolve_radar(args.radar) if args.radar else None
     scene = load_scene(args.scene, radar=radar, parameters=dict(args.define))
-    changes: dict[str, Any] = {"method": args.method} if args.method else {}
+    settings = scene.settings
+    if args.method:
+        settings = dataclasses.replace(settings, method=args.method)
     if not args.no_error_bars:
-        changes["keep_subsets"] = True
-    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **changes))
+        settings = dataclasses.replace(settings, keep_subsets=True)
+    scene = dataclasses.replace(scene, settings=settings)
     found = explain(scene, predicted=not args.plan_only)
     console.say(json.dumps(found.as_dict(), indent=2) if args.json else str(found))
     return 0

@@ -3,7 +3,7 @@
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         scene = dataclasses.replace(scene, settings=settings)
         for note in scene.notes:
             console.warn(note)
-        facts: dict[str, Any] = {
+        record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
             "radar_file": args.radar,
@@ -113,15 +113,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "backend": backend,
             "settings": settings,
             "image_request": scene.image,
-            "radar": results.radar_facts(scene.radar),
+            "radar": results.radar_record(scene.radar),
         }
         if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, facts)
+            done = _image_only(folder, scene, args, console, watch, record)
         else:
-            done = _raw_and_image(folder, scene, args, console, watch, facts)
-        facts["warnings"] = console.warnings
-        facts["seconds"] = {**watch.seconds, "total": watch.total}
-        results.save_facts(folder, facts)
+            done = _raw_and_image(folder, scene, args, console, watch, record)
+        record["warnings"] = console.warnings
+        record["seconds"] = {**watch.seconds, "total": watch.total}
+        results.save_record(folder, record)
         console.say(f"{done} ({watch.total:.1f} s)")
     return 0
 
@@ -132,7 +132,7 @@ def _raw_and_image(
     args: argparse.Namespace,
     console: Console,
     watch: StageTimer,
-    facts: dict[str, Any],
+    record: dict[str, object],
 ) -> Path:
     """Simulate raw data, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
@@ -154,10 +154,10 @@ def _raw_and_image(
     results.clear_results(folder)
     with watch.stage("write raw"):
         results.save_raw(folder, raw)
-    facts |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
+    record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder / results.RAW
-    return focus_into(folder, raw, args, console, watch, facts)
+    return focus_into(folder, raw, args, console, watch, record)
 
 
 def _simulate(
@@ -196,7 +196,7 @@ def _image_only(
     args: argparse.Namespace,
     console: Console,
     watch: StageTimer,
-    facts: dict[str, Any],
+    record: dict[str, object],
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
@@ -221,8 +221,8 @@ def _image_only(
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     results.clear_results(folder)
-    facts |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, watch, facts, console)
+    record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
+    return results.store_image(folder, image, watch, record, console)
 
 
 def _definition(text: str) -> tuple[str, str]:
