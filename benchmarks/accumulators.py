@@ -99,6 +99,8 @@ class Paths:
         import drjit as dr
         import mitsuba as mi
 
+        from sarmitsuba.trace.state import DIFFUSE, Contribution
+
         index = dr.arange(mi.UInt32, self.n * len(position))
         pulse = index // dr.opaque(mi.UInt32, self.n)
         path = index - pulse * dr.opaque(mi.UInt32, self.n)
@@ -108,9 +110,10 @@ class Paths:
         half = dr.sqrt(dr.fma(d[0], d[0], dr.fma(d[1], d[1], d[2] * d[2])))
         rate = (d[0] * motion[0] + d[1] * motion[1] + d[2] * motion[2]) / half
         amplitude = dr.gather(mi.Complex2f, self.amplitude, path)
-        state = accumulator.add(
-            accumulator.begin(), mi.UInt32(1), pulse, half, rate, [amplitude], mi.Bool(True)
+        path_contribution = Contribution(
+            mi.UInt32(DIFFUSE), mi.UInt32(1), pulse, half, rate, (amplitude,), mi.Bool(True)
         )
+        state = accumulator.add(accumulator.begin(), path_contribution)
         dr.eval(state, accumulator.memory)
         dr.sync_thread()
 

@@ -9,12 +9,13 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.validation.cases import CASES
 from sarmitsuba.validation.run import run_case
@@ -37,8 +38,6 @@ def dropped_factor_two() -> AbstractContextManager[None]:
 
 
 def flipped_phase_sign() -> AbstractContextManager[None]:
-    import drjit as dr
-
     from sarmitsuba.trace import accumulators as accumulators
 
     return _replaced(accumulators, "phase_factor", lambda f: lambda *a: dr.conj(f(*a)))
@@ -48,7 +47,7 @@ def one_way_phase() -> AbstractContextManager[None]:
     from sarmitsuba.trace import accumulators as accumulators
 
     # exp(-j 2 pi R / lambda): the way back is forgotten
-    return _replaced(accumulators, "phase_factor", lambda f: lambda x, w, mi, dr: f(x, 2.0 * w, mi, dr))
+    return _replaced(accumulators, "phase_factor", lambda f: lambda x, w: f(x, 2.0 * w))
 
 
 def float32_phase() -> AbstractContextManager[None]:
@@ -56,9 +55,7 @@ def float32_phase() -> AbstractContextManager[None]:
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:
-        return lambda self, state, order, pulse, half, *rest: f(
-            self, state, order, pulse, _single(half), *rest
-        )
+        return lambda self, state, c: f(self, state, replace(c, slant_range=_single(c.slant_range)))
 
     return _all(
         _replaced(accumulators.SumAccumulator, "add", make),
@@ -68,8 +65,6 @@ def float32_phase() -> AbstractContextManager[None]:
 
 
 def _single(x: Any) -> Any:
-    import mitsuba as mi
-
     return mi.Float64(mi.Float(x))
 
 
@@ -107,9 +102,9 @@ def missing_cosine() -> AbstractContextManager[None]:
 
     # dS = dOmega L^2 instead of dOmega L^2 / cos: as if the current were cos times too weak
     def make(f: Any) -> Any:
-        def current(e: Any, d: Any, n: Any, dr: Any) -> Any:
+        def current(e: Any, d: Any, n: Any) -> Any:
             c = -dr.dot(d, n)
-            return tuple(part * c for part in f(e, d, n, dr))
+            return tuple(part * c for part in f(e, d, n))
 
         return current
 
@@ -119,7 +114,7 @@ def missing_cosine() -> AbstractContextManager[None]:
 def no_tube_phase() -> AbstractContextManager[None]:
     from sarmitsuba.trace import tube
 
-    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, piece, *rest: piece.area())
+    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, piece: piece.area())
 
 
 def swapped_fresnel() -> AbstractContextManager[None]:
@@ -133,7 +128,7 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
     # E -> E - 2 (E . n) n, as sound or a mirror's TM wave: the dihedral loses its HH - VV phase
     def make(f: Any) -> Any:
-        return lambda e, n, dr: (e[0] - n * (2.0 * dr.dot(e[0], n)), e[1] - n * (2.0 * dr.dot(e[1], n)))
+        return lambda e, n: (e[0] - n * (2.0 * dr.dot(e[0], n)), e[1] - n * (2.0 * dr.dot(e[1], n)))
 
     return _replaced(field, "reflect_field_pec", make)
 

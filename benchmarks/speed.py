@@ -1,7 +1,6 @@
 """Speed claims on Munich: hybrid against raw, its error, the kernel against bare ray queries, where the time goes."""
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -189,26 +188,18 @@ class _Sink:
 
         return (mi.Complex2f(0.0),)
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[Any, ...], contribution: Any) -> tuple[Any, ...]:
         from sarmitsuba.backend import dr, mi
         from sarmitsuba.trace.accumulators import phase_factor
 
         if not self.used:
             return state
-        value = mi.Complex2f(mi.Float(slant_range) * 1e-30, mi.Float(rate) * 1e-30)
-        phasor = phase_factor(slant_range, self.wavelength, mi, dr)
-        for a in amplitudes:
-            value = value + a * phasor
-        return (state[0] + dr.select(active, value, mi.Complex2f(0.0)),)
+        c = contribution
+        value = mi.Complex2f(mi.Float(c.slant_range) * 1e-30, mi.Float(c.range_rate) * 1e-30)
+        phase = phase_factor(c.slant_range, self.wavelength)
+        for a in c.amplitudes:
+            value = value + a * phase
+        return (state[0] + dr.select(c.active, value, mi.Complex2f(0.0)),)
 
 
 def _kernel(report: harness.Report, cases: dict[str, Any], rounds: int) -> None:

@@ -1,4 +1,4 @@
-"""How the smooth surface that facets stand for normal_change at each of them."""
+"""How the smooth surface that facets stand for bends at each of them."""
 
 from typing import Any
 

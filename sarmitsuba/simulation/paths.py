@@ -1,6 +1,5 @@
 """Single paths of the trace kernel: slant range and amplitude of every bounce of every ray, nothing summed."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.trace.state import Contribution
 
 F64 = NDArray[np.float64]
 
@@ -60,22 +60,14 @@ class RecordAccumulator:
         """Number of this lane."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         """Store; see :class:`sarmitsuba.trace.kernel.Accumulator`. Orders above the highest are dropped."""
-        kept = active & (order <= dr.opaque(mi.UInt32, self.max_order))
-        place = (order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
-        dr.scatter(self.slant_range, slant_range, place, kept)
-        dr.scatter(self.amplitude, amplitudes[0].real, 2 * place, kept)
-        dr.scatter(self.amplitude, amplitudes[0].imag, 2 * place + 1, kept)
+        order, first = contribution.order, contribution.amplitudes[0]
+        kept = contribution.active & (order <= dr.opaque(mi.UInt32, self.max_order))
+        row = (order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
+        dr.scatter(self.slant_range, contribution.slant_range, row, kept)
+        dr.scatter(self.amplitude, first.real, 2 * row, kept)
+        dr.scatter(self.amplitude, first.imag, 2 * row + 1, kept)
         return state
 
 

@@ -19,16 +19,17 @@ from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
+from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
+from sarmitsuba.trace.state import Contribution
 
 F64 = NDArray[np.float64]
 
@@ -48,8 +49,6 @@ SHORTEST_RUN = 2.0
 PROOF_SHARE = 0.05
 # effects up to this rank decide which kinds of return there are, all that the sampling depends on
 KINDS_RANK = 20
-# scatterer cells that the kernel shares a tube among, each with contributions of its own
-CELLS_A_TUBE = 4
 # a feature that so many random patches meet needs none of its own
 ENOUGH_PATCHES = 8.0
 
@@ -194,12 +193,6 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
     )
 
 
-def _kinds_of_a_hit(flags: KernelFlags) -> list[str]:
-    """Kind of every contribution that the kernel adds for one hit, in its order."""
-    cell = ["diffuse", "retro"] if flags.diffuse_double else ["diffuse"]
-    return ["coherent"] * flags.coherent + cell * (CELLS_A_TUBE * flags.diffuse)
-
-
 def _features(shape: ShapeAnalysis, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
     """Small features that random patches would not meet often enough, strongest first: points, sizes."""
     points, sizes = shape.features
@@ -256,62 +249,31 @@ def _place(
 
 
 class _PatchAccumulator:
-    """Coherent sums by patch, kind of return and bounce order; two channels.
+    """Coherent sums by patch, kind of return and bounce order; two channels."""
 
-    ``kinds`` numbers the kind of each contribution of one hit, in the order in which the kernel adds them.
-    """
-
-    def __init__(
-        self, n_patches: int, kinds: Sequence[int], wavelength: float, reference_range: float
-    ) -> None:
-        self.n_lanes, self.kinds, self.n_kinds = n_patches * SIDE**2, kinds, max(kinds) + 1
+    def __init__(self, n_patches: int, wavelength: float, reference_range: float) -> None:
+        self.n_lanes = n_patches * SIDE**2
         self.wavelength, self.reference_range = wavelength, reference_range
-        self.memory = dr.zeros(mi.Float, 4 * n_patches * self.n_kinds * ORDERS)
+        self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * ORDERS)
         fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
-        self.fade = mi.Float(np.outer(fade, fade).astype(np.float32).ravel())
-        self.counts: list[int] = []  # contributions in each recording of the loop's body
-        self.body: Any = None  # its lane number: Dr.Jit may record a body twice, with other variables
+        self.fade = device_array(mi.Float, np.outer(fade, fade).astype(np.float32))
 
     def begin(self) -> tuple[Any, ...]:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
-        lane = state[0]
-        if self.body is None or lane.index != self.body.index:
-            self.body = type(lane)(lane)  # a copy keeps the index from being given away
-            self.counts.append(0)
-        kind = self.kinds[self.counts[-1] % len(self.kinds)]
-        self.counts[-1] += 1
+        (lane,), active = state, contribution.active
         patch = lane // SIDE**2
         weight = dr.gather(mi.Float, self.fade, lane - patch * SIDE**2, active)
-        phasor = phase_factor(
-            slant_range - dr.opaque(mi.Float64, self.reference_range), self.wavelength, mi, dr
-        )
-        values = [a * phasor * weight for a in amplitudes]
-        cell = (patch * self.n_kinds + kind) * ORDERS + dr.minimum(order, ORDERS) - 1
-        packet = mi.Vector4f(values[0].real, values[0].imag, values[1].real, values[1].imag)
-        dr.scatter_add(self.memory, packet, cell, active)
+        offset = contribution.slant_range - dr.opaque(mi.Float64, self.reference_range)
+        phase = phase_factor(offset, self.wavelength)
+        hh, vv = (a * phase * weight for a in contribution.amplitudes)
+        order = dr.minimum(contribution.order, ORDERS)
+        row = (patch * len(KINDS) + contribution.kind) * ORDERS + order - 1
+        dr.scatter_add(self.memory, mi.Vector4f(hh.real, hh.imag, vv.real, vv.imag), row, active)
         return state
-
-    def check(self) -> None:
-        """Raise unless every recording of the loop's body added one contribution a kind."""
-        self.body = None
-        if set(self.counts) != {len(self.kinds)}:
-            raise SarmitsubaError(
-                f"pilot: the kernel recorded {self.counts} contributions a hit, the pilot expects {len(self.kinds)}: "
-                f"trace/kernel.py and trace/pilot.py disagree about the kinds of return; render with max_depth given"
-            )
 
 
 def _trace(
@@ -332,23 +294,17 @@ def _trace(
         reference_range=reference,
         up=polarisation_up(radar, window.center, position[0]),
     )
-    added = _kinds_of_a_hit(flags)
-    names = [name for name in KINDS if name in added]
     n = patches.n_random + patches.n_features
-    kinds = [names.index(name) for name in added]
-    accumulator = _PatchAccumulator(n, kinds, radar.waveform.wavelength, reference)
+    accumulator = _PatchAccumulator(n, radar.waveform.wavelength, reference)
     _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, accumulator)
-    accumulator.check()
     dr.eval(state, accumulator.memory)
-    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(names), ORDERS, len(CHANNELS), 2)
+    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
     letters = {letter for c in radar.channels for letter in c}
     used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
     field = field[..., used]
     power = np.zeros((4, n, ORDERS))
-    for k, name in enumerate(KINDS):
-        if name in names:
-            power[k] = np.square(np.abs(field[:, names.index(name)])).mean(axis=-1)
+    power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
     power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
     return power
 

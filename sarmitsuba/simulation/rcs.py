@@ -13,6 +13,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.accumulators import SumAccumulator
+from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice, window_of
@@ -126,7 +127,7 @@ def monostatic_rcs(
             velocity=np.zeros_like(position[pick]),
             frame=type(frame)(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
         )
-        reference = mi.Float64(np.full(batch.n_pulses, far))
+        reference = device_array(mi.Float64, np.full(batch.n_pulses, far))
         accumulator = SumAccumulator(wavelength, reference, len(channels), max_depth if keep_orders else 0)
         _, sums = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
         # lanes of one direction lie together

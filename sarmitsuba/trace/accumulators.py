@@ -1,15 +1,27 @@
 """Where contributions go: per-lane sums (RCS), per-pulse range grids (direct) or range-rate grids (block)."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.echo.block import BlockPlan
-from sarmitsuba.echo.direct import DirectPlan
-from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.trace.arrays import device_array
+
+if TYPE_CHECKING:
+    from sarmitsuba.echo.block import BlockPlan
+    from sarmitsuba.echo.direct import DirectPlan
+    from sarmitsuba.echo.gridding import SpreadingKernel
+    from sarmitsuba.trace.state import Contribution
+
+
+# numbers in the smallest grid (0.5 MB), and up to which sizes double (8 MB) and grow by halves (64 MB)
+SMALLEST_GRID = 1 << 16
+DOUBLED_UP_TO = 1 << 20
+HALVES_UP_TO = 1 << 23
 
 
 class SumAccumulator:
@@ -19,43 +31,34 @@ class SumAccumulator:
     ----------
     wavelength : m
     reference_slant_range : (n_pulses,) Dr.Jit float64, m, subtracted from slant ranges before the phase is formed
-    n_channels : amplitudes a contribution
+    n_channels : amplitudes per contribution
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     """
 
     def __init__(
-        self, wavelength: float, reference_slant_range: Any, n_channels: int, max_order: int = 0
+        self, wavelength: float, reference_slant_range: mi.Float64, n_channels: int, max_order: int = 0
     ) -> None:
         self.wavelength = wavelength
         self.reference = reference_slant_range
         self.n_channels = n_channels
         self.max_order = max_order
 
-    def begin(self) -> tuple[Any, ...]:
+    def begin(self) -> tuple[mi.Complex2f, ...]:
         """One complex zero per channel and order."""
         return tuple(mi.Complex2f(0.0, 0.0) for _ in range(self.n_channels * max(1, self.max_order)))
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.Complex2f, ...], contribution: Contribution) -> tuple[mi.Complex2f, ...]:
         """Add into the lane's sums; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
-        reference = dr.gather(mi.Float64, self.reference, pulse, active)
-        phasor = phase_factor(slant_range - reference, self.wavelength, mi, dr)
+        active = contribution.active
+        reference = dr.gather(mi.Float64, self.reference, contribution.pulse, active)
+        phase = phase_factor(contribution.slant_range - reference, self.wavelength)
         out = list(state)
-        if self.max_order:
-            order = dr.minimum(order, self.max_order)
+        order = dr.minimum(contribution.order, self.max_order) if self.max_order else contribution.order
         for o in range(max(1, self.max_order)):
             mine = active if self.max_order == 0 else active & (order == o + 1)
-            for i, a in enumerate(amplitudes):
+            for i, a in enumerate(contribution.amplitudes):
                 j = o * self.n_channels + i
-                out[j] = out[j] + dr.select(mine, a * phasor, mi.Complex2f(0.0))
+                out[j] = out[j] + dr.select(mine, a * phase, mi.Complex2f(0.0))
         return tuple(out)
 
 
@@ -72,7 +75,7 @@ class GridAccumulator:
     Parameters
     ----------
     n_slots, n_rows, n_columns : shape of the grid: orders (1 when summed), then two coordinates
-    n_channels : amplitudes a contribution
+    n_channels : amplitudes per contribution
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     wavelength : m
 
@@ -89,9 +92,9 @@ class GridAccumulator:
         self.padded = 1 << (n_channels - 1).bit_length()
         self.max_order = max_order
         self.wavelength = wavelength
-        self.memory = dr.zeros(mi.Float64, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
+        self.memory = dr.zeros(mi.Float64, rounded_size(2 * self.padded * n_slots * n_rows * n_columns))
         self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
-        self.window: tuple[Any, float] | None = None
+        self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
 
     def watch(self, start_range: NDArray[np.float64], extent: float) -> None:
@@ -101,17 +104,18 @@ class GridAccumulator:
         ----------
         start_range : (n_pulses,) of the launch, m; extent : length of the window, m
         """
-        self.window = (mi.Float64(start_range), extent)
+        self.window = (device_array(mi.Float64, start_range), extent)
 
-    def outside(self, pulse: Any, slant_range: Any, active: Any) -> Any:
+    def outside(self, contribution: Contribution) -> mi.Bool:
         """True for contributions outside the receive window, where one is watched."""
         if self.window is None:
             return mi.Bool(False)
         start, extent = self.window
-        r = slant_range - dr.gather(mi.Float64, start, pulse, active)
+        first = dr.gather(mi.Float64, start, contribution.pulse, contribution.active)
+        r = contribution.slant_range - first
         return (r < 0.0) | (r > dr.opaque(mi.Float64, extent))
 
-    def begin(self) -> tuple[Any, ...]:
+    def begin(self) -> tuple[mi.UInt32]:
         """Contributions of this lane that fell outside the receive window."""
         return (mi.UInt32(0),)
 
@@ -120,13 +124,15 @@ class GridAccumulator:
         """Size of the memory, bytes (on the CPU every thread has a copy during the launch)."""
         return 8 * len(self.memory)
 
-    def slot(self, order: Any) -> Any:
+    def slot(self, order: mi.UInt32) -> mi.UInt32:
         """Slot of an order (uint32)."""
         if self.max_order == 0:
             return mi.UInt32(0)
         return dr.minimum(order, self.max_order) - 1
 
-    def scatter(self, cell: Any, values: Sequence[Any], weight: Any, active: Any) -> None:
+    def scatter(
+        self, cell: mi.UInt32, values: Sequence[mi.Complex2f], weight: mi.Float, active: mi.Bool
+    ) -> None:
         """Add one weighted complex value per channel to one cell."""
         parts = [mi.Float64(part * weight) for v in values for part in (v.real, v.imag)]
         if self.on_cpu:
@@ -136,16 +142,7 @@ class GridAccumulator:
         for i, part in enumerate(parts):
             dr.scatter_add(self.memory, part, cell * (2 * self.padded) + i, active)
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
         """Add one contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         raise NotImplementedError
 
@@ -157,9 +154,14 @@ class GridAccumulator:
         return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n), dtype=np.complex64)
 
 
-def _rounded(n: int) -> int:
-    """At most an eighth more: the size is compiled into an expanding scatter-add, and few sizes mean few kernels."""
-    step = 1 << max(n.bit_length() - 4, 0)
+def rounded_size(n: int) -> int:
+    """Numbers to allocate for ``n``: the size is compiled into an expanding scatter-add, few sizes mean few kernels.
+
+    Powers of two; where memory begins to count also one and a half times those, and where it counts more than the
+    time to compile, steps of at most an eighth.
+    """
+    bits = 0 if n <= DOUBLED_UP_TO else 1 if n <= HALVES_UP_TO else 3
+    step = max(1 << max((n - 1).bit_length() - 1 - bits, 0), SMALLEST_GRID)
     return -(-n // step) * step
 
 
@@ -172,36 +174,27 @@ class BlockAccumulator(GridAccumulator):
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
         """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
-        range0 = slant_range - dr.opaque(mi.Float64, plan.reference_range)
+        range0 = contribution.slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
-        y = (rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
+        y = (contribution.range_rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
             mi.Float64, 1.0 / plan.range_rate_step
         )
-        ix, wx, inside_x = place(x, plan.kernel, plan.n_range, mi, dr)
-        iy, wy, inside_y = place(y, plan.range_rate_kernel, plan.n_range_rate, mi, dr)
-        inside = active & inside_x & inside_y
-        phasor = phase_factor(range0, self.wavelength, mi, dr)
-        values = [amplitude * phasor for amplitude in amplitudes]
+        ix, wx, inside_x = grid_cells(x, plan.kernel, plan.n_range)
+        iy, wy, inside_y = grid_cells(y, plan.range_rate_kernel, plan.n_range_rate)
+        inside = contribution.active & inside_x & inside_y
+        phase = phase_factor(range0, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
         # opaque sizes: the next block's grid then needs no new kernel
         n_range, n_range_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_range_rate)
-        base = (self.slot(order) * n_range + ix) * n_range_rate + iy
+        base = (self.slot(contribution.order) * n_range + ix) * n_range_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
-        lost = active & (~inside | self.outside(pulse, slant_range, active))
+        lost = contribution.active & (~inside | self.outside(contribution))
         return (dr.select(lost, state[0] + 1, state[0]),)
 
 
@@ -213,35 +206,27 @@ class DirectAccumulator(GridAccumulator):
     ) -> None:
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
-        self.range0 = mi.Float64(plan.range0)
+        self.range0 = device_array(mi.Float64, plan.range0)
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
         """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
-        range0 = dr.gather(mi.Float64, self.range0, pulse, active)
+        slant_range, pulse = contribution.slant_range, contribution.pulse
+        range0 = dr.gather(mi.Float64, self.range0, pulse, contribution.active)
         x = (slant_range - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
-        ix, wx, inside = place(x, plan.kernel, plan.n_range, mi, dr)
-        inside &= active
-        phasor = phase_factor(slant_range, self.wavelength, mi, dr)
-        values = [amplitude * phasor for amplitude in amplitudes]
+        ix, wx, inside = grid_cells(x, plan.kernel, plan.n_range)
+        inside &= contribution.active
+        phase = phase_factor(slant_range, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
         n_pulses, n_range = dr.opaque(mi.UInt32, plan.n_pulses), dr.opaque(mi.UInt32, plan.n_range)
-        base = (self.slot(order) * n_pulses + pulse) * n_range + ix
+        base = (self.slot(contribution.order) * n_pulses + pulse) * n_range + ix
         for i, wi in enumerate(wx):
             self.scatter(base + i, values, wi, inside)
-        lost = active & (~inside | self.outside(pulse, slant_range, active))
+        lost = contribution.active & (~inside | self.outside(contribution))
         return (dr.select(lost, state[0] + 1, state[0]),)
 
 
-def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[Any, list[Any], Any]:
+def grid_cells(x: mi.Float64, kernel: SpreadingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:
     """First cell, weights and validity of a position in cells; the kernel's cell convention."""
     shifted = x + kernel.shift
     base = dr.floor(shifted)
@@ -250,7 +235,7 @@ def place(x: Any, kernel: SpreadingKernel, n: int, mi: Any, dr: Any) -> tuple[An
     return mi.UInt32(first), kernel.taps(mi.Float(shifted - base)), inside
 
 
-def phase_factor(slant_range: Any, wavelength: float, mi: Any, dr: Any) -> Any:
+def phase_factor(slant_range: mi.Float64, wavelength: float) -> mi.Complex2f:
     """``exp(-j 4 pi x / lambda)`` of a float64 slant range: reduced to one cycle in float64, sine in float32."""
     cycles = slant_range * dr.opaque(mi.Float64, 2.0 / wavelength)
     s, c = dr.sincos(mi.Float(cycles - dr.floor(cycles)) * (2.0 * dr.pi))
@@ -262,6 +247,7 @@ __all__ = [
     "DirectAccumulator",
     "GridAccumulator",
     "SumAccumulator",
+    "grid_cells",
     "phase_factor",
-    "place",
+    "rounded_size",
 ]

@@ -4,14 +4,16 @@ A complex vector is the pair ``(re, im)`` of real 3-vectors. All functions are p
 Time convention exp(+j w t): a lossy medium has ``eps = eps' - j eps''``.
 """
 
-from typing import Any
+from __future__ import annotations
 
-Vector = Any
-Complex = Any
-ComplexVector = tuple[Any, Any]
+from typing import TypeAlias
+
+from sarmitsuba.backend import dr, mi
+
+ComplexVector: TypeAlias = "tuple[mi.Vector3f, mi.Vector3f]"
 
 
-def scale(z: Complex, v: Vector) -> ComplexVector:
+def scale(z: mi.Complex2f, v: mi.Vector3f) -> ComplexVector:
     """Complex scalar times real vector."""
     return (v * z.real, v * z.imag)
 
@@ -21,37 +23,37 @@ def add(x: ComplexVector, y: ComplexVector) -> ComplexVector:
     return (x[0] + y[0], x[1] + y[1])
 
 
-def dot(x: ComplexVector, v: Vector, dr: Any, complex_t: Any) -> Complex:
+def dot(x: ComplexVector, v: mi.Vector3f) -> mi.Complex2f:
     """Complex vector dotted (no conjugate) with a real one."""
-    return complex_t(dr.dot(x[0], v), dr.dot(x[1], v))
+    return mi.Complex2f(dr.dot(x[0], v), dr.dot(x[1], v))
 
 
-def cross_left(v: Vector, x: ComplexVector, dr: Any) -> ComplexVector:
+def cross_left(v: mi.Vector3f, x: ComplexVector) -> ComplexVector:
     """Real vector cross complex vector, ``v x x``."""
     return (dr.cross(v, x[0]), dr.cross(v, x[1]))
 
 
-def polarisation_basis(u: Vector, up: Vector, dr: Any) -> tuple[Vector, Vector]:
+def polarisation_basis(u: mi.Vector3f, up: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Horizontal and vertical unit vectors of the antenna for the look direction ``u`` (antenna to scene).
 
     ``h = u x up / |u x up|``, ``v = h x u``: backscatter alignment, the same pair on transmit and receive. A ray
     exactly along ``up``, where both mean nothing, takes another axis in its place.
     """
     spare = dr.normalize(dr.cross(u, type(u)(up.z, up.x, up.y)))
-    h = _unit_or(dr.cross(u, up), spare, dr)
+    h = _unit_or(dr.cross(u, up), spare)
     return h, dr.cross(h, u)
 
 
-def incidence_basis(d: Vector, n: Vector, dr: Any, mi: Any) -> Vector:
+def incidence_basis(d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
     """Unit vector perpendicular to the plane of incidence of direction ``d`` on normal ``n``.
 
     At normal incidence there is no such plane; any direction across ``d`` serves, because there
     ``r_te = -r_tm`` and the reflected field does not depend on it.
     """
-    return _unit_or(dr.cross(d, n), mi.coordinate_system(d)[0], dr)
+    return _unit_or(dr.cross(d, n), mi.coordinate_system(d)[0])
 
 
-def incidence_basis_pair(d: Vector, s: Vector, n: Vector, dr: Any, mi: Any) -> tuple[Vector, Vector]:
+def incidence_basis_pair(d: mi.Vector3f, s: mi.Vector3f, n: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Perpendiculars ``h_i``, ``h_s`` of an incoming ray ``d`` and an outgoing one ``s``.
 
     ``h_s`` belongs to the ray ``-s`` so that both coincide in backscatter. Where only one of the rays is along the
@@ -59,15 +61,15 @@ def incidence_basis_pair(d: Vector, s: Vector, n: Vector, dr: Any, mi: Any) -> t
     """
     c_i, c_s = dr.cross(d, n), dr.cross(n, s)
     spare = mi.coordinate_system(n)[0]
-    return _unit_or(c_i, _unit_or(c_s, spare, dr), dr), _unit_or(c_s, _unit_or(c_i, spare, dr), dr)
+    return _unit_or(c_i, _unit_or(c_s, spare)), _unit_or(c_s, _unit_or(c_i, spare))
 
 
-def _unit_or(c: Vector, spare: Vector, dr: Any) -> Vector:
+def _unit_or(c: mi.Vector3f, spare: mi.Vector3f) -> mi.Vector3f:
     length2 = dr.squared_norm(c)
     return dr.select(length2 > 1e-12, c * dr.rsqrt(dr.maximum(length2, 1e-12)), spare)
 
 
-def fresnel(cos_theta: Any, chi: Complex, dr: Any) -> tuple[Complex, Complex]:
+def fresnel(cos_theta: mi.Float, chi: mi.Complex2f) -> tuple[mi.Complex2f, mi.Complex2f]:
     r"""Fresnel coefficients of a half space of relative permittivity ``1 + chi``.
 
     .. math::
@@ -99,43 +101,39 @@ def fresnel(cos_theta: Any, chi: Complex, dr: Any) -> tuple[Complex, Complex]:
 
 def reflect_field(
     e: ComplexVector,
-    d: Vector,
-    d_out: Vector,
-    h: Vector,
-    r_te: Complex,
-    r_tm: Complex,
-    dr: Any,
-    complex_t: Any,
+    d: mi.Vector3f,
+    d_out: mi.Vector3f,
+    h: mi.Vector3f,
+    r_te: mi.Complex2f,
+    r_tm: mi.Complex2f,
 ) -> ComplexVector:
     """Field after reflection: perpendicular part times ``r_te``, parallel part times ``r_tm`` along ``d_out``."""
     v_in = dr.cross(h, d)
     v_out = dr.cross(h, d_out)
-    e_h = dot(e, h, dr, complex_t) * r_te
-    e_v = dot(e, v_in, dr, complex_t) * r_tm
+    e_h = dot(e, h) * r_te
+    e_v = dot(e, v_in) * r_tm
     return add(scale(e_h, h), scale(e_v, v_out))
 
 
-def reflect_field_pec(e: ComplexVector, n: Vector, dr: Any) -> ComplexVector:
+def reflect_field_pec(e: ComplexVector, n: mi.Vector3f) -> ComplexVector:
     """Field reflected by a perfect conductor: ``-E + 2 (E . n) n``."""
     return (-e[0] + n * (2.0 * dr.dot(e[0], n)), -e[1] + n * (2.0 * dr.dot(e[1], n)))
 
 
-def po_current_pec(e: ComplexVector, d: Vector, n: Vector, dr: Any) -> ComplexVector:
+def po_current_pec(e: ComplexVector, d: mi.Vector3f, n: mi.Vector3f) -> ComplexVector:
     """PO radiation vector ``n x (d x E)`` of a perfect conductor (half of eta J)."""
-    return cross_left(n, cross_left(d, e, dr), dr)
+    return cross_left(n, cross_left(d, e))
 
 
 def po_receive(
     e: ComplexVector,
     e_out: ComplexVector,
-    d: Vector,
-    d_out: Vector,
-    n: Vector,
-    s: Vector,
-    q: Vector,
-    dr: Any,
-    complex_t: Any,
-) -> Complex:
+    d: mi.Vector3f,
+    d_out: mi.Vector3f,
+    n: mi.Vector3f,
+    s: mi.Vector3f,
+    q: mi.Vector3f,
+) -> mi.Complex2f:
     r"""Component along ``q`` (across ``s``) of the PO radiation vector of a dielectric surface.
 
     .. math::
@@ -151,7 +149,7 @@ def po_receive(
     d, d_out : their directions
     n, s, q : normal facing the ray, direction to the antenna, receiving polarisation
     """
-    j = cross_left(n, add(cross_left(d, e, dr), cross_left(d_out, e_out, dr)), dr)
-    m = cross_left(n, add(e, e_out), dr)  # = -M
+    j = cross_left(n, add(cross_left(d, e), cross_left(d_out, e_out)))
+    m = cross_left(n, add(e, e_out))  # = -M
     sq = dr.cross(s, q)  # (M x s) . q = M . (s x q)
-    return (dot(j, q, dr, complex_t) - dot(m, sq, dr, complex_t)) * 0.5
+    return (dot(j, q) - dot(m, sq)) * 0.5

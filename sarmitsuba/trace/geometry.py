@@ -1,14 +1,15 @@
 """The scene as the kernel sees it: one Embree/OptiX mesh in float32 and float64 tables to gather from."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.diffuse_law import LAWS
@@ -17,6 +18,7 @@ from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.trace.arrays import device_array
 
 DIFFUSE_NODES = 256
 
@@ -30,7 +32,7 @@ class TraceScene:
     mi_scene : ``mi.Scene`` holding one mesh
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
-    edge_table : (16 n_faces,) float32: four sharp sides of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
+    edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -39,21 +41,21 @@ class TraceScene:
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
-    mi_scene: Any
-    face_table: Any
-    edge_table: Any
-    face_info: Any
-    material_table: Any
-    diffuse_table: Any
+    mi_scene: mi.Scene
+    face_table: mi.Float64
+    edge_table: mi.Float
+    face_info: mi.UInt32
+    material_table: mi.Float
+    diffuse_table: mi.Float
     bounds: NDArray[np.float64]
     n_faces: int
     bend: Callable[[], NDArray[np.float64] | None]
 
     @cached_property
-    def curvature_table(self) -> Any:
+    def curvature_table(self) -> mi.Float | None:
         """(8 n_faces,) float32 of how the smooth surfaces bend, None in a flat scene."""
         rows = self.bend()
-        return None if rows is None else _owned(mi.Float(rows.astype(np.float32).reshape(-1)))[0]
+        return None if rows is None else device_array(mi.Float, rows.astype(np.float32))
 
     @property
     def extent(self) -> float:
@@ -126,36 +128,24 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1
     )
     triangles = np.stack([v0, v1, v2], axis=1)
-    place = weld(triangles.reshape(-1, 3))
+    vertex = weld(triangles.reshape(-1, 3))
     group = geometry.face_group[rows_kept]
-    tables32 = (boundary_edges(triangles, place), np.asarray(rows), np.asarray(tables))
-    face_table, face_info, edge_table, material_table, diffuse_table = _owned(
-        mi.Float64(packed.reshape(-1)),
-        mi.UInt32(info.astype(np.uint32).reshape(-1)),
-        *(mi.Float(table.astype(np.float32).reshape(-1)) for table in tables32),
-    )
     return TraceScene(
         mi_scene=mi_scene,
-        face_table=face_table,
-        edge_table=edge_table,
-        face_info=face_info,
-        material_table=material_table,
-        diffuse_table=diffuse_table,
+        face_table=device_array(mi.Float64, packed),
+        edge_table=_table32(boundary_edges(triangles, vertex)),
+        face_info=device_array(mi.UInt32, info.astype(np.uint32)),
+        material_table=_table32(rows),
+        diffuse_table=_table32(tables),
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
-        bend=lambda: facet_curvature(triangles, group, wavelength, place),
+        bend=lambda: facet_curvature(triangles, group, wavelength, vertex),
     )
 
 
-def _owned(*arrays: Any) -> tuple[Any, ...]:
-    """Copies in memory of Dr.Jit's own: aligned, where NumPy's may not be, and then other kernels would be compiled."""
-    copies = []
-    for values in arrays:
-        copy = dr.empty(type(values), len(values))
-        dr.scatter(copy, values, dr.arange(mi.UInt32, len(values)))
-        copies.append(copy)
-    dr.eval(*copies)
-    return tuple(copies)
+def _table32(rows: ArrayLike) -> mi.Float:
+    """Rows of numbers as one flat float32 array."""
+    return device_array(mi.Float, np.asarray(rows, dtype=np.float32))
 
 
 def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -1,7 +1,7 @@
 """Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,12 +111,12 @@ def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return v
 
 
-def morton(x: F64, y: F64, reach: float) -> NDArray[np.uint32]:
-    """Keys that sort points of the square ``|x|, |y| <= reach`` so that neighbours in memory are near in space."""
-    side = 2.0 * reach / 65535.0
+def morton(x: F64, y: F64, half: float) -> NDArray[np.uint32]:
+    """Keys that sort points of the square ``|x|, |y| <= half`` so that neighbours in memory are near in space."""
+    cell = 2.0 * half / 65535.0
     return np.asarray(
-        _spread_bits(((x + reach) / side).astype(np.uint32))
-        | (_spread_bits(((y + reach) / side).astype(np.uint32)) << np.uint32(1))
+        _spread_bits(((x + half) / cell).astype(np.uint32))
+        | (_spread_bits(((y + half) / cell).astype(np.uint32)) << np.uint32(1))
     )
 
 
@@ -148,8 +148,8 @@ def lattice(
     # keep away from the axes and diagonals of the window
     turn = 0.15 + (turn % (0.25 * np.pi - 0.3))
     hx, hy = half_x + taper, half_y + taper
-    reach = np.hypot(hx, hy)
-    n = int(np.ceil(reach / spacing)) + 1
+    radius = np.hypot(hx, hy)
+    n = int(np.ceil(radius / spacing)) + 1
     c, s = np.cos(turn), np.sin(turn)
     xs, ys, keys = [], [], []
     rows = np.arange(-n, n + 1)
@@ -163,7 +163,7 @@ def lattice(
         x, y = x[keep], y[keep]
         xs.append(x.astype(np.float32))
         ys.append(y.astype(np.float32))
-        keys.append(morton(x, y, reach))
+        keys.append(morton(x, y, radius))
     order = np.argsort(
         np.concatenate(keys), kind="stable"
     )  # Morton order: neighbours share cache lines of the BVH
@@ -194,11 +194,6 @@ class PulseBatch:
     def n_pulses(self) -> int:
         """Number of pulses in the launch."""
         return int(self.position.shape[0])
-
-
-def vector64(mi: Any, rows: F64) -> Any:
-    """(n, 3) float64 array as a flat Dr.Jit buffer to gather 3-vectors from."""
-    return mi.Float64(np.ascontiguousarray(rows, dtype=np.float64).reshape(-1))
 
 
 __all__ = [

@@ -1,11 +1,15 @@
 """Adds the contributions of one look to a grid over slant range and range rate."""
 
-from collections.abc import Sequence
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.trace.accumulators import GridAccumulator, phase_factor, place
+from sarmitsuba.trace.accumulators import GridAccumulator, grid_cells, phase_factor
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.state import Contribution
 
 
 class ImageAccumulator(GridAccumulator):
@@ -17,38 +21,29 @@ class ImageAccumulator(GridAccumulator):
         super().__init__(n_slots, grid.n_range, grid.n_range_rate, n_channels, max_order, wavelength)
         self.look = grid
 
-    def add(
-        self,
-        state: tuple[Any, ...],
-        order: Any,
-        pulse: Any,
-        slant_range: Any,
-        rate: Any,
-        amplitudes: Sequence[Any],
-        active: Any,
-    ) -> tuple[Any, ...]:
+    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
         """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         look, f64 = self.look, mi.Float64
-        r, s = slant_range, rate
+        r, s = contribution.slant_range, contribution.range_rate
         if look.zero_doppler:
-            sine = rate * dr.opaque(f64, 1.0 / look.speed)
+            sine = s * dr.opaque(f64, 1.0 / look.speed)
             cosine = dr.sqrt(dr.maximum(1.0 - sine * sine, 1e-6))
-            r, s = slant_range * cosine, rate / cosine
+            r, s = r * cosine, s / cosine
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
         y = (s - dr.opaque(f64, look.range_rate0)) * dr.opaque(f64, 1.0 / look.range_rate_step)
-        ix, wx, inside_x = place(x, look.kernel, look.n_range, mi, dr)
-        iy, wy, inside_y = place(y, look.kernel, look.n_range_rate, mi, dr)
-        inside = active & inside_x & inside_y
-        phasor = phase_factor(offset, self.wavelength, mi, dr)
-        values = [amplitude * phasor for amplitude in amplitudes]
+        ix, wx, inside_x = grid_cells(x, look.kernel, look.n_range)
+        iy, wy, inside_y = grid_cells(y, look.kernel, look.n_range_rate)
+        inside = contribution.active & inside_x & inside_y
+        phase = phase_factor(offset, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
         # opaque: another grid of the same kind then needs no new kernel
         n_range, n_range_rate = dr.opaque(mi.UInt32, look.n_range), dr.opaque(mi.UInt32, look.n_range_rate)
-        base = (self.slot(order) * n_range + ix) * n_range_rate + iy
+        base = (self.slot(contribution.order) * n_range + ix) * n_range_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
-        return (dr.select(active & ~inside, state[0] + 1, state[0]),)
+        return (dr.select(contribution.active & ~inside, state[0] + 1, state[0]),)
 
 
 __all__ = ["ImageAccumulator"]

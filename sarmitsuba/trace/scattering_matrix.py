@@ -1,22 +1,28 @@
-"""Scattering tensor of one diffuse cell: level from the material's law, texture from the cell's hash."""
+"""Scattering matrix of one diffuse cell: level from the material's law, speckle coefficients from the cell's hash."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace import speckle as scatterers
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, TraceScene
+from sarmitsuba.trace.speckle import gaussian, unit_phase
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
 
 
 class ScatteringMatrix:
-    """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its texture.
+    """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its speckle.
 
     Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
     exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at a pair of angles is
     the geometric mean of the law at each or, for laws of tilted facets, the law at the angle of the half vector.
-    The tensor is a sum of up to three fixed ones, each times a random number of the cell (:func:`texture`).
+    The tensor is a sum of up to three fixed ones, each times a random number of the cell
+    (:func:`speckle_coefficients`).
 
     Parameters
     ----------
@@ -25,28 +31,33 @@ class ScatteringMatrix:
     """
 
     def __init__(
-        self, scene: TraceScene, info: Any, n: Any, d: Any, s: Any, flags: KernelFlags, mi: Any, dr: Any
+        self,
+        scene: TraceScene,
+        info: mi.UInt32,
+        n: mi.Vector3f,
+        d: mi.Vector3f,
+        s: mi.Vector3f,
+        flags: KernelFlags,
     ) -> None:
-        self.flags, self.mi, self.dr = flags, mi, dr
+        self.flags = flags
         material = info & 0x7FFFFFFF
         cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
         if flags.multi_bounce:
             half = dr.dot(dr.normalize(s - d), n)
             facets = (info >> HALF_VECTOR_BIT) == 1
             cos_i, cos_s = dr.select(facets, half, cos_i), dr.select(facets, half, cos_s)
-        table_i = _diffuse_lookup(scene, material, cos_i, mi, dr)
+        table_i = _diffuse_lookup(scene, material, cos_i)
         # without mirrors every diffuse return is backscatter: both directions have the same angle
-        table_s = _diffuse_lookup(scene, material, cos_s, mi, dr) if flags.multi_bounce else table_i
+        table_s = _diffuse_lookup(scene, material, cos_s) if flags.multi_bounce else table_i
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
         self.in_planes = flags.polarised_diffuse or flags.multi_bounce or flags.depolarisation
         if self.in_planes:
-            self.h_i, self.h_s = field.incidence_basis_pair(d, s, n, dr, mi)
+            self.h_i, self.h_s = field.incidence_basis_pair(d, s, n)
             self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
 
-    def _bilinear(self, q: Any, x: Any) -> list[Any]:
+    def _bilinear(self, q: mi.Vector3f, x: mi.Vector3f) -> list[mi.Float]:
         """``q . D_k x`` of the fixed tensors for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
-        dr = self.dr
         if not self.in_planes:
             return [self.amp_h * dr.dot(q, x)]
         pairs = ((q, self.h_s), (q, self.v_s), (x, self.h_i), (x, self.v_i))
@@ -57,36 +68,34 @@ class ScatteringMatrix:
             values += [amp * (qh * xh - qv * xv), amp * (qh * xv + qv * xh)]
         return values
 
-    def between(self, q: Any, e: field.ComplexVector) -> list[Any]:
+    def between(self, q: mi.Vector3f, e: field.ComplexVector) -> list[mi.Complex2f]:
         """``q . D_k E`` for a real receiving vector and a complex field."""
-        return [
-            self.mi.Complex2f(re, im) for re, im in zip(*(self._bilinear(q, part) for part in e), strict=True)
-        ]
+        return [mi.Complex2f(re, im) for re, im in zip(*(self._bilinear(q, part) for part in e), strict=True)]
 
-    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> list[Any]:
+    def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> list[mi.Complex2f]:
         """``Q . D_k E`` (no conjugate) for two complex fields, incoming and retracing."""
-        j = self.mi.Complex2f(0.0, 1.0)
+        j = mi.Complex2f(0.0, 1.0)
         return [a + j * b for a, b in zip(*(self.between(part, e) for part in q), strict=True)]
 
 
-def texture(key: Any, cross_ratio: Any, flags: KernelFlags, mi: Any, dr: Any) -> list[Any]:
+def speckle_coefficients(key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags) -> list[mi.Complex2f]:
     """Random numbers of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
 
     Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
     (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power.
     """
-    co = scatterers.gaussian(key, 0, dr, mi) if flags.speckle else scatterers.unit_phase(key, 0, dr, mi)
+    co = gaussian(key, 0) if flags.speckle else unit_phase(key, 0)
     if not flags.depolarisation:
         return [co]
     root = dr.sqrt(cross_ratio)
     return [
         co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0)),
-        scatterers.gaussian(key, 1, dr, mi) * root,
-        scatterers.gaussian(key, 2, dr, mi) * root,
+        gaussian(key, 1) * root,
+        gaussian(key, 2) * root,
     ]
 
 
-def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, dr: Any) -> Any:
+def _diffuse_lookup(scene: TraceScene, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:
     """sqrt(sigma0) for h and v at an incidence angle, linear between table nodes uniform in angle."""
     theta = dr.acos(dr.clip(cos_theta, 0.0, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
     node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
@@ -97,4 +106,4 @@ def _diffuse_lookup(scene: TraceScene, material: Any, cos_theta: Any, mi: Any, d
     return low + (high - low) * t
 
 
-__all__ = ["ScatteringMatrix", "texture"]
+__all__ = ["ScatteringMatrix", "speckle_coefficients"]

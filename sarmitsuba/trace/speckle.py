@@ -4,12 +4,16 @@ A hit is snapped to the centre of a square cell of a grid fixed to the scene, so
 has the same complex reflectivity and the same phase centre in every pulse, whichever rays find it.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from sarmitsuba.backend import dr, mi
 
 TWO_PI = 6.283185307179586
 
+N_CELLS = 4  # that a tube can reach: its own and the nearer neighbour, along either axis
 
-def mix(x: Any) -> Any:
+
+def mix(x: mi.UInt32) -> mi.UInt32:
     """One round of a 32-bit finaliser (two multiplications, three shifts): every input bit reaches every output bit."""
     x = x ^ (x >> 16)
     x = x * 0x7FEB352D
@@ -39,18 +43,15 @@ class CellFrame:
 
     def __init__(
         self,
-        p: Any,
-        n: Any,
-        tube: tuple[Any, Any],
-        patch: tuple[Any, Any],
-        group: Any,
-        cell: Any,
-        seed: Any,
-        dr: Any,
-        mi: Any,
+        p: mi.Vector3d,
+        n: mi.Vector3d,
+        tube: tuple[mi.Vector3f, mi.Vector3f],
+        patch: tuple[mi.Vector3f, mi.Vector3f],
+        group: mi.UInt32,
+        cell: mi.Float64,
+        seed: mi.UInt32,
     ) -> None:
-        self.dr, self.mi, self.vector = dr, mi, type(p)
-        self.cell, self.group, self.seed = cell, group, seed
+        self.edge, self.group, self.seed = cell, group, seed
         ax, ay, az = dr.abs(n.x), dr.abs(n.y), dr.abs(n.z)
         # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
         self.take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
@@ -67,62 +68,62 @@ class CellFrame:
         self.share_b, self.step_b = self._shares(mi.Float(self.b * inverse - self.ib), width_b)
         # tubes wider than a cell leave cells out, the rest gets their power: mean square over squared mean
         pitch_a, pitch_b = self._widths(*tube, scale)
-        self.bias = _missed(pitch_a, dr) * _missed(pitch_b, dr)
+        self.bias = _missed(pitch_a) * _missed(pitch_b)
         self.area = mi.Float(cell * cell / dr.abs(self.nc))
 
-    def _axes(self, w: Any) -> tuple[Any, Any, Any]:
+    def _axes(
+        self, w: mi.Vector3d | mi.Vector3f
+    ) -> tuple[mi.Float64 | mi.Float, mi.Float64 | mi.Float, mi.Float64 | mi.Float]:
         """Components along the two cell axes and the one left out."""
-        s = self.dr.select
+        s = dr.select
         return (
             s(self.take_z | self.take_y, w.x, w.y),
             s(self.take_z, w.y, w.z),
             s(self.take_z, w.z, s(self.take_y, w.y, w.x)),
         )
 
-    def _widths(self, u: Any, v: Any, scale: Any) -> tuple[Any, Any]:
+    def _widths(self, u: mi.Vector3f, v: mi.Vector3f, scale: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Box of a parallelogram's second moments along the two axes, cells."""
         ua, ub, _ = self._axes(u)
         va, vb, _ = self._axes(v)
-        return self.dr.sqrt(ua * ua + va * va) * scale, self.dr.sqrt(ub * ub + vb * vb) * scale
+        return dr.sqrt(ua * ua + va * va) * scale, dr.sqrt(ub * ub + vb * vb) * scale
 
-    def _shares(self, place: Any, width: Any) -> tuple[tuple[Any, Any], Any]:
-        """Overlap of a box about ``place`` (0..1) with its cell and the nearer neighbour; step to the latter."""
-        dr = self.dr
+    def _shares(self, fraction: mi.Float, width: mi.Float) -> tuple[tuple[mi.Float, mi.Float], mi.Float]:
+        """Overlap of a box about ``fraction`` (0..1) with its cell and the nearer neighbour; step to the latter."""
         width = dr.clip(width, 1e-3, 1.0)
-        low = place < 0.5
-        other = dr.maximum(0.5 * width - dr.select(low, place, 1.0 - place), 0.0) / width
+        low = fraction < 0.5
+        other = dr.maximum(0.5 * width - dr.select(low, fraction, 1.0 - fraction), 0.0) / width
         return (1.0 - other, other), dr.select(low, -1.0, 1.0)
 
-    def cells(self) -> "list[tuple[Any, Any, Any]]":
-        """Share of the tube (float32), phase centre (float64 m) and hash (uint32) of the four cells it can reach."""
-        return [self._cell(i, j) for i in (0, 1) for j in (0, 1)]
+    def share(self, second_a: mi.Bool | bool, second_b: mi.Bool | bool) -> mi.Float:
+        """Share of the tube that falls in its own cell or, along one axis or both, in the nearer neighbour."""
+        a, b = (
+            (dr.select(second, s[1], s[0]))
+            for second, s in ((second_a, self.share_a), (second_b, self.share_b))
+        )
+        return a * b
 
-    def own(self) -> "list[tuple[Any, Any, Any]]":
-        """The same for the cell that the ray hits alone, with all of the tube: for rays through the cells' centres."""
-        return [(self.mi.Float(1.0), *self._cell(0, 0)[1:])]
-
-    def _cell(self, i: int, j: int) -> tuple[Any, Any, Any]:
-        dr, mi = self.dr, self.mi
-        ia = self.ia + (mi.Float64(self.step_a) if i else 0.0)
-        ib = self.ib + (mi.Float64(self.step_b) if j else 0.0)
-        ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
+    def cell(self, second_a: mi.Bool, second_b: mi.Bool) -> tuple[mi.Vector3d, mi.UInt32]:
+        """Phase centre (float64 m) and hash (uint32) of the hit's own cell or, along one axis or both, the next."""
+        ia = self.ia + mi.Float64(dr.select(second_a, self.step_a, 0.0))
+        ib = self.ib + mi.Float64(dr.select(second_b, self.step_b, 0.0))
+        ca, cb = (ia + 0.5) * self.edge, (ib + 0.5) * self.edge
         # the cell's centre, along the left-out axis onto the tangent plane
         cc = self.c - ((ca - self.a) * self.na + (cb - self.b) * self.nb) / self.nc
-        i32 = dr.int32_array_t(type(ia))
-        u32 = mi.UInt32
+        i32, u32 = mi.Int32, mi.UInt32
         axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
         key = mix(u32(i32(ia)) * 0x9E3779B1 + self.seed)
         key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
         key = mix(key ^ (u32(i32(self.ic)) * 0xC2B2AE3D + axis * 0x165667B1 + self.group * 0xD3A2646C))
-        centre = self.vector(
+        centre = mi.Vector3d(
             dr.select(self.take_z | self.take_y, ca, cc),
             dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
             dr.select(self.take_z, cc, cb),
         )
-        return self.share_a[i] * self.share_b[j], centre, key
+        return centre, key
 
 
-def _missed(width: Any, dr: Any) -> Any:
+def _missed(width: mi.Float) -> mi.Float:
     r"""Mean square over squared mean of what cells receive along one axis from tubes ``width`` cells apart.
 
     .. math:: w \left(\tfrac23 + \tfrac13 \max(2 - w, 0)^3\right), \quad w \ge 1
@@ -135,7 +136,7 @@ def _missed(width: Any, dr: Any) -> Any:
     return w * (2.0 / 3.0 + gap * gap * gap * (1.0 / 3.0))
 
 
-def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
+def gaussian(key: mi.UInt32, stream: int) -> mi.Complex2f:
     """Circular complex Gaussian of unit mean power from a hashed cell; ``stream`` picks independent ones."""
     k1 = mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF))
     k2 = mix(k1 ^ 0xB5297A4D)
@@ -146,11 +147,11 @@ def gaussian(key: Any, stream: int, dr: Any, mi: Any) -> Any:
     return mi.Complex2f(r * c, r * s)
 
 
-def unit_phase(key: Any, stream: int, dr: Any, mi: Any) -> Any:
-    """Unit modulus and a hashed phase: a cell without texture of its own."""
+def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
+    """Unit modulus and a hashed phase: a cell without speckle of its own."""
     k2 = mix(mix(key ^ ((0x68E31DA4 + 0x9E3779B9 * stream) & 0xFFFFFFFF)) ^ 0xB5297A4D)
     s, c = dr.sincos(mi.Float(k2 >> 8) * (TWO_PI / 16777216.0))
     return mi.Complex2f(c, s)
 
 
-__all__ = ["CellFrame", "gaussian", "mix", "unit_phase"]
+__all__ = ["N_CELLS", "CellFrame", "gaussian", "mix", "unit_phase"]

@@ -1,13 +1,14 @@
 """Ray tubes: the footprint of a ray on a facet and the phase integral over it."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-Vector = Any
+from sarmitsuba.backend import dr, mi
 
 
-def footprint(edge: Vector, d: Vector, n: Vector, cos_theta: Any, dr: Any) -> Vector:
+def footprint(edge: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f, cos_theta: mi.Float) -> mi.Vector3f:
     """Project a tube's edge vector along the ray ``d`` onto the tangent plane of normal ``n``.
 
     ``cos_theta = -d . n > 0``.
@@ -15,27 +16,27 @@ def footprint(edge: Vector, d: Vector, n: Vector, cos_theta: Any, dr: Any) -> Ve
     return edge + d * (dr.dot(edge, n) / cos_theta)
 
 
-@dataclass(frozen=True)
+@dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
 class Extent:
-    """How far a tube may reach from its ray, in tube units (the edges u, v of its footprint), before a facet ends.
+    """How far a tube may extend from its ray, in tube units (the edges u, v of its footprint), before a facet ends.
 
     ``right, left`` along +u, -u at v = 0; ``top, bottom`` along +v, -v at u = 0; each with the slope of the limiting
-    edge (change of the reach per unit along the other axis). ``NOWHERE`` where nothing limits it. The coordinates
+    edge (change of the distance per unit along the other axis). ``NOWHERE`` where nothing limits it. The coordinates
     are those of the launch plane, so an extent stays valid through mirrors, and the extents of all facets of a
     chain intersect.
     """
 
-    right: Any
-    right_slope: Any
-    left: Any
-    left_slope: Any
-    top: Any
-    top_slope: Any
-    bottom: Any
-    bottom_slope: Any
+    right: mi.Float
+    right_slope: mi.Float
+    left: mi.Float
+    left_slope: mi.Float
+    top: mi.Float
+    top_slope: mi.Float
+    bottom: mi.Float
+    bottom_slope: mi.Float
 
-    def fields(self) -> tuple[Any, ...]:
-        """As a tuple, for the state of a loop."""
+    def fields(self) -> tuple[mi.Float, ...]:
+        """As a tuple, distance and slope of the four ends in turn."""
         return (
             *(self.right, self.right_slope, self.left, self.left_slope),
             *(self.top, self.top_slope, self.bottom, self.bottom_slope),
@@ -45,26 +46,28 @@ class Extent:
 NOWHERE = 1e3
 
 
-def unlimited(f32: Any) -> Extent:
+def unlimited() -> Extent:
     """Extent of a tube that has met no facet yet."""
-    return Extent(*(f32(x) for x in (NOWHERE, 0.0) * 4))
+    return Extent(*(mi.Float(x) for x in (NOWHERE, 0.0) * 4))
 
 
-def limited(extent: Extent, sides: Sequence[Any], place: Vector, u: Vector, v: Vector, dr: Any) -> Extent:
-    """Intersect an extent with the sharp sides of the facet that was hit.
+def limited(
+    extent: Extent, edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
+) -> Extent:
+    """Intersect an extent with the boundary edges of the facet that was hit.
 
-    Each side limits the axis that crosses it more steeply, so slopes stay within one.
+    Each edge limits the axis that crosses it more steeply, so slopes stay within one.
 
     Parameters
     ----------
-    sides : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.boundary_edges`
-    place : hit point from the triangle's vertex 0, m
+    edges : 4-vectors of :func:`sarmitsuba.mesh.boundary_edges.boundary_edges`
+    point : hit point from the triangle's vertex 0, m
     u, v : edges of the tube's footprint, m
     """
     out = list(extent.fields())
-    for side in sides:
-        m = type(place)(side[0], side[1], side[2])
-        height = dr.maximum(dr.dot(m, place) - side[3], 0.0)
+    for edge in edges:
+        m = type(point)(edge[0], edge[1], edge[2])
+        height = dr.maximum(dr.dot(m, point) - edge[3], 0.0)
         gu, gv = dr.dot(m, u), dr.dot(m, v)  # the height changes by so much per unit of u and of v
         row = dr.abs(gu) >= dr.abs(gv)
         for k, (mine, steep, other) in enumerate(
@@ -72,9 +75,9 @@ def limited(extent: Extent, sides: Sequence[Any], place: Vector, u: Vector, v: V
         ):
             ends = mine & ((steep < 0.0) if k % 2 == 0 else (steep > 0.0))
             safe = dr.select(ends, dr.abs(steep), 1.0)
-            reach = height / safe
-            nearer = ends & (reach < out[2 * k])
-            out[2 * k] = dr.select(nearer, reach, out[2 * k])
+            limit = height / safe
+            nearer = ends & (limit < out[2 * k])
+            out[2 * k] = dr.select(nearer, limit, out[2 * k])
             out[2 * k + 1] = dr.select(nearer, other / safe, out[2 * k + 1])
     return Extent(*out)
 
@@ -90,30 +93,30 @@ class Patch:
 
     Parameters
     ----------
-    extent : reaches and slopes; 0.5 and 0 where the neighbour ends the tube
+    extent : distances and slopes; 0.5 and 0 where the neighbour ends the tube
     corners : (alpha, beta) of right top, left top, left bottom, right bottom, where the four ends meet
     rim : (alpha, beta) of the facet's edge or corner that the patch ends at; the middle between two, 0 without any
     weight : of its area
     """
 
     extent: Extent
-    corners: tuple[tuple[Any, Any], ...]
-    rim: tuple[Any, Any]
-    weight: Any
+    corners: tuple[tuple[mi.Float, mi.Float], ...]
+    rim: tuple[mi.Float, mi.Float]
+    weight: mi.Float
 
-    def box(self, u: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
+    def box(self, u: mi.Vector3f, v: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f]:
         """Middle of the patch from the hit point, and its edges, for a tube of edges ``u, v``; slopes left out."""
         e = self.extent
         middle = u * (0.5 * (e.right - e.left)) + v * (0.5 * (e.top - e.bottom))
         return middle, u * (e.right + e.left), v * (e.top + e.bottom)
 
-    def area(self) -> Any:
+    def area(self) -> mi.Float:
         """Area of the patch over that of a whole tube, times the weight."""
         (ax, ay), (bx, by), (cx, cy), (dx, dy) = self.corners
         return 0.5 * ((ax - cx) * (by - dy) - (bx - dx) * (ay - cy)) * self.weight
 
 
-def patch(extent: Extent, dr: Any) -> Patch:
+def patch(extent: Extent) -> Patch:
     """End a tube half way to its neighbours or at the facet's edge before them."""
     f = extent.fields()
     ends, slopes, cuts = [], [], []
@@ -123,22 +126,22 @@ def patch(extent: Extent, dr: Any) -> Patch:
         slopes.append(dr.select(cut, f[2 * k + 1], 0.0))
         cuts.append(dr.select(cut, 1.0, 0.0))
 
-    def corner(sign_u: float, column: int, sign_v: float, row: int) -> tuple[Any, Any]:
+    def corner(sign_u: float, column: int, sign_v: float, row: int) -> tuple[mi.Float, mi.Float]:
         """Where the end ``alpha = su (e + s beta)`` meets ``beta = sv (e + s alpha)``."""
         x, xs = sign_u * ends[column], sign_u * slopes[column]
         y, ys = sign_v * ends[row], sign_v * slopes[row]
-        turn = 1.0 - xs * ys
+        determinant = 1.0 - xs * ys
         # an acute corner along the lattice's diagonal belongs to the rays further out: end the patch square
         goes_on = (ends[column] + sign_v * slopes[column] > 1.0) & (ends[row] + sign_u * slopes[row] > 1.0)
-        meet = (turn > 0.25) & ~goes_on
+        meet = (determinant > 0.25) & ~goes_on
         xs, ys = dr.select(meet, xs, 0.0), dr.select(meet, ys, 0.0)
-        scale = dr.rcp(dr.select(meet, turn, 1.0))
+        scale = dr.rcp(dr.select(meet, determinant, 1.0))
         return (x + xs * y) * scale, (y + ys * x) * scale
 
     right_top, left_top = corner(1.0, 0, 1.0, 2), corner(-1.0, 1, 1.0, 2)
     left_bottom, right_bottom = corner(-1.0, 1, -1.0, 3), corner(1.0, 0, -1.0, 3)
 
-    def middle(plus: int, minus: int) -> tuple[Any, Any]:
+    def middle(plus: int, minus: int) -> tuple[mi.Float, mi.Float]:
         """Edge that the patch ends at along one axis, and whether it does."""
         n = cuts[plus] + cuts[minus]
         return (cuts[plus] * ends[plus] - cuts[minus] * ends[minus]) / dr.maximum(n, 1.0), n
@@ -148,18 +151,18 @@ def patch(extent: Extent, dr: Any) -> Patch:
     single = (by_u == 1.0) & (by_v == 1.0)
     top, right = cuts[2] > 0.0, cuts[0] > 0.0
 
-    def place(axis: int, otherwise: Any) -> Any:
+    def meeting_point(axis: int, otherwise: mi.Float) -> mi.Float:
         upper = dr.select(right, right_top[axis], left_top[axis])
         lower = dr.select(right, right_bottom[axis], left_bottom[axis])
         return dr.select(single, dr.select(top, upper, lower), otherwise)
 
-    rim = (place(0, rim_u), place(1, rim_v))
+    rim = (meeting_point(0, rim_u), meeting_point(1, rim_v))
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
     extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
     return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))
 
 
-def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, complex_t: Any) -> Any:
+def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Patch) -> mi.Complex2f:
     r"""Integral of ``exp(j q . r)`` over a patch in tube units, times its weight (1 for a whole tube and q = 0).
 
     .. math::
@@ -173,18 +176,18 @@ def phase_integral(q: Vector, u: Vector, v: Vector, piece: Patch, dr: Any, compl
     squared = qu * qu + qv * qv
     small = squared < 1e-3
     points = [(a - piece.rim[0], b - piece.rim[1]) for a, b in piece.corners]
-    turns = [qu * a + qv * b for a, b in points]
-    waves = [complex_t(c, s) for s, c in (dr.sincos(turn) for turn in turns)]
-    total = complex_t(0.0, 0.0)
+    phases = [qu * a + qv * b for a, b in points]
+    waves = [mi.Complex2f(c, s) for s, c in (dr.sincos(phase) for phase in phases)]
+    total = mi.Complex2f(0.0, 0.0)
     for n in range(4):
         (ax, ay), (bx, by) = points[n], points[(n + 1) % 4]
-        start, end, turn = waves[n], waves[(n + 1) % 4], turns[(n + 1) % 4] - turns[n]
-        # mean of exp(j turn) along the side: a quotient that loses digits, or the ends' mean to the third order
-        short = dr.abs(turn) < 0.03
-        step = (end - start) * dr.rcp(dr.select(short, 1.0, turn))
-        near = (end + start) * (0.5 + turn * turn * (1.0 / 24.0))
-        along = dr.select(short, near, complex_t(step.imag, -step.real))
+        start, end, step = waves[n], waves[(n + 1) % 4], phases[(n + 1) % 4] - phases[n]
+        # mean of exp(j step) along the side: a quotient that loses digits, or the ends' mean to the third order
+        short = dr.abs(step) < 0.03
+        quotient = (end - start) * dr.rcp(dr.select(short, 1.0, step))
+        near = (end + start) * (0.5 + step * step * (1.0 / 24.0))
+        along = dr.select(short, near, mi.Complex2f(quotient.imag, -quotient.real))
         total += along * (qu * (by - ay) - qv * (bx - ax))
-    total = complex_t(total.imag, -total.real) * (piece.weight * dr.rcp(dr.select(small, 1.0, squared)))
-    x = 0.25 * sum(turns[1:], turns[0])
-    return dr.select(small, complex_t(1.0 - 0.5 * x * x, x) * piece.area(), total)
+    total = mi.Complex2f(total.imag, -total.real) * (piece.weight * dr.rcp(dr.select(small, 1.0, squared)))
+    x = 0.25 * sum(phases[1:], phases[0])
+    return dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * piece.area(), total)

@@ -13,6 +13,7 @@ from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.trace.accumulators import DirectAccumulator
+from sarmitsuba.trace.state import Contribution
 
 
 def radar_over_box() -> tuple[Radar, np.ndarray]:
@@ -63,9 +64,9 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
         accumulator = kind(plan, 1, 1, 0, radar.waveform.wavelength)
         a = mi.Complex2f(mi.Float(amplitude.astype(np.float32)), mi.Float(0))
         pulse = dr.zeros(mi.UInt32, 2 * n)
-        state = accumulator.add(
-            accumulator.begin(), mi.UInt32(1), pulse, mi.Float64(half), mi.Float64(0), [a], mi.Bool(True)
-        )
+        one = mi.UInt32(1)
+        paths = Contribution(one, one, pulse, mi.Float64(half), mi.Float64(0), (a,), mi.Bool(True))
+        state = accumulator.add(accumulator.begin(), paths)
         dr.eval(state, accumulator.memory)
         return np.abs(accumulator.grid() - truth)
 
@@ -119,7 +120,7 @@ def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) 
     finally:
         dr.set_thread_count(threads)
     changes["again"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
-    monkeypatch.setattr(importlib.import_module("sarmitsuba.simulate"), "MAX_LANES", 20_000)
+    monkeypatch.setattr(importlib.import_module("sarmitsuba.simulation.raw"), "MAX_LANES", 20_000)
     changes["small batches"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
     print(changes)
     row(

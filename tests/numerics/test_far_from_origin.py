@@ -10,7 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
 from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.simulation.paths import record_paths
-from sarmitsuba.trace import kernel
+from sarmitsuba.trace import rays
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
@@ -149,7 +149,7 @@ def test_scene_ten_kilometres_across(row, monkeypatch) -> None:
         return float(np.degrees(np.sqrt(np.mean(error**2))))
 
     ours = phase_noise()
-    monkeypatch.setattr(kernel, "_on_ray", lambda landed, *_: landed)
+    monkeypatch.setattr(rays, "_on_ray", lambda landed, *_: landed)
     row(
         "plain 10 km across: phase of every ray, X band",
         ours,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.backend import mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing import focus
@@ -57,7 +57,7 @@ def phase_error(slant_range: np.ndarray, truth: np.ndarray, frequency: float) ->
     both = np.isfinite(slant_range) & np.isfinite(truth)
     assert both.sum() > 0.99 * np.isfinite(truth).sum()
     wavelength = SPEED_OF_LIGHT / frequency
-    c = phase_factor(mi.Float64(slant_range[both]), wavelength, mi, dr)
+    c = phase_factor(mi.Float64(slant_range[both]), wavelength)
     wrong = (c.real.numpy() + 1j * c.imag.numpy()) * np.exp(
         2j * np.pi * np.mod(2 * truth[both] / wavelength, 1)
     )

@@ -10,7 +10,7 @@ from sarmitsuba.simulation import rcs
 from sarmitsuba.simulation.paths import aimed_at, record_paths, square_grid
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.theory.rcs import plate_amplitude
-from sarmitsuba.trace import kernel, tube
+from sarmitsuba.trace import rays, tube
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
@@ -138,7 +138,7 @@ def test_rays_into_a_corner_line_bounce_twice(row, monkeypatch) -> None:
         return 100.0 * wrong / total
 
     ours = share_without_two()
-    monkeypatch.setattr(kernel, "_leave", lambda p, n, d, clearance: p + n * clearance)
+    monkeypatch.setattr(rays, "_departure", lambda p, n, d, clearance: p + n * clearance)
     row(
         "rays aimed at a dihedral's corner line: without exactly two bounces",
         ours,

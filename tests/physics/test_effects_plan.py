@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.errors import SarmitsubaError, SceneError
+from sarmitsuba.errors import SceneError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
@@ -343,17 +343,6 @@ def test_explicit_choices_are_obeyed_and_said(base: Scene) -> None:
     with pytest.warns(UserWarning, match="diffuse is off as asked"):
         plan = plan_scene(asked, pilot=False)
     assert not plan.flags.diffuse and not plan.flags.speckle
-
-
-def test_pilot_notices_a_kernel_with_other_kinds_of_return(
-    base: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A third as many kinds expected divides the number of calls all the same."""
-    monkeypatch.setattr(
-        "sarmitsuba.simulation.pilot._kinds_of_a_hit", lambda flags: ["coherent", "diffuse", "retro"]
-    )
-    with pytest.raises(SarmitsubaError, match="the pilot expects 3"):
-        plan_scene(scene(base, plain(90.0), box([-6, -8, 0], [6, 8, 9])), pilot=True)
 
 
 def test_small_runs_are_not_piloted(base: Scene) -> None:

@@ -22,7 +22,7 @@ def kernel_fresnel(cosine: NDArray[np.float64], permittivity: complex) -> tuple[
     """Return TE and TM coefficients as the compiled kernel computes them, in float32."""
     ensure_backend()
     chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
-    te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi, dr)
+    te, tm = field.fresnel(mi.Float(cosine.astype(np.float32)), chi)
     dr.eval(te, tm)
     values = [np.asarray(z.real, np.float64) + 1j * np.asarray(z.imag, np.float64) for z in (te, tm)]
     return values[0], values[1]

@@ -1,0 +1,237 @@
+"""Stages that close a path to the antenna: the coherent return of the tube, the diffuse ones of its scatterers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace import field, tube
+from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.speckle import N_CELLS, CellFrame
+from sarmitsuba.trace.state import (
+    COHERENT,
+    DIFFUSE,
+    RETRO,
+    Contribution,
+    Footprint,
+    Hit,
+    Kernel,
+    Lane,
+    RayState,
+    Reflection,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Receiver:
+    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
+
+    basis: dict[str, mi.Vector3f]
+    gain: mi.Float
+
+
+def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
+    """How the antenna receives what comes from a hit."""
+    h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
+    gain = lane.pattern.one_way(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
+    return Receiver({"H": h, "V": v}, gain)
+
+
+def close_coherent(
+    kernel: Kernel,
+    lane: Lane,
+    ray: RayState,
+    hit: Hit,
+    tube_here: Footprint,
+    reflection: Reflection,
+    receive: Receiver,
+) -> Contribution:
+    """Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch."""
+    flags, constants = kernel.flags, kernel.constants
+    patch, n, s = tube_here.patch, hit.normal, hit.to_antenna
+    wave = hit.direction - s
+    factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    slant_range = _mean_leg(kernel, hit)
+    range_rate = 0.5 * (
+        dr.dot(hit.to_antenna64, lane.velocity) - dr.dot(hit.direction64, ray.virtual_velocity)
+    )  # of the leg back and of the leg from the virtual antenna
+    if flags.tube_phase:
+        # what is left of a facet comes from its edges and stands at their range and range rate
+        filled = tube.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, patch)
+        rim = tube_here.u * patch.rim[0] + tube_here.v * patch.rim[1]
+        slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
+        # a point of the tube is seen along another launch direction, whatever mirrors are in between
+        change_out = patch.rim[0] * lane.tube_rate_a + patch.rim[1] * lane.tube_rate_b
+        across = rim - s * dr.dot(rim, s)
+        change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
+        range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
+    else:
+        filled = patch.area()
+    if flags.roughness:
+        factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
+    amplitudes = []
+    for channel in flags.channels:
+        i = flags.tracked.index(channel[0])
+        q, e = receive.basis[channel[1]], ray.fields[i]
+        if flags.fresnel:
+            c = field.po_receive(e, reflection.fields[i], hit.direction, reflection.direction, n, s, q)
+        else:
+            c = field.dot(field.po_current_pec(e, hit.direction, n), q)
+        amplitudes.append(c * factor * filled)
+    return Contribution(
+        kind=mi.UInt32(COHERENT),
+        order=hit.order,
+        pulse=lane.pulse,
+        slant_range=slant_range,
+        range_rate=range_rate,
+        amplitudes=tuple(amplitudes),
+        active=hit.sees,
+    )
+
+
+def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
+    """Slant range of the hit itself, m."""
+    if kernel.flags.double_phase:
+        return 0.5 * (hit.length + hit.length_back)
+    return mi.Float64(0.5 * (mi.Float(hit.length) + mi.Float(hit.length_back)))
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseReturns:
+    """The diffuse returns of one hit, less what its scatterer cells have of their own.
+
+    Parameters
+    ----------
+    frame : scatterer cells that the patch of the facet overlaps
+    straight : per channel, values of the fixed tensors on the way home
+    retro : the same back along the ray's own chain; None where there are no such paths
+    straight_weight, retro_weight : factors of both
+    """
+
+    kernel: Kernel
+    lane: Lane
+    ray: RayState
+    hit: Hit
+    frame: CellFrame
+    straight: list[list[mi.Complex2f]]
+    retro: list[list[mi.Complex2f]] | None
+    straight_weight: mi.Float
+    retro_weight: mi.Float
+
+    def pending(self) -> mi.UInt32:
+        """One bit per return that there is: ``N_CELLS`` on the way home, then as many back along the chain."""
+        reached = [self.frame.share(i >= 2, i % 2 == 1) > 0.0 for i in range(N_CELLS)]
+        if not self.kernel.flags.footprint_splitting:
+            reached = [mi.Bool(True)]
+        bits = mi.UInt32(0)
+        for i, inside in enumerate(reached):
+            bits |= dr.select(self.hit.sees & inside, mi.UInt32(1 << i), 0)
+            if self.retro is not None:
+                chain = self.hit.active & ~self.hit.first
+                bits |= dr.select(chain & inside, mi.UInt32(1 << (i + N_CELLS)), 0)
+        return bits
+
+    def contribution(self, index: mi.UInt32, active: mi.Bool) -> Contribution:
+        """The return of a bit of :meth:`pending`, another one in every lane."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        share, centre, key = mi.Float(1.0), *self.frame.cell(mi.Bool(False), mi.Bool(False))
+        if flags.footprint_splitting:
+            second_a, second_b = (index & 2) != 0, (index & 1) != 0
+            share, (centre, key) = self.frame.share(second_a, second_b), self.frame.cell(second_a, second_b)
+        random = speckle_coefficients(key, hit.properties.w, flags)
+        leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
+        length, length_back = dr.norm(leg), dr.norm(leg_back)
+        rate_out = -dr.dot(leg, ray.virtual_velocity) / length
+        rate_back = dr.dot(leg_back, lane.velocity) / length_back
+        straight = Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=hit.order,
+            pulse=lane.pulse,
+            slant_range=0.5 * (length + length_back),
+            range_rate=0.5 * (rate_out + rate_back),
+            amplitudes=tuple(
+                _mixed(terms, random) * (self.straight_weight * share) for terms in self.straight
+            ),
+            active=active,
+        )
+        if self.retro is None:
+            return straight
+        retro = replace(
+            straight,
+            kind=mi.UInt32(RETRO),
+            order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
+            slant_range=length,
+            range_rate=rate_out,
+            amplitudes=tuple(_mixed(terms, random) * (self.retro_weight * share) for terms in self.retro),
+        )
+        return selected(index >= N_CELLS, retro, straight)
+
+
+def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
+    """``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
+    return replace(
+        b,
+        kind=dr.select(condition, a.kind, b.kind),
+        order=dr.select(condition, a.order, b.order),
+        slant_range=dr.select(condition, a.slant_range, b.slant_range),
+        range_rate=dr.select(condition, a.range_rate, b.range_rate),
+        amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
+    )
+
+
+def close_diffuse(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: Footprint, receive: Receiver
+) -> DiffuseReturns:
+    """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
+    flags, constants = kernel.flags, kernel.constants
+    both_ways = flags.diffuse_double and flags.multi_bounce
+    fields = dict(zip(flags.tracked, ray.fields, strict=True))
+    matrix = ScatteringMatrix(kernel.scene, hit.material, hit.normal, hit.direction, hit.to_antenna, flags)
+    straight, retro = [], None
+    for channel in flags.channels:
+        sent, received = channel[0], channel[1]
+        terms = matrix.between(receive.basis[received], fields[sent])
+        if both_ways:
+            # behind mirrors the reversed path comes home with the same length: the transposed channel
+            reverse = matrix.between(receive.basis[sent], fields[received])
+            none = mi.Complex2f(0.0)
+            terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, reverse, strict=True)]
+        straight.append(terms)
+    if both_ways:
+        matrix = ScatteringMatrix(
+            kernel.scene, hit.material, hit.normal, hit.direction, -hit.direction, flags
+        )
+        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
+
+    patch = tube_here.patch
+    middle, wide_u, wide_v = patch.box(tube_here.u, tube_here.v)
+    frame = CellFrame(
+        hit.p + mi.Vector3d(middle) if flags.footprint_splitting else hit.p,
+        hit.normal64,
+        (tube_here.u, tube_here.v),
+        (wide_u, wide_v),
+        hit.group,
+        constants.cell,
+        constants.seed,
+    )
+    bias = frame.bias if flags.footprint_splitting else 1.0
+    weight = constants.amplitude * tube_here.area * patch.area() * dr.rsqrt(frame.area * bias)
+    return DiffuseReturns(
+        kernel=kernel,
+        lane=lane,
+        ray=ray,
+        hit=hit,
+        frame=frame,
+        straight=straight,
+        retro=retro,
+        straight_weight=weight * tube_here.loss * receive.gain,
+        retro_weight=weight * tube_here.loss_retro,
+    )
+
+
+def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+    """Sum of the fixed tensors' values times the cell's random numbers."""
+    return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
+
+
+__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver", "selected"]

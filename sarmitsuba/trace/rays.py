@@ -1,0 +1,319 @@
+"""Stages that move rays: launch, intersect (with the tube on the facet), reflect."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.mesh.boundary_edges import N_EDGES
+from sarmitsuba.trace import curvature, field, tube
+from sarmitsuba.trace.arrays import device_array, vector_rows
+from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
+
+if TYPE_CHECKING:
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.geometry import TraceScene
+
+
+def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
+    """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
+    f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
+    v32, v64 = mi.Vector3f, mi.Vector3d
+    grid, pulses, flags, constants = kernel.grid, kernel.pulses, kernel.flags, kernel.constants
+    number = dr.arange(u32, grid.n_rays * pulses.n_pulses)
+    n_rays = dr.opaque(u32, grid.n_rays)
+    pulse = number // n_rays
+    ray = number - pulse * n_rays
+    gx, gy = (dr.gather(f32, device_array(f32, x), ray) for x in (grid.x, grid.y))
+    plane = pulse if pulses.frame.center.shape[0] > 1 else dr.zeros(u32, 1)
+    center, axis_x, axis_y = (
+        dr.gather(v64, vector_rows(rows), plane)
+        for rows in (pulses.frame.center, pulses.frame.axis_x, pulses.frame.axis_y)
+    )
+    position, velocity = (
+        dr.gather(v64, vector_rows(rows), pulse) for rows in (pulses.position, pulses.velocity)
+    )
+
+    start = center + axis_x * f64(gx) + axis_y * f64(gy)
+    leg = start - position
+    distance = dr.norm(leg)
+    d64 = leg / distance
+    d = v32(d64)
+    origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, kernel.scene)))
+
+    edge_a, edge_b = _lattice_edges(kernel, axis_x, axis_y, d)
+    inverse_start = f32(1.0 / distance)
+    weight = _launch_weight(kernel, ray, gx, gy)
+    pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
+    if pattern is not None:
+        weight *= pattern.one_way(d)
+    h, v = field.polarisation_basis(d, constants.up)
+    zero = dr.zeros(v32)
+
+    lane = Lane(
+        pulse=pulse,
+        antenna=position,
+        velocity=velocity,
+        tube_area=dr.norm(dr.cross(edge_a, edge_b)),
+        inverse_start=inverse_start,
+        tube_rate_a=dr.dot(edge_a, v32(velocity)) * inverse_start,
+        tube_rate_b=dr.dot(edge_b, v32(velocity)) * inverse_start,
+        nudge=dr.normalize(edge_a) * constants.clearance,
+        pattern=pattern,
+    )
+    state = RayState(
+        active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
+        hits=u32(0),
+        origin=origin,
+        direction=d64,
+        virtual_antenna=position,
+        virtual_velocity=velocity,
+        edge_a=edge_a,
+        edge_b=edge_b,
+        spread=TubeSpread(edge_a * inverse_start, edge_b * inverse_start, distance)
+        if kernel.curved
+        else None,
+        extent=tube.unlimited(),
+        fields=tuple(((h if letter == "H" else v) * weight, zero) for letter in flags.tracked),
+        contributions=u32(0),
+    )
+    return lane, state
+
+
+def _lattice_edges(
+    kernel: Kernel, axis_x: mi.Vector3d, axis_y: mi.Vector3d, d: mi.Vector3f
+) -> tuple[mi.Vector3f, mi.Vector3f]:
+    """Cross-section of a tube at the launch plane: the lattice's two steps, across the ray, m."""
+    constants = kernel.constants
+    c, s = dr.cos(constants.turn) * constants.spacing, dr.sin(constants.turn) * constants.spacing
+    a = mi.Vector3f(axis_x * c + axis_y * s)
+    b = mi.Vector3f(axis_y * c - axis_x * s)
+    return a - d * dr.dot(a, d), b - d * dr.dot(b, d)
+
+
+def _launch_weight(kernel: Kernel, ray: mi.UInt32, gx: mi.Float, gy: mi.Float) -> mi.Float:
+    """Amplitude of a ray by where in the launch window it starts."""
+    grid = kernel.grid
+    if grid.weight is not None:
+        return dr.gather(mi.Float, device_array(mi.Float, grid.weight), ray)
+    if kernel.flags.taper:
+        return fade(gx, grid.half_x, grid.taper) * fade(gy, grid.half_y, grid.taper)
+    return mi.Float(1.0)
+
+
+def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
+    """How far back from ``start`` along the ray the scene's bounds begin, m: float32 is most exact next to them."""
+    low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
+    inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
+    a, b = (low - start) * inverse, (high - start) * inverse
+    near, far = dr.minimum(a, b), dr.maximum(a, b)
+    entry = dr.maximum(dr.maximum(near.x, near.y), near.z)
+    leaving = dr.minimum(dr.minimum(far.x, far.y), far.z)
+    extent = dr.opaque(mi.Float64, scene.extent)
+    return dr.select(entry < leaving, 0.01 * extent - entry, 4.0 * extent + dr.norm(start))
+
+
+def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
+    """Find the next facet on the ray's way and look from there to the antenna."""
+    scene, clearance = kernel.scene, kernel.constants.clearance
+    first = ray.hits == 0
+    face, uv, active = _next_facet(scene, lane, ray, first)
+    landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
+    info = dr.gather(mi.Vector2u, scene.face_info, face, active)
+
+    # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
+    p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
+    # the ray as the virtual antenna sees this hit
+    leg = p - ray.virtual_antenna
+    length = dr.norm(leg)
+    d64 = leg / length
+    behind = dr.dot(d64, n64) > 0.0
+    n64 = dr.select(behind, -n64, n64)
+    n, d = mi.Vector3f(n64), mi.Vector3f(d64)
+
+    leg_back = lane.antenna - p
+    length_back = dr.norm(leg_back)
+    to_antenna64 = leg_back / length_back
+    to_antenna = mi.Vector3f(to_antenna64)
+    departure = _departure(mi.Vector3f(landed), n, d, clearance)
+    sees = active & (dr.dot(to_antenna, n) > 1e-7)
+    if kernel.flags.visibility and kernel.flags.multi_bounce:
+        # no farther than the antenna, which may hang within the scene
+        shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
+        blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
+        sees &= first | ~blocked
+    material = info.x & 0x7FFFFFFF
+    return Hit(
+        active=active,
+        first=first,
+        order=dr.select(active, ray.hits + 1, ray.hits),
+        face=face,
+        material=info.x,
+        group=info.y,
+        p=p,
+        vertex0=vertex0,
+        centroid=centroid,
+        departure=departure,
+        direction64=d64,
+        direction=d,
+        normal64=n64,
+        normal=n,
+        behind=behind,
+        cos_incidence=dr.maximum(-dr.dot(d, n), 1e-7),
+        length=length,
+        length_back=length_back,
+        to_antenna64=to_antenna64,
+        to_antenna=to_antenna,
+        sees=sees,
+        properties=dr.gather(mi.Vector4f, scene.material_table, material, active),
+    )
+
+
+def _next_facet(
+    scene: TraceScene, lane: Lane, ray: RayState, first: mi.Bool
+) -> tuple[mi.UInt32, mi.Vector2f, mi.Bool]:
+    """Face and barycentric coordinates of the nearest hit, and the lanes that hit something."""
+    d = mi.Vector3f(ray.direction)
+    query = mi.Ray3f(ray.origin, d)
+    found = scene.mi_scene.ray_intersect_preliminary(query, coherent=False, active=ray.active)
+    # rays aimed exactly at a vertex or a T-junction may slip through: a second try just beside it
+    lost = ray.active & ~found.is_valid() & first
+    query = mi.Ray3f(ray.origin + lane.nudge, d)
+    found = dr.select(
+        lost, scene.mi_scene.ray_intersect_preliminary(query, coherent=False, active=lost), found
+    )
+    return found.prim_index, found.prim_uv, ray.active & found.is_valid()
+
+
+def _hit_point(
+    scene: TraceScene, face: mi.UInt32, uv: mi.Vector2f, active: mi.Bool
+) -> tuple[mi.Vector3d, mi.Vector3d, mi.Vector3d, mi.Vector3d]:
+    """Point from the barycentric coordinates on the float64 triangle, its unit normal, vertex 0 and centroid."""
+    row = face * 3
+    a, b, c = (dr.gather(mi.Vector4d, scene.face_table, row + i, active) for i in range(3))
+    u, v = mi.Float64(uv.x), mi.Float64(uv.y)
+    corner = mi.Vector3d(a[0], a[1], a[2])
+    p = corner + mi.Vector3d(b[0], b[1], b[2]) * u + mi.Vector3d(c[0], c[1], c[2]) * v
+    centroid = corner + (mi.Vector3d(b[0], b[1], b[2]) + mi.Vector3d(c[0], c[1], c[2])) / 3.0
+    return p, mi.Vector3d(a[3], b[3], c[3]), corner, centroid
+
+
+def _on_ray(
+    landed: mi.Vector3d, n: mi.Vector3d, virtual_antenna: mi.Vector3d, d: mi.Vector3d, limit: mi.Float
+) -> mi.Vector3d:
+    """Point where the float64 ray from the virtual antenna along ``d`` meets the facet's plane.
+
+    ``landed`` itself where the two are farther apart than ``limit``: so close to grazing the plane's point may lie
+    far outside the facet.
+    """
+    along = dr.dot(landed - virtual_antenna, n) / dr.dot(d, n)
+    p = virtual_antenna + d * along
+    return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
+
+
+def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Float) -> mi.Vector3f:
+    """Where rays go on from a hit: off the facet, and back along ``d`` to be in front of a corner's other facets."""
+    return p + (n - d) * clearance
+
+
+def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
+    """Project the tube onto the facet, end it at the facet's boundary edges, and weigh its spreading."""
+    growth = mi.Float(hit.length) * lane.inverse_start
+    cross_a, cross_b = ray.edge_a * growth, ray.edge_b * growth
+    if ray.spread is not None:
+        way = mi.Float(hit.length - ray.spread.start)
+        cross_a, cross_b = ray.edge_a + ray.spread.a * way, ray.edge_b + ray.spread.b * way
+    u, v = (tube.footprint(x, hit.direction, hit.normal, hit.cos_incidence) for x in (cross_a, cross_b))
+    edges = [
+        dr.gather(mi.Vector4f, kernel.scene.edge_table, hit.face * N_EDGES + i, hit.active)
+        for i in range(N_EDGES)
+    ]
+    extent = tube.limited(ray.extent, edges, mi.Vector3f(hit.p - hit.vertex0), u, v)
+    area = lane.tube_area * dr.square(growth) / hit.cos_incidence
+    if kernel.flags.spreading:
+        loss = mi.Float(1.0 / (hit.length * hit.length_back))
+        loss_retro = mi.Float(1.0 / (hit.length * hit.length))
+    else:
+        loss = loss_retro = kernel.constants.inverse_range2
+    if ray.spread is not None:
+        # a tube keeps its power: spread more than a sphere's it carries less field over more area
+        wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))
+        area *= wider
+        squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
+        loss *= squeezed
+        loss_retro *= dr.square(squeezed)
+    return Footprint(u, v, extent, tube.patch(extent), area, loss, loss_retro)
+
+
+def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
+    """Direction and fields of a ray behind the mirror of the material that it hits."""
+    d = hit.direction
+    d_out = dr.normalize(d - normal * (2.0 * dr.dot(d, normal)))
+    if not kernel.flags.fresnel:
+        return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in ray.fields))
+    h = field.incidence_basis(d, normal)
+    chi = mi.Complex2f(hit.properties.x, hit.properties.y)
+    r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), chi)
+    return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in ray.fields))
+
+
+def reflect(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: Footprint, reflection: Reflection
+) -> RayState:
+    """Mirror the ray, its tube and the virtual antenna in the facet; the ray's last bounce ends it."""
+    n64, n, edge_a, edge_b, spread = hit.normal64, hit.normal, ray.edge_a, ray.edge_b, ray.spread
+    if spread is not None:
+        n64, n, reflection, spread = _curved_mirror(kernel, ray, hit, tube_here)
+        d_out = reflection.direction
+        edge_a, edge_b = (x - d_out * dr.dot(x, d_out) for x in (tube_here.u, tube_here.v))
+    else:
+        edge_a, edge_b = (x - n * (2.0 * dr.dot(x, n)) for x in (edge_a, edge_b))
+    fields = reflection.fields
+    if kernel.flags.roughness:
+        kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * hit.properties.z * hit.cos_incidence))
+        fields = tuple((re * kept, im * kept) for re, im in fields)
+    antenna, velocity, d64 = ray.virtual_antenna, ray.virtual_velocity, hit.direction64
+    return RayState(
+        active=hit.active & (hit.order < kernel.constants.max_depth),
+        hits=hit.order,
+        origin=hit.departure,
+        direction=d64 - n64 * (2.0 * dr.dot(d64, n64)),
+        virtual_antenna=antenna - n64 * (2.0 * dr.dot(antenna - hit.p, n64)),
+        virtual_velocity=velocity - n64 * (2.0 * dr.dot(velocity, n64)),
+        edge_a=edge_a,
+        edge_b=edge_b,
+        spread=spread,
+        extent=tube_here.extent,
+        fields=fields,
+        contributions=ray.contributions,
+    )
+
+
+def _curved_mirror(
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: Footprint
+) -> tuple[mi.Vector3d, mi.Vector3f, Reflection, TubeSpread]:
+    """Normals, reflection and growth of the tube where the smooth surface bends."""
+    assert ray.spread is not None
+    d64, n64 = hit.direction64, hit.normal64
+    sign = dr.select(hit.behind, -1.0, 1.0)
+    bend = curvature.normal_change(kernel.scene.curvature_table, hit.face, hit.active, sign)
+    # the surface's own normal at the hit, where it does not send the ray into the facet
+    smooth = dr.normalize(n64 + mi.Vector3d(bend(mi.Vector3f(hit.p - hit.centroid))))
+    over = d64 - smooth * (2.0 * dr.dot(d64, smooth))
+    n64 = dr.select((dr.dot(d64, smooth) < 0.0) & (dr.dot(over, n64) > 1e-3), smooth, n64)
+    n = mi.Vector3f(n64)
+    spread = TubeSpread(
+        _mirrored_step(ray.spread.a, bend(tube_here.u), hit.direction, n),
+        _mirrored_step(ray.spread.b, bend(tube_here.v), hit.direction, n),
+        hit.length,
+    )
+    return n64, n, mirror(kernel, ray, hit, n), spread
+
+
+def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
+    """Difference ``step`` of a tube's directions after a mirror whose normal changes by ``change`` over the tube."""
+    return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, change))) - change * (2.0 * dr.dot(d, n))
+
+
+__all__ = ["footprint", "intersect", "launch", "mirror", "reflect"]

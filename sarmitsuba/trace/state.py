@@ -1,0 +1,294 @@
+"""What one launch and one bounce hold: constants, a lane's own values, the loop's state, a hit, a contribution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.field import ComplexVector
+from sarmitsuba.trace.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.trace.beam import BeamPattern
+    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+    from sarmitsuba.trace.tube import Patch
+
+# kinds of return, as numbers that a lane can carry
+COHERENT, DIFFUSE, RETRO = range(3)
+
+
+@dataclass(frozen=True)
+class KernelSettings:
+    """Numbers of a launch that are not effects.
+
+    Parameters
+    ----------
+    wavelength : m
+    max_depth : most bounces
+    cell : m, edge of a diffuse scatterer's cell
+    seed : of the diffuse scatterers
+    amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
+    reference_range : m, stands for both legs where spreading is off
+    up : (3,) vertical reference of the polarisation basis, scene frame
+    """
+
+    wavelength: float
+    max_depth: int
+    cell: float
+    seed: int
+    amplitude: float
+    reference_range: float
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """The settings as opaque Dr.Jit scalars: another value does not compile another kernel.
+
+    Parameters
+    ----------
+    wavenumber : rad/m
+    po_gain : factor of the coherent return, 2 sqrt(pi) / wavelength times the amplitude
+    inverse_range2 : 1/m^2, of the reference range
+    clearance : m, how far a ray starts off the facet that it leaves
+    spacing, turn : of the launch lattice, m and rad
+    others : as in :class:`KernelSettings`
+    """
+
+    wavenumber: mi.Float
+    max_depth: mi.UInt32
+    cell: mi.Float64
+    seed: mi.UInt32
+    amplitude: mi.Float
+    po_gain: mi.Float
+    inverse_range2: mi.Float
+    clearance: mi.Float
+    up: mi.Vector3f
+    spacing: mi.Float64
+    turn: mi.Float64
+
+    @classmethod
+    def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
+        """Constants of a launch."""
+        f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
+        amplitude = dr.opaque(f32, settings.amplitude)
+        wavelength = dr.opaque(f32, settings.wavelength)
+        return cls(
+            wavenumber=dr.opaque(f32, 2.0 * np.pi / settings.wavelength),
+            max_depth=dr.opaque(u32, settings.max_depth),
+            cell=dr.opaque(f64, settings.cell),
+            seed=dr.opaque(u32, settings.seed & 0xFFFFFFFF),
+            amplitude=amplitude,
+            po_gain=(2.0 * float(np.sqrt(np.pi))) / wavelength * amplitude,
+            inverse_range2=dr.rcp(dr.opaque(f32, settings.reference_range**2)),
+            clearance=dr.opaque(f32, scene.clearance),
+            up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
+            spacing=dr.opaque(f64, grid.spacing),
+            turn=dr.opaque(f64, grid.turn),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Everything that the stages of one recorded kernel share."""
+
+    scene: TraceScene
+    grid: LaunchGrid
+    pulses: PulseBatch
+    flags: KernelFlags
+    constants: Constants
+
+    @property
+    def curved(self) -> bool:
+        """True where mirrors bend, so that tubes spread otherwise than from a point."""
+        return self.flags.multi_bounce and self.scene.curvature_table is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """What stays the same on a ray's whole way.
+
+    Parameters
+    ----------
+    pulse : number of the pulse in the batch
+    antenna, velocity : of that pulse, m and m/s, scene frame
+    tube_area : m^2, cross-section of the tube at the launch plane
+    inverse_start : 1/m, of the distance from the antenna to the launch plane
+    tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
+    nudge : m, step beside a ray that slipped through a vertex
+    pattern : of the antenna, None for an isotropic one
+    """
+
+    pulse: mi.UInt32
+    antenna: mi.Vector3d
+    velocity: mi.Vector3d
+    tube_area: mi.Float
+    inverse_start: mi.Float
+    tube_rate_a: mi.Float
+    tube_rate_b: mi.Float
+    nudge: mi.Vector3f
+    pattern: BeamPattern | None
+
+
+@dataclass
+class TubeSpread:
+    """Growth of a tube behind curved mirrors: of its two edges per metre, from the unfolded length ``start`` on."""
+
+    a: mi.Vector3f
+    b: mi.Vector3f
+    start: mi.Float64
+
+
+@dataclass
+class RayState:
+    """A ray between two bounces: the state of the loop.
+
+    Parameters
+    ----------
+    active : lane is alive
+    hits : so far
+    origin : m, scene frame
+    direction : float64, mirrored exactly like the antenna
+    virtual_antenna, virtual_velocity : antenna and its velocity, mirrored through the chain so far
+    edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
+    spread : growth of the cross-section behind curved mirrors, None where there are none
+    extent : how far the facets hit so far let the tube extend
+    fields : of each tracked transmit polarisation, unit at launch
+    contributions : so far
+    """
+
+    active: mi.Bool
+    hits: mi.UInt32
+    origin: mi.Vector3f
+    direction: mi.Vector3d
+    virtual_antenna: mi.Vector3d
+    virtual_velocity: mi.Vector3d
+    edge_a: mi.Vector3f
+    edge_b: mi.Vector3f
+    spread: TubeSpread | None
+    extent: Extent
+    fields: tuple[ComplexVector, ...]
+    contributions: mi.UInt32
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """Where a ray meets a facet, and the way from there to the antenna.
+
+    Parameters
+    ----------
+    active : lanes that hit something
+    first : lanes whose first hit this is
+    order : number of this hit, from 1
+    face : row of the scene's tables
+    material, group : bits of the face's material, its smooth group
+    p : float64, m, the ray's own point of the facet
+    vertex0, centroid : float64, m, vertex 0 and middle of the triangle
+    departure : m, where rays go on from here
+    direction64, direction : of the ray as the virtual antenna sees this hit
+    normal64, normal : facing the ray; ``behind`` where this turns the face's own normal round
+    cos_incidence : > 0
+    length, length_back : m, from the virtual antenna to here, and from here to the antenna
+    to_antenna64, to_antenna : unit vector to the antenna
+    sees : lanes that the antenna sees from here
+    properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
+    """
+
+    active: mi.Bool
+    first: mi.Bool
+    order: mi.UInt32
+    face: mi.UInt32
+    material: mi.UInt32
+    group: mi.UInt32
+    p: mi.Vector3d
+    vertex0: mi.Vector3d
+    centroid: mi.Vector3d
+    departure: mi.Vector3f
+    direction64: mi.Vector3d
+    direction: mi.Vector3f
+    normal64: mi.Vector3d
+    normal: mi.Vector3f
+    behind: mi.Bool
+    cos_incidence: mi.Float
+    length: mi.Float64
+    length_back: mi.Float64
+    to_antenna64: mi.Vector3d
+    to_antenna: mi.Vector3f
+    sees: mi.Bool
+    properties: mi.Vector4f
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """The tube on the facet that was hit.
+
+    Parameters
+    ----------
+    u, v : m, edges of the whole tube's footprint
+    extent : how far the facets hit so far let the tube extend
+    patch : part of the facet that the ray stands for
+    area : m^2, of the whole footprint
+    loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
+    """
+
+    u: mi.Vector3f
+    v: mi.Vector3f
+    extent: Extent
+    patch: Patch
+    area: mi.Float
+    loss: mi.Float
+    loss_retro: mi.Float
+
+
+@dataclass(frozen=True, eq=False)
+class Reflection:
+    """Direction and fields behind the mirror that was hit."""
+
+    direction: mi.Vector3f
+    fields: tuple[ComplexVector, ...]
+
+
+@dataclass
+class Contribution:
+    """One return of one hit.
+
+    Parameters
+    ----------
+    kind : uint32, ``COHERENT``, ``DIFFUSE`` or ``RETRO``
+    order : uint32, number of bounces, from 1
+    pulse : uint32, number in the batch
+    slant_range : float64, m, absolute
+    range_rate : float64, m/s, its derivative
+    amplitudes : one complex float32 per channel, without the phase of the slant range
+    active : lanes that have it
+    """
+
+    kind: mi.UInt32
+    order: mi.UInt32
+    pulse: mi.UInt32
+    slant_range: mi.Float64
+    range_rate: mi.Float64
+    amplitudes: tuple[mi.Complex2f, ...]
+    active: mi.Bool
+
+
+__all__ = [
+    "COHERENT",
+    "DIFFUSE",
+    "RETRO",
+    "Constants",
+    "Contribution",
+    "Footprint",
+    "Hit",
+    "Kernel",
+    "KernelSettings",
+    "Lane",
+    "RayState",
+    "Reflection",
+    "TubeSpread",
+]
