@@ -140,7 +140,7 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
     from sarmitsuba.view.cost import cost_figure, save_figure
 
     folder = make_folder(Path(output))
-    facts = {
+    record = {
         "scene": name,
         "rows": report.rows,
         "front": report.front,
@@ -160,7 +160,7 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "plain_seconds": report.full_seconds,
         "seconds": report.seconds,
     }
-    parameters.write(folder / "cost.json", facts)
+    parameters.write(folder / "cost.json", record)
     with atomic_path(folder / "cost.md") as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     points = [(c.seconds, c.error_db) for c in report.candidates]

@@ -3,14 +3,14 @@
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
 from sarmitsuba.errors import DataError
+from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
 
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands import results
 
     check_focus_arguments(args)
-    watch = results.Stopwatch()
+    watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
         from sarmitsuba.loader.load import load_scene
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         scene = dataclasses.replace(scene, settings=settings)
         for note in scene.notes:
             console.warn(note)
-        facts: dict[str, Any] = {
+        record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
             "radar_file": args.radar,
@@ -113,15 +113,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "backend": backend,
             "settings": settings,
             "image_request": scene.image,
-            "radar": results.radar_facts(scene.radar),
+            "radar": results.radar_record(scene.radar),
         }
         if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, facts)
+            done = _image_only(folder, scene, args, console, watch, record)
         else:
-            done = _raw_and_image(folder, scene, args, console, watch, facts)
-        facts["warnings"] = console.warnings
-        facts["seconds"] = {**watch.seconds, "total": watch.total}
-        results.save_facts(folder, facts)
+            done = _raw_and_image(folder, scene, args, console, watch, record)
+        record["warnings"] = console.warnings
+        record["seconds"] = {**watch.seconds, "total": watch.total}
+        results.save_record(folder, record)
         console.say(f"{done} ({watch.total:.1f} s)")
     return 0
 
@@ -131,8 +131,8 @@ def _raw_and_image(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
-    facts: dict[str, Any],
+    watch: StageTimer,
+    record: dict[str, object],
 ) -> Path:
     """Simulate raw data, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
@@ -141,7 +141,6 @@ def _raw_and_image(
     known = {
         "scene": scene.name,
         "look_side": raw.radar.look_side,
-        "image_request": dataclasses.asdict(scene.image),  # so that raw.h5 alone focuses to the same image
     }
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
     console.say(f"plan: {raw.metadata['plan']}")
@@ -155,14 +154,14 @@ def _raw_and_image(
     results.clear_results(folder)
     with watch.stage("write raw"):
         results.save_raw(folder, raw)
-    facts |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
+    record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder / results.RAW
-    return focus_into(folder, raw, args, console, watch, facts)
+    return focus_into(folder, raw, args, console, watch, record)
 
 
 def _simulate(
-    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: "Stopwatch"
+    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
@@ -172,7 +171,7 @@ def _simulate(
     if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
-    from sarmitsuba.simulation.passes import refine
+    from sarmitsuba.simulation.refinement.passes import refine
 
     with watch.stage("simulate"):
         refined = refine(
@@ -196,12 +195,12 @@ def _image_only(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
-    facts: dict[str, Any],
+    watch: StageTimer,
+    record: dict[str, object],
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.render import render
 
     method = scene.settings.method
     if args.no_focus or args.raw != "compressed":
@@ -215,17 +214,15 @@ def _image_only(
             "--time-limit), or use --method hybrid"
         )
     with watch.stage("simulate"):
-        image = simulate_image(
-            scene, range_window=args.window, azimuth_window=args.window, progress=console.progress
-        )
+        image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     results.clear_results(folder)
-    facts |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, watch, facts, console)
+    record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
+    return results.store_image(folder, image, watch, record, console)
 
 
 def _definition(text: str) -> tuple[str, str]:

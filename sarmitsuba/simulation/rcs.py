@@ -1,7 +1,6 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,7 +141,7 @@ def monostatic_rcs(
     return RcsResult(amplitude, channels, grid.n_rays)
 
 
-def _sum_lanes(values: Any, block: int) -> NDArray[np.float64]:
+def _sum_lanes(values: "mi.Float", block: int) -> NDArray[np.float64]:
     return np.asarray(dr.block_sum(mi.Float64(values), block), dtype=np.float64)
 
 

@@ -166,7 +166,7 @@ def test_rays_too_sparse_for_the_cell_or_the_facets(scene_file, row) -> None:
 
     sparse, texts = level("0.2")
     match = re.search(
-        r"coarser than the facets of curved surfaces, 100 % of .* 4.5 rays a wavelength: (\S+) m", texts[0]
+        r"coarser than the facets of curved surfaces, 100 % of .* 4.5 rays per wavelength: (\S+) m", texts[0]
     )
     fine, quiet = level(match[1])
     assert quiet == []

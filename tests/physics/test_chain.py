@@ -11,7 +11,7 @@ from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import coherence, point_target_in
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulation.raw import MAX_GRID_BYTES
+from sarmitsuba.simulation.tracing import MAX_GRID_BYTES
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
 

@@ -19,10 +19,10 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.image import simulate_image
-from sarmitsuba.simulation.pilot import plan_scene, run_pilot, sampling_of
+from sarmitsuba.simulation.pilot import plan_scene, run_pilot
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.window import launch_window, scatterer_cell
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)
@@ -189,7 +189,7 @@ def small(base: Scene, *meshes: Mesh, **settings: object) -> Scene:
 
 
 def imaged(target: Scene) -> SarImage:
-    return simulate_image(target) if target.settings.method == "image" else focus(simulate(target))
+    return render(target) if target.settings.method == "image" else focus(simulate(target))
 
 
 def difference_db(a: SarImage, b: SarImage) -> float:
@@ -207,7 +207,7 @@ def test_rays_through_cells_return_what_dense_shared_tubes_do(heading: str, meth
     target = load_scene(resolve("flat_ground"), parameters=given)
     plan = plan_scene(target)
     assert not plan.on("footprint_splitting") and not plan.flags.footprint_splitting
-    cell = scatterer_cell(target, launch_window(target).incidence)
+    cell = SamplingPlan.of(target).scatterer_cell
     dense = replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8))
     assert plan_scene(dense).on("footprint_splitting")
     bare = imaged(target)
@@ -243,7 +243,7 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
 
 def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
     """A plate whose outermost cells are covered by nearly a half, which their neighbours return: about the worst."""
-    cell = scatterer_cell(base, launch_window(base).incidence)
+    cell = SamplingPlan.of(base).scatterer_cell
     target = small(base, plain(22.48 * cell))
     decision = plan_scene(target).decision("footprint_splitting")
     assert decision is not None and decision.on and "rim" in decision.why
@@ -311,10 +311,9 @@ def test_mirror_that_only_a_later_part_of_the_aperture_sees(base: Scene) -> None
     )
     target = scene(base, plain(90.0), corner, low)
     draft = plan_effects(target, warn=False)
-    window = launch_window(target)
-    sampling = sampling_of(target, draft, window)
-    late = run_pilot(target, draft, sampling, window, pulses=[int(0.75 * n), n - 1])
-    early = run_pilot(target, draft, sampling, window, pulses=[0, n // 4, n // 2])
+    sampling = SamplingPlan.of(target, draft.flags)
+    late = run_pilot(draft, sampling, pulses=[int(0.75 * n), n - 1])
+    early = run_pilot(draft, sampling, pulses=[0, n // 4, n // 2])
     assert (
         early.peak[0, 2] < 1e-2 * late.peak[0, 2]
     )  # the scene deceives: the first half sees no third bounce
@@ -327,8 +326,7 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
     target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], side))
     fine = replace(target, settings=replace(target.settings, ray_spacing=0.1))
     draft = plan_effects(fine, warn=False)
-    window = launch_window(fine)
-    result = run_pilot(fine, draft, sampling_of(fine, draft, window), window)
+    result = run_pilot(draft, SamplingPlan.of(fine, draft.flags))
     rcs = 4 * np.pi * side**4 / (3 * base.radar.waveform.wavelength**2)
     # tol: the fade-out over the reflector, at most a factor 4 in power; discretisation
     assert 0.2 * rcs < result.peak[0, 2] < 1.2 * rcs

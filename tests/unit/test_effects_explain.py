@@ -1,8 +1,7 @@
 """The explain command, and its prediction against a run."""
 
+import itertools
 import json
-from collections.abc import Callable
-from itertools import count
 
 import pytest
 
@@ -10,7 +9,8 @@ from sarmitsuba.cli import main
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.prediction import predict
+from sarmitsuba.simulation.prediction.explanation import explain
+from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 
 
@@ -36,15 +36,9 @@ def test_unknown_scene_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.startswith("error: no_such_scene")
 
 
-def ticking(step: float) -> Callable[[], float]:
-    """A clock that every reading moves on."""
-    ticks = count()
-    return lambda: step * next(ticks)
-
-
 def test_prediction_counts_what_the_run_does() -> None:
     scene = load_scene(resolve("dihedral"))
-    _, prediction = predict(scene, clock=ticking(1.0))
+    _, prediction = predict(scene)
     raw = simulate(scene)
     image = focus(raw)
     statistics = raw.metadata["statistics"]
@@ -52,7 +46,26 @@ def test_prediction_counts_what_the_run_does() -> None:
     assert prediction.key_pulses == statistics["key_pulses"]
     assert prediction.contributions == statistics["contributions"]
     assert prediction.pixels == image.data.size
-    # seconds are the clock's own, but for some that are known; how near they come to a run's is measured by
-    # benchmarks/effects.py
-    _, slower = predict(scene, clock=ticking(3.0))
-    assert 2.8 < slower.total / prediction.total <= 3.0
+    assert prediction.raw_bytes == raw.data.nbytes
+    assert prediction.key_pulse_interval == raw.metadata["sampling"]["key_pulse_interval"]
+    # it has the run's own stages, focusing, and what a first use loads
+    assert set(prediction.seconds) == {*raw.metadata["seconds"], "focus", "first use"}
+
+
+def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
+    """On a clock that counts its readings a batch lasts as many seconds as it has stages, whatever the machine."""
+    scene = load_scene(resolve("dihedral"), parameters={"sar_path.key_pulse_interval": "8"})
+    readings = itertools.count()
+    _, prediction = predict(scene, clock=lambda: float(next(readings)))
+    batches = -(-scene.radar.track.n_pulses // prediction.key_pulse_interval)
+    assert batches > 1
+    # tol: the last block may be shorter than the first
+    assert prediction.seconds["trace"] == pytest.approx(batches, abs=1.0)
+    assert prediction.seconds["synthesise"] == pytest.approx(batches, abs=1.0)
+
+
+def test_python_says_what_the_command_says() -> None:
+    found = explain(load_scene(resolve("plate")), predicted=False)
+    assert found.prediction is None and "prediction" not in found.as_dict()
+    assert "one flat surface cannot reflect onto itself" in str(found)
+    json.dumps(found.as_dict())

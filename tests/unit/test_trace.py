@@ -11,7 +11,7 @@ import pytest
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.context import KINDS
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.paths import coherent_flags
 from sarmitsuba.trace.accumulators import rounded_size

@@ -2,27 +2,34 @@
 
 import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr
+from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
-from sarmitsuba.simulation.image import simulate_image
-from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.prediction.speed import Work
+from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
+from sarmitsuba.timing import StageTimer
 
 C64 = NDArray[np.complex64]
+# of a setting: numbers, switches, names
+Value = float | str
+Changes = Mapping[str, Value]
 
+WALL_CLOCK = WallClock()
 _TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
 
 
@@ -36,14 +43,14 @@ class Setting:
         option of backprojection) beside them
     """
 
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    changes: Changes = field(default_factory=dict)
 
     def apply(self, scene: Scene) -> Scene:
         """The scene with these settings."""
         own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
-        return replace(scene, settings=replace(scene.settings, **own))
+        return replace(scene, settings=replace(scene.settings, **own))  # type: ignore[arg-type]
 
-    def but(self, **changes: Any) -> "Setting":
+    def but(self, **changes: Value) -> "Setting":
         """A copy with some values replaced."""
         return Setting({**self.changes, **changes})
 
@@ -59,7 +66,8 @@ class Trial:
     stages : seconds by stage, without compiling
     compile_seconds : spent on compiling kernels
     peak_bytes : growth of the resident memory at its highest; -1 where the system does not say
-    facts : ``statistics`` and ``sampling`` of the simulation
+    statistics : of the tracing
+    sampling : the rays that raw data took; None for methods without raw data
     """
 
     setting: Setting
@@ -67,52 +75,68 @@ class Trial:
     stages: Mapping[str, float]
     compile_seconds: float
     peak_bytes: int
-    facts: Mapping[str, Any]
+    statistics: TraceStatistics
+    sampling: SamplingReport | None
 
     @property
     def seconds(self) -> float:
         """All stages, s."""
         return float(sum(self.stages.values()))
 
-    def error_db(self, reference: NDArray[Any]) -> float:
+    @property
+    def key_pulse_interval(self) -> int:
+        """Pulses that shared one tracing; 1 for methods without raw data."""
+        return self.sampling.key_pulse_interval if self.sampling else 1
+
+    def error_db(self, reference: C64) -> float:
         """Energy of the difference over that of the reference, dB."""
         return image_error_db(self.image, reference)
 
 
-def run_trial(scene: Scene, setting: Setting, grid: ImageGrid | None = None, *, pass_index: int = 0) -> Trial:
+def run_trial(
+    scene: Scene,
+    setting: Setting,
+    grid: ImageGrid | None = None,
+    *,
+    pass_index: int = 0,
+    clock: StudyClock = WALL_CLOCK,
+) -> Trial:
     """Run a setting; what Dr.Jit spends on compiling is booked apart."""
-    return _run(scene, setting, grid, pass_index)
-
-
-def _run(scene: Scene, setting: Setting, grid: ImageGrid | None, pass_index: int) -> Trial:
     changed = setting.apply(scene)
+    method = changed.settings.method
     grid = grid or default_grid(scene.radar, scene.image)
-    compiled = 0.0
+    compiled, samples = 0.0, 0
     with memory() as peak:
-        if changed.settings.method in ("image", "raster"):
-            with compiling() as spent:
-                image = simulate_image(changed, grid=grid, pass_index=pass_index)
-            stages = dict(image.metadata["seconds"])
-            compiled += _take(stages, spent[0], ("trace", "raster", "plan"))
-        else:
-            with compiling() as spent:
-                raw = simulate(changed, pass_index=pass_index)
-            stages = dict(raw.metadata["seconds"])
-            compiled += _take(stages, spent[0], ("trace", "plan", "points"))
+        with compiling() as spent:
+            run = Run(changed)
+            if method in ("image", "raster"):
+                imager = Imager(run, grid)
+                image = imager.image(pass_index) if method == "image" else imager.raster()
+                stages = dict(image.metadata["seconds"])
+            else:
+                raw = echoes(run, pass_index=pass_index)
+                stages, samples = dict(raw.metadata["seconds"]), raw.data.size
+        compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
+        if samples:
             focuser = str(setting.changes.get("focuser", "backprojection"))
             if "interpolation" in setting.changes:
                 focuser += f",interpolation={setting.changes['interpolation']}"
-            start = time.perf_counter()
+            timer = StageTimer()
             with compiling() as spent:
-                image = focus(
-                    raw,
-                    grid,
-                    focuser=focuser,
-                )
-            stages["focus"] = time.perf_counter() - start
+                image = focus(raw, grid, focuser=focuser)
+            timer.lap("focus")
+            stages |= timer.seconds
             compiled += _take(stages, spent[0], ("focus",))
-    facts = {k: image.metadata.get(k, {}) for k in ("statistics", "sampling")}
-    return Trial(setting, image.total(), stages, compiled, peak[0], facts)
+    statistics = run.statistics
+    work = Work(
+        rays=statistics.rays,
+        launches=statistics.key_pulses,
+        path_pulses=statistics.path_pulses,
+        samples=samples,
+        pixel_pulses=image.data.size * changed.radar.track.n_pulses,
+    )
+    stages = clock.stages(stages, work)
+    return Trial(setting, image.total(), stages, compiled, peak[0], statistics, run.report)
 
 
 @contextmanager
@@ -149,7 +173,7 @@ def mean_image(scene: Scene, setting: Setting, grid: ImageGrid, passes: int, fir
     """Mean of passes whose lattices no trial shares: the reference that trials are measured against."""
     total = np.zeros(grid.shape, dtype=np.complex128)
     for index in range(passes):
-        total += _run(scene, setting, grid, first_pass + index).image
+        total += run_trial(scene, setting, grid, pass_index=first_pass + index).image
     return (total / passes).astype(np.complex64)
 
 
@@ -182,31 +206,7 @@ def flush_caches() -> None:
     """Give Dr.Jit's pooled memory back, so that the next run's own shows."""
     if "drjit" not in sys.modules:
         return
-    import drjit
-
-    drjit.flush_malloc_cache()
+    dr.flush_malloc_cache()
 
 
-def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
-    """The middle of the image (``share`` of each extent), seen by the middle of the aperture (``pulses`` of it)."""
-    from sarmitsuba.radar.antenna import Pointing
-
-    image = replace(
-        scene.image,
-        extent_azimuth=scene.image.extent_azimuth * share,
-        extent_range=scene.image.extent_range * share,
-    )
-    radar = scene.radar
-    n = radar.track.n_pulses
-    kept = max(2, round(n * pulses))
-    start = (n - kept) // 2
-    pick = slice(start, start + kept)
-    pointing = Pointing(
-        radar.pointing.boresight[pick], radar.pointing.azimuth_axis[pick], radar.pointing.elevation_axis[pick]
-    )
-    window = replace(radar.window, start_range=radar.window.start_range[pick])
-    radar = replace(radar, track=radar.track.slice(start, start + kept), pointing=pointing, window=window)
-    return replace(scene, image=image, radar=radar)
-
-
-__all__ = ["Setting", "Trial", "compiling", "crop", "flush_caches", "mean_image", "memory", "run_trial"]
+__all__ = ["Setting", "Trial", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ class ErrorBars:
     per_pixel: F32
     confidence_db: tuple[float, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """JSON-able form, without the pixels."""
         return {
             channel: {"error_db": round(e, 2), "noise_db": round(n, 2), "confidence_db": round(c, 2)}
@@ -53,7 +52,7 @@ class ErrorBars:
         }
 
 
-def half_planes(
+def subset_planes(
     data: NDArray[np.complex64], layers: Sequence[Layer], channel: str
 ) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
     """Estimate of a channel (sum of its subsets) and half the difference of the subsets' own estimates, orders summed.
@@ -64,14 +63,14 @@ def half_planes(
         The subsets were not kept.
     """
     planes = []
-    for half in (1, 2):
-        picks = [i for i, la in enumerate(layers) if la.channel == channel and la.subset == half]
+    for subset in (1, 2):
+        picks = [i for i, la in enumerate(layers) if la.channel == channel and la.subset == subset]
         if not picks:
             raise DataError(
-                f"error bars: channel {channel} has no half {half}; simulate with keep_subsets on"
+                f"error bars: channel {channel} has no subset {subset}; simulate with keep_subsets on"
             )
         planes.append(data[picks].sum(axis=0, dtype=np.complex64) if len(picks) > 1 else data[picks[0]])
-    each = [np.float32(0.5 / SUBSET_SHARES[half]) for half in (1, 2)]
+    each = [np.float32(0.5 / SUBSET_SHARES[subset]) for subset in (1, 2)]
     return planes[0] + planes[1], planes[0] * each[0] - planes[1] * each[1]
 
 
@@ -80,8 +79,8 @@ def estimate_error(
 ) -> ErrorBars:
     r"""Sampling error of the sum of two subsets from their difference.
 
-    Halves are stored as their share (``SUBSET_SHARES``) of their own estimate, so that they add up to the weighted mean
-    of two independent estimates :math:`x_1, x_2`:
+    Subsets are stored as their share (``SUBSET_SHARES``) of their own estimate, so that they add up to the weighted
+    mean of two independent estimates :math:`x_1, x_2`:
 
     .. math:: \epsilon^2 = s \sum |x_1 - x_2|^2 / 4 / \sum |d_1 + d_2|^2, \quad d_i = w_i x_i
 
@@ -102,7 +101,7 @@ def estimate_error(
     channels = tuple(dict.fromkeys(layer.channel for layer in layers))
     totals, spreads, maps = [], [], []
     for channel in channels:
-        mean, difference = half_planes(data, layers, channel)
+        mean, difference = subset_planes(data, layers, channel)
         power = difference.real**2 + difference.imag**2
         noise = float(power.sum(dtype=np.float64))
         signal = float(np.sum(mean.real**2 + mean.imag**2, dtype=np.float64))
@@ -129,7 +128,7 @@ def error_bars(image: SarImage, *, window: int = 5) -> ErrorBars:
 
 
 def has_subsets(layers: Sequence[Layer]) -> bool:
-    """Whether every layer belongs to a half."""
+    """Whether every layer belongs to one of two ray subsets."""
     return bool(layers) and all(layer.subset in (1, 2) for layer in layers)
 
 
@@ -147,7 +146,7 @@ __all__ = [
     "ErrorBars",
     "error_bars",
     "estimate_error",
-    "half_planes",
     "has_subsets",
+    "subset_planes",
     "with_error_bars",
 ]
