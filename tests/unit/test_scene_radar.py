@@ -175,7 +175,7 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
     np.testing.assert_allclose(radar.track.position[:, 0], -3000.0, atol=1e-9)  # tol: float64 at 1e6
     assert radar.look_side == "right"
     assert (image.center_x, image.center_y) == (0.0, 0.0)
-    with pytest.raises(RadarError, match="prf has no effect beside track_file"):
+    with pytest.raises(RadarError, match="prf has no effect when track_file is given"):
         build_radar(described(folder=tmp_path, track_file="track.csv", prf=5.0), SMALL, offset)
     with pytest.raises(RadarError, match="look_side = left, but the aim point"):
         build_radar(
@@ -195,14 +195,14 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
             "does not hold the scene, whose slant ranges",
         ),
         (SMALL, {"near_range": 200.0, "far_range": 100.0}, {}, "near_range = 200 m is not below far_range"),
-        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "nothing to see; move the aim point"),
-        (SMALL, {"image_center_x": 3000.0}, {}, "nothing to see"),
+        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "they do not overlap; move the aim point"),
+        (SMALL, {"image_center_x": 3000.0}, {}, "they do not overlap"),
         (SMALL, {"image_height": 8000.0}, {}, "image_height = 8000 m is not below the antenna at 7071"),
-        (SMALL, {"image_center_x": -8000.0}, {}, "far side of the ground track"),
-        (SMALL, {"image_extent_range": 2e4}, {}, "reaches across the ground track"),
+        (SMALL, {"image_center_x": -8000.0}, {}, "on the side it does not look to"),
+        (SMALL, {"image_extent_range": 2e4}, {}, "reaches past the ground track"),
         (SMALL, {"sampling_rate": 1e8}, {}, "below the bandwidth"),
-        (SMALL, {}, {"polarisation": "HH,HH"}, "is no list of channels"),
-        (SMALL, {}, {"polarisation": ""}, "is no list of channels"),
+        (SMALL, {}, {"polarisation": "HH,HH"}, "is not a list of channels"),
+        (SMALL, {}, {"polarisation": ""}, "is not a list of channels"),
         (SMALL, {}, {"azimuth_beamwidth_deg": 2.0}, "no effect with pattern = isotropic"),
         (
             SMALL,
