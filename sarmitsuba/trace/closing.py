@@ -132,12 +132,14 @@ class DiffuseReturns:
         return bits
 
     def contribution(self, index: mi.UInt32, active: mi.Bool) -> Contribution:
-        """The return of a bit of :meth:`pending`, another one in every lane."""
+        """The return that a bit of :meth:`pending` stands for; every lane may ask for another one."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        share, centre, key = mi.Float(1.0), *self.frame.cell(mi.Bool(False), mi.Bool(False))
         if flags.footprint_splitting:
             second_a, second_b = (index & 2) != 0, (index & 1) != 0
-            share, (centre, key) = self.frame.share(second_a, second_b), self.frame.cell(second_a, second_b)
+            share = self.frame.share(second_a, second_b)
+        else:
+            second_a, second_b, share = mi.Bool(False), mi.Bool(False), mi.Float(1.0)
+        centre, key = self.frame.cell(second_a, second_b)
         random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)

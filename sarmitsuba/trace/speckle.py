@@ -98,8 +98,8 @@ class CellFrame:
     def share(self, second_a: mi.Bool | bool, second_b: mi.Bool | bool) -> mi.Float:
         """Share of the tube that falls in its own cell or, along one axis or both, in the nearer neighbour."""
         a, b = (
-            (dr.select(second, s[1], s[0]))
-            for second, s in ((second_a, self.share_a), (second_b, self.share_b))
+            dr.select(second, shares[1], shares[0])
+            for second, shares in ((second_a, self.share_a), (second_b, self.share_b))
         )
         return a * b
 

@@ -99,8 +99,11 @@ class House:
                     for alias in child.names:
                         yield Import(module.name, alias.name, child.lineno, when)
                 elif isinstance(child, ast.ImportFrom):
-                    assert child.level == 0 and child.module, f"{module.where}: imports are written in full"
-                    base = child.module.replace("sarmitsuba_plugins", "plugins")
+                    base = child.module or ""
+                    if child.level:  # ``from .surface import``: folders up from the module's own
+                        up = module.folder.split(".")
+                        base = ".".join([*up[: len(up) + 1 - child.level], *([base] if base else [])])
+                    base = base.replace("sarmitsuba_plugins", "plugins")
                     for alias in child.names:
                         whole = f"{base}.{alias.name}"
                         yield Import(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.effects.context import KINDS
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
@@ -75,6 +76,10 @@ def test_every_contribution_arrives_once(changes: dict[str, bool]) -> None:
     assert wrong_order == 0
     if not flags.footprint_splitting:
         assert diffuse == coherent  # one cell per hit that the antenna sees
+
+
+def test_kinds_are_numbered_as_the_effects_name_them() -> None:
+    assert [KINDS[k] for k in (COHERENT, DIFFUSE, RETRO)] == ["coherent", "diffuse", "retro"]
 
 
 def test_arrays_compile_one_kernel_wherever_numpy_put_them() -> None:
