@@ -175,7 +175,7 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
     np.testing.assert_allclose(radar.track.position[:, 0], -3000.0, atol=1e-9)  # tol: float64 at 1e6
     assert radar.look_side == "right"
     assert (image.center_x, image.center_y) == (0.0, 0.0)
-    with pytest.raises(RadarError, match="prf has no effect when track_file is given"):
+    with pytest.raises(RadarError, match="prf has no effect beside track_file"):
         build_radar(described(folder=tmp_path, track_file="track.csv", prf=5.0), SMALL, offset)
     with pytest.raises(RadarError, match="look_side = left, but the aim point"):
         build_radar(
