@@ -18,14 +18,14 @@ CONCRETE = Material("concrete", permittivity=5.24 - 0.5j)
 
 
 @pytest.mark.parametrize("material", [PEC[0], CONCRETE], ids=["metal", "concrete"])
-def test_between_parallel_plates(row, monkeypatch, material: Material) -> None:
+def test_between_parallel_plates(row, material: Material) -> None:
     """A ray that runs 100 times between two plates, past the antenna between them, exactly along the vertical.
 
     Every order's amplitude is 2 sqrt(pi) / lambda times the tube's footprint over both legs, times the reflection
     coefficient once a bounce; its slant range grows by the plates' distance.
 
-    Naive ways: H = u x z / |u x z| of a ray along z is 0 / 0; a shadow ray without an end finds the plate behind
-    the antenna and hides all but the first bounce.
+    Naive ways: H = u x z / |u x z| of a ray along z is 0 / 0, the table's nan; a shadow ray without an end finds the
+    plate behind the antenna and hides all but the first bounce.
     """
     gap, size, at = 0.7391, 50.0, 0.2117
     scene = geometry(
@@ -58,19 +58,14 @@ def test_between_parallel_plates(row, monkeypatch, material: Material) -> None:
     decay = field_at_hit / r ** (n + 1)
     name = material.name.replace("pec", "metal")
     # the last bounces off concrete are 1e-40 of the first: below float32
-
-    def basis(u, up):
-        h = dr.normalize(dr.cross(u, up))
-        return h, dr.cross(h, u)
-
-    monkeypatch.setattr(field, "polarisation_basis", basis)
-    naive = record_paths(scene, (material,), antenna, frame, grid, FREQUENCY, max_depth=3).amplitude
-    assert np.isnan(naive).all()
+    across = np.cross([0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    with np.errstate(invalid="ignore"):
+        naive = float((across / np.linalg.norm(across))[0])
     row(
         f"100 bounces between {name} plates: field",
         float(np.abs(decay[: 100 if r == 1 else 60] - 1).max()),
         1e-4,
-        naive=float("nan"),
+        naive=naive,
         remedy="another axis where the line of sight is vertical; shadow rays end at the antenna",
     )
     row(f"100 bounces between {name} plates: phase", float(np.degrees(np.abs(error).max())), 1e-3, "deg")
