@@ -5,6 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from sarmitsuba.backend import ensure_backend, mi
+from sarmitsuba.scene.geometry import Geometry
+
 
 @pytest.fixture
 def row(record_property: Callable[[str, object], None]) -> Callable[..., None]:
@@ -35,3 +38,20 @@ def row(record_property: Callable[[str, object], None]) -> Callable[..., None]:
             )
 
     return check
+
+
+@pytest.fixture
+def plain_scene() -> Callable[..., "mi.Scene"]:
+    """Geometry -> scene of one mesh, faces as listed, as Mitsuba sets it up by itself: the naive way's."""
+    ensure_backend()
+
+    def build(target: Geometry, *, robust: bool = False) -> "mi.Scene":
+        n = target.n_faces
+        mesh = mi.Mesh("target", 3 * n, n)
+        params = mi.traverse(mesh)
+        params["vertex_positions"] = mi.Float(target.vertices[target.faces].ravel().astype(np.float32))
+        params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
+        params.update()
+        return mi.load_dict({"type": "scene", "embree_use_robust_intersections": robust, "mesh": mesh})
+
+    return build

@@ -53,33 +53,22 @@ def points_on_seams(sheet: Geometry) -> tuple[np.ndarray, np.ndarray]:
     return on_edges.reshape(-1, 3), v[inner]
 
 
-def plain_mitsuba(target: Geometry, *, robust: bool = False) -> "mi.Scene":
-    """One mesh in a scene of Mitsuba's."""
-    corners = target.vertices[target.faces].reshape(-1).astype(np.float32)
-    n = target.n_faces
-    mesh = mi.Mesh("target", 3 * n, n)
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(corners)
-    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
-    params.update()
-    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": robust, "mesh": mesh})
-
-
 def rays_at(points: np.ndarray, look: np.ndarray, distance: float) -> "mi.Ray3f":
     """Float32 rays through points (n, 3) from the direction ``look``."""
     o = (points + distance * look).astype(np.float32)
     return mi.Ray3f(mi.Point3f(np.ascontiguousarray(o.T)), mi.Vector3f(*map(float, -look)))
 
 
-def lost_by_default_embree(sheet: Geometry, points: np.ndarray, look: np.ndarray) -> int:
+def lost_by_default_embree(scene: "mi.Scene", points: np.ndarray, look: np.ndarray, distance: float) -> int:
     """Rays at the points that Mitsuba loses without ``embree_use_robust_intersections``."""
-    found = plain_mitsuba(sheet).ray_intersect_preliminary(rays_at(points, look, 4.0 * sheet.diameter))
+    found = scene.ray_intersect_preliminary(rays_at(points, look, distance))
     return int((~found.is_valid().numpy()).sum())
 
 
-def without_two_along_the_normal(target: Geometry, points: np.ndarray, look: np.ndarray) -> int:
+def without_two_along_the_normal(
+    scene: "mi.Scene", target: Geometry, points: np.ndarray, look: np.ndarray
+) -> int:
     """Rays at the points that do not bounce twice where they go on from a hit moved along its normal alone."""
-    scene = plain_mitsuba(target, robust=True)
     ray = rays_at(points, look, target.diameter)
     active, bounces = mi.Bool(True), mi.UInt32(0)
     clearance = 1e-5 + 8.0 * 2.0**-24 * float(np.abs(target.vertices).max())
@@ -92,7 +81,7 @@ def without_two_along_the_normal(target: Geometry, points: np.ndarray, look: np.
     return int((bounces.numpy() != 2).sum())
 
 
-def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
+def test_rays_at_shared_edges_and_vertices_hit_once(row, plain_scene) -> None:
     """Of rays aimed exactly at the seams of a sheet of 800 triangles none is lost, none counts twice.
 
     Naive way: Embree as Mitsuba sets it up; a tenth of the edge rays and a quarter of the vertex rays fall through.
@@ -103,6 +92,7 @@ def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
     for size in (1.0, 100.0):
         sheet = tilted_sheet(size)
         built = build_trace_scene(sheet, PEC, WAVELENGTH)
+        default = plain_scene(sheet)
         for look in map(unit, LOOKS):
             for points in points_on_seams(sheet):
                 antenna = 1e4 * size * look
@@ -112,7 +102,7 @@ def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
                 ).hits
                 lost += int((hits == 0).sum())
                 twice += int((hits > 1).sum())
-                naive += lost_by_default_embree(sheet, points, look)
+                naive += lost_by_default_embree(default, points, look, 4.0 * sheet.diameter)
                 aimed += points.shape[0]
     row(
         "rays aimed at shared edges and vertices: lost",
@@ -131,7 +121,7 @@ def test_rays_at_shared_edges_and_vertices_hit_once(row) -> None:
     )
 
 
-def test_rays_into_a_corner_line_bounce_twice(row) -> None:
+def test_rays_into_a_corner_line_bounce_twice(row, plain_scene) -> None:
     """Rays aimed exactly at a dihedral's corner line reflect off both plates.
 
     Naive way: the second ray starts off the first plate along its normal only; where rounding has put the hit
@@ -147,6 +137,7 @@ def test_rays_into_a_corner_line_bounce_twice(row) -> None:
             ]
         )
         built = build_trace_scene(target, PEC, WAVELENGTH)
+        plain = plain_scene(target, robust=True)
         points = np.zeros((1000, 3)) + o
         points[:, 1] += np.linspace(-0.49, 0.49, 1000) * size
         for look in map(unit, ([1, 0, 1], [1, 0.3, 0.7], [2, 0.1, 1], [0.3, -0.2, 1])):
@@ -155,7 +146,7 @@ def test_rays_into_a_corner_line_bounce_twice(row) -> None:
             paths = record_paths(target, PEC, antenna, frame, grid, FREQUENCY, max_depth=4, scene=built)
             # every ray has its first and its second return, and no other
             wrong += int((paths.seen != np.array([1, 1, 0, 0], dtype=bool)[:, None]).any(axis=0).sum())
-            naive += without_two_along_the_normal(target, points, look)
+            naive += without_two_along_the_normal(plain, target, points, look)
             total += points.shape[0]
     row(
         "rays aimed at a dihedral's corner line: without exactly two bounces",
