@@ -10,7 +10,7 @@ from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
-    from sarmitsuba.scene.settings import ImageRequest
+    from sarmitsuba.radar.image_request import ImageRequest
 
 _FOCUSER, _WINDOW = "backprojection", "rectangular"
 

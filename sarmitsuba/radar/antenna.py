@@ -16,7 +16,7 @@ Samples = TypeVar("Samples", NDArray[np.float64], "mi.Float")
 PatternKind = Literal["isotropic", "gaussian", "rectangular"]
 
 # -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946
-_SINC_HALF_POWER = 0.442946470689452
+SINC_HALF_POWER = 0.442946470689452
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Antenna:
             gain: Samples = xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
             return gain
         # uniform aperture: voltage sinc(pi u) one way, so sinc^2 is the two-way amplitude
-        scale = np.pi * _SINC_HALF_POWER
+        scale = np.pi * SINC_HALF_POWER
         product: Samples = (
             _sinc(scale / sa * sin_azimuth, xp) ** 2 * _sinc(scale / se * sin_elevation, xp) ** 2
         )
@@ -83,4 +83,4 @@ class Pointing:
     elevation_axis: NDArray[np.float64]
 
 
-__all__ = ["Antenna", "PatternKind", "Pointing"]
+__all__ = ["SINC_HALF_POWER", "Antenna", "PatternKind", "Pointing"]

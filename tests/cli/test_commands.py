@@ -22,12 +22,13 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import BackendError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
 
