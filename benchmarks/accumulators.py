@@ -33,7 +33,7 @@ EXTENT = 400.0  # m: a city quarter
 HEIGHT = 30.0  # m: its houses
 FREQUENCY, BANDWIDTH = 9.65e9, 300e6  # Hz: X band, 0.5 m
 N_PULSES = 512  # over the aperture that gives 0.5 m in azimuth
-N_PATHS = 2_560_000  # 4 rays a metre
+N_PATHS = 2_560_000  # 4 rays per metre
 DIRECT_PULSES = 8  # pulses the direct accumulator is timed on: the cost a pulse does not change
 SWAY = 0.3, 3.0  # m: of the curved tracks, one smooth wave over the aperture sideways and up
 JITTER = (
@@ -44,7 +44,7 @@ REFLECTED = 3  # every so-manieth path is a multiple reflection
 PROMISED_RATE, PROMISED_DB = (
     400e6,
     -40.0,
-)  # path-pulses a second on two cores, error of the default accumulator
+)  # path-pulses per second on two cores, error of the default accumulator
 
 
 def make_radar(extent: float = EXTENT, sway: float = 0.0, jitter: float = 0.0) -> tuple[Radar, np.ndarray]:

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 LITERATURE_2003 = {2: 62.0, 16: 458.0}
 # what counts as interactive, s, once kernels are compiled
 INTERACTIVE = 1.0
-# raw traces 0.8 M rays a pulse: a twentieth of the aperture keeps this benchmark under three minutes
+# raw traces 0.8 M rays per pulse: a twentieth of the aperture keeps this benchmark under three minutes
 APERTURE = 0.05
 LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import harness
 
-SPACING = 0.25  # m between rays: 4 a metre
+SPACING = 0.25  # m between rays: 4 per metre
 DEPTH = 3
 EVERY = 64  # raw is traced on every 64th pulse, 30 M rays: more would only repeat the same comparison
 # pulses a quarter block off their key pulses, like the average one; the reference has four times the rays
@@ -45,7 +45,7 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "speed",
         "Speed",
-        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays a metre, 512 pulses, "
+        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays per metre, 512 pulses, "
         f"{DEPTH} bounces, one "
         "polarisation. `as shipped`: its smooth materials; `rough`: Lambert's law of -10 dB on all. Raw "
         "is traced on every "

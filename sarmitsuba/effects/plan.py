@@ -152,7 +152,7 @@ def plan_effects(
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
         if loses and assessment.error_db > context.tolerance_db:
             notes.append(
-                f"{scene.name}: {effect.name} is off as asked; predicted error {assessment.error_db:.0f} dB "
+                f"{scene.name}: {effect.name} is switched off; predicted error {assessment.error_db:.0f} dB "
                 f"({assessment.why})"
             )
     depth = decided["max_depth"].value or DEFAULT_DEPTH
@@ -226,7 +226,7 @@ def _depth_note(context: SceneContext, depth: int) -> str:
     if asked and (lost > context.tolerance_db or cell > pilot.cell_limit_db(context.tolerance_db)):
         over = "clutter" if pilot.clutter > 0 else "peak"
         return (
-            f"{context.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
+            f"{context.scene.name}: max_depth = {depth} leaves out returns of {lost:.0f} dB of the image's "
             f"energy, strongest cell {cell:.0f} dB over the {over}; raise max_depth or set it to auto"
         )
     return ""

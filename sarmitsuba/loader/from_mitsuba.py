@@ -86,7 +86,7 @@ def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor") -> Element:
     antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
     if isinstance(antenna, int) or not hasattr(antenna, "given"):
         found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
-        raise RadarError(f"{_NAME}: the sensor is no sar_antenna ({found}); add one, pass it to mi.render")
+        raise RadarError(f"{_NAME}: the sensor is not a sar_antenna ({found}); add one, pass it to mi.render")
     element = _own(antenna, tables.SENSOR.plugin, "sensor")
     film = antenna.film()
     if hasattr(film, "given"):

@@ -98,7 +98,7 @@ class MaterialBook:
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
             return self._nested(bsdf, name, depth)
         elif plugin in tables.TABLES:
-            raise SceneError(f"{where}: {plugin} is no BSDF{did_you_mean(plugin, tables.TABLES)}")
+            raise SceneError(f"{where}: {plugin} is not a BSDF{did_you_mean(plugin, tables.TABLES)}")
         else:
             material, note = ordinary_material(name, plugin, bsdf.given(), self.frequency, self.rms_height)
         if note:

@@ -38,7 +38,7 @@ RADAR_MATERIAL = ParamTable(
             0.0,
             1e12,
         ),
-        Param("conductivity", "float", 0.0, "in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
@@ -56,12 +56,12 @@ RADAR_MATERIAL = ParamTable(
             -200.0,
             60.0,
         ),
-        Param("correlation_length", "float", 0.0, "of the surface height", "m", 0.0, 1e3),
+        Param("correlation_length", "float", 0.0, "correlation length of the surface height", "m", 0.0, 1e3),
         Param(
             "cross_polar_ratio_db",
             "float",
             -300.0,
-            "cross- over co-polar diffuse power; -300 = none",
+            "ratio of cross-polar to co-polar diffuse power; -300 = none",
             "dB",
             -300.0,
             0.0,
@@ -75,7 +75,7 @@ POINT_SCATTERER = ParamTable(
     doc="On a `sphere` shape: its centre becomes an ideal isotropic scatterer; the sphere is not traced.",
     params=(
         Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
-        Param("phase_deg", "float", 0.0, "of its reflectivity", "deg", -360.0, 360.0),
+        Param("phase_deg", "float", 0.0, "phase of its reflectivity", "deg", -360.0, 360.0),
     ),
 )
 
@@ -84,7 +84,7 @@ _COLORS = tuple(
     for name in ("color", "reflectance", "base_color")
 )
 _SCATTERING = (
-    Param("thickness", "float", 0.1, "accepted; surfaces are half spaces here", "m", 0.0, 1e9),
+    Param("thickness", "float", 0.1, "read but not used: surfaces are half spaces here", "m", 0.0, 1e9),
     Param(
         "scattering_coefficient",
         "float",

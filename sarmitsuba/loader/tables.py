@@ -34,16 +34,21 @@ INTEGRATOR = ParamTable(
             "method",
             "string",
             "hybrid",
-            "every pulse traced (raw), key pulses (hybrid), one look (image), one bounce (raster)",
+            "hybrid: key pulses traced; raw: every pulse traced; image: one look; raster: one bounce",
             choices=tuple(METHODS),
         ),
-        Param("max_depth", "integer or auto", 0, "most bounces", "", 0, 1000, auto=True),
-        Param("ray_spacing", "float", 0.0, "between rays in the launch plane", "m", 0.0, 1e6, auto=True),
+        Param(
+            "max_depth", "integer or auto", 0, "largest number of bounces per path", "", 0, 1000, auto=True
+        ),
+        Param(
+            "ray_spacing", "float", 0.0, "distance between rays in the launch plane", "m", 0.0, 1e6, auto=True
+        ),
         Param(
             "diffuse_ray_spacing",
             "float",
             0.0,
-            "between the rays that find diffuse scatterers; automatic: footprints as large as scatterer_cell, at "
+            "distance between the rays that find diffuse scatterers; automatic: footprints as large as "
+            "scatterer_cell, at "
             "least ray_spacing",
             "m",
             0.0,
@@ -51,7 +56,14 @@ INTEGRATOR = ParamTable(
             auto=True,
         ),
         Param(
-            "key_pulse_interval", "integer", 0, "pulses that share one tracing", "", 0, 10_000_000, auto=True
+            "key_pulse_interval",
+            "integer",
+            0,
+            "number of pulses that share one tracing",
+            "",
+            0,
+            10_000_000,
+            auto=True,
         ),
         Param(
             "scatterer_cell",
@@ -73,32 +85,40 @@ INTEGRATOR = ParamTable(
             16,
             auto=True,
         ),
-        Param("seed", "integer", 0, "of every random number", "", 0, 2**31 - 1),
-        Param("keep_orders", "boolean", False, "keep contributions of different bounce numbers apart"),
+        Param("seed", "integer", 0, "random seed", "", 0, 2**31 - 1),
+        Param("keep_orders", "boolean", False, "keep bounce orders apart, each in layers of its own"),
         Param("keep_subsets", "boolean", False, "keep two independent ray subsets apart, for error bars"),
         Param(
             "phase_precision",
             "string",
             "double",
-            "arithmetic of path lengths and phases",
+            "floating-point precision of path lengths and phases",
             choices=("double", "single"),
         ),
         Param(
             "tolerance_db",
             "float",
             TOLERANCE_DB,
-            "an effect left to auto is left out where the image changes by less, over its clutter or peak",
+            "an effect on auto is left out if the image changes by less than this, over its clutter or peak",
             "dB",
             -200.0,
             -1.0,
         ),
-        Param("target_error_db", "float", 0.0, "stop refining here; 0 = off", "dB", -200.0, 0.0),
-        Param("time_limit", "float", 0.0, "stop tracing after this time; 0 = off", "s", 0.0, 1e9),
+        Param(
+            "target_error_db",
+            "float",
+            0.0,
+            "add passes of rays until the sampling error is below this; 0 = off",
+            "dB",
+            -200.0,
+            0.0,
+        ),
+        Param("time_limit", "float", 0.0, "add passes of rays until this time is up; 0 = off", "s", 0.0, 1e9),
         Param(
             "default_rms_height",
             "float",
             ORDINARY_RMS_HEIGHT,
-            "roughness of materials that state none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones",
+            "rms height of materials that give none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones",
             "m",
             0.0,
             0.1,

@@ -148,8 +148,8 @@ def rough(rms_height: float) -> Material:
 
 def _rough_note(plugin: str, rms_height: float) -> str:
     return (
-        f'BSDF "{plugin}" gives no scattering_coefficient and gets an rms height of {1e3 * rms_height:g} mm; '
-        f"set default_rms_height of sar_path for another, 0 for smooth"
+        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm; '
+        f"set default_rms_height of sar_path to change it (0 = smooth)"
     )
 
 
@@ -211,7 +211,7 @@ def ordinary_material(
     """
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
     words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
-    note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; give radar_material for better'
+    note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
     surface = rough(rms_height) if is_rough else smooth()
     if kind == "principled":
         kind = (

@@ -181,7 +181,7 @@ def straight_track(
     if n and prf and s.azimuth_resolution > 0.0:
         raise RadarError(
             f"{where}: n_pulses = {n}, prf = {prf:g} Hz and azimuth_resolution = "
-            f"{s.azimuth_resolution:g} m describe the aperture twice; leave one at 0"
+            f"{s.azimuth_resolution:g} m describe the aperture twice; set one of them to 0"
         )
     wanted = _Wanted(given, geometry, box, waveform, antenna)
     length, longest = wanted.length(), wanted.longest

@@ -105,7 +105,7 @@ def read_channels(text: str, where: str) -> tuple[str, ...]:
     bad = [name for name in names if name not in CHANNELS]
     if bad or not names or len(set(names)) < len(names):
         raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is no list of channels out of {", ".join(CHANNELS)}; '
+            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
             'give for example "HH,HV"'
         )
     return names
@@ -121,7 +121,7 @@ def _antenna(given: RadarInput, wavelength: float) -> Antenna:
             if value > 0.0:
                 raise RadarError(
                     f"{given.where}: {name} = {value:g} has no effect with pattern = isotropic; "
-                    "take gaussian or rectangular"
+                    "set pattern to gaussian or rectangular"
                 )
         return Antenna("isotropic", gain)
     widths = []

@@ -30,7 +30,7 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
     if shared is None:
         raise RadarError(
             f"{film_where}: the image covers {_span(box, 0)} along and {_span(box, 1)} across the "
-            f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: nothing to see; "
+            f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: they do not overlap; "
             "move the aim point or image_center_x, image_center_y"
         )
     seen = replace(box, low=shared[0], high=shared[1])

@@ -25,10 +25,12 @@ class RadarDescription:
     """
 
     mode: str = described("stripmap", "how the beam is steered", choices=lambda: tuple(sorted(MODES.names)))
-    slant_range: float = described(10e3, "from the antenna at mid-aperture to the aim point", "m", 1.0, 1e9)
+    slant_range: float = described(
+        10e3, "distance from the antenna at mid-aperture to the aim point", "m", 1.0, 1e9
+    )
     look_angle_deg: float = described(
         45.0,
-        "between nadir and the line of sight to the aim point, at mid-aperture",
+        "angle between nadir and the line of sight to the aim point, at mid-aperture",
         "deg",
         0.0,
         89.999,
@@ -36,11 +38,11 @@ class RadarDescription:
     )
     heading_deg: float = described(0.0, "flight direction, clockwise from north (+y)", "deg", -360.0, 360.0)
     look_side: Literal["left", "right"] = described(
-        "right", "side of the flight direction looked to", choices=("left", "right")
+        "right", "side of the flight direction that the radar looks to", choices=("left", "right")
     )
     squint_angle_deg: float = described(
         0.0,
-        "between the line of sight and the plane across the track; positive looks forward",
+        "angle between the line of sight and the plane across the track; positive looks forward",
         "deg",
         -80.0,
         80.0,
@@ -48,7 +50,7 @@ class RadarDescription:
     aim_x: float = described(0.0, "aim point, east, in the file's frame", "m", -1e9, 1e9)
     aim_y: float = described(0.0, "aim point, north, in the file's frame", "m", -1e9, 1e9)
     aim_z: float = described(0.0, "aim point, up, in the file's frame", "m", -1e9, 1e9)
-    speed: float = described(100.0, "of the antenna", "m/s", 0.001, 1e6)
+    speed: float = described(100.0, "speed of the antenna", "m/s", 0.001, 1e6)
     prf: float = described(
         0.0,
         "pulse repetition frequency; automatic: 1.25 times the Doppler bandwidth of aperture and image, "
@@ -76,39 +78,39 @@ class RadarDescription:
         "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and "
         "azimuth_resolution",
     )
-    center_frequency: float = described(9.6e9, "carrier", "Hz", 1e6, 1e12)
-    bandwidth: float = described(300e6, "swept by the pulse", "Hz", 1000.0, 1e12)
+    center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
+    bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
     polarisation: str = described(
         "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
     )
     pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
-        "isotropic", "of the antenna", choices=("isotropic", "gaussian", "rectangular")
+        "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
     )
     azimuth_beamwidth_deg: float = described(
-        0.0, "one-way half-power width; 0 = not given", "deg", 0.0, 180.0
+        0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
     )
     elevation_beamwidth_deg: float = described(
-        0.0, "one-way half-power width; 0 = not given", "deg", 0.0, 180.0
+        0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
     )
     antenna_length: float = described(
         0.0,
-        "of a uniform aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
+        "length of a uniform aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
         "m",
         0.0,
         1e5,
     )
     antenna_height: float = described(
         0.0,
-        "of a uniform aperture across, in place of elevation_beamwidth_deg; 0 = not given",
+        "height of a uniform aperture across the track, in place of elevation_beamwidth_deg; 0 = not given",
         "m",
         0.0,
         1e5,
     )
     gain_db: float = described(0.0, "peak one-way gain", "dB", -100.0, 100.0)
-    transmit_power: float = described(1.0, "peak", "W", 1e-12, 1e12)
+    transmit_power: float = described(1.0, "peak transmit power", "W", 1e-12, 1e12)
     noise_temperature: float = described(
-        0.0, "of the receiver with its antenna; 0 adds no noise", "K", 0.0, 1e9
+        0.0, "noise temperature of the receiver with its antenna; 0 adds no noise", "K", 0.0, 1e9
     )
     losses_db: float = described(0.0, "two-way system losses", "dB", 0.0, 100.0)
     mode_parameters: Mapping[str, Value] = field(default_factory=dict)
@@ -153,21 +155,21 @@ class FilmDescription:
         "slant", "coordinates of the image", choices=("slant", "ground")
     )
     image_center_x: float | None = described(
-        None, "east, in the file's frame; absent: the aim point", "m", -1e9, 1e9
+        None, "image centre, east, in the file's frame; default: the aim point", "m", -1e9, 1e9
     )
     image_center_y: float | None = described(
-        None, "north, in the file's frame; absent: the aim point", "m", -1e9, 1e9
+        None, "image centre, north, in the file's frame; default: the aim point", "m", -1e9, 1e9
     )
     image_height: float | None = described(
         None,
-        "height of the horizontal image plane in the file's frame; absent: the aim point's",
+        "height of the horizontal image plane in the file's frame; default: that of the aim point",
         "m",
         -1e9,
         1e9,
     )
     image_extent_azimuth: float = described(
         0.0,
-        "size along the track, on the ground; automatic: the geometry with a margin, at most 2048 cells",
+        "image size along the track, on the ground; automatic: the geometry with a margin, at most 2048 cells",
         "m",
         0.0,
         1e7,
@@ -175,7 +177,7 @@ class FilmDescription:
     )
     image_extent_range: float = described(
         0.0,
-        "size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
+        "image size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
         "most 2048 cells",
         "m",
         0.0,
@@ -183,11 +185,11 @@ class FilmDescription:
         auto=True,
     )
     pixel_spacing_azimuth: float = described(
-        0.0, "automatic: half the azimuth cell", "m", 0.0, 1e6, auto=True
+        0.0, "pixel spacing along the track; automatic: half the azimuth cell", "m", 0.0, 1e6, auto=True
     )
     pixel_spacing_range: float = described(
         0.0,
-        "in slant range or on the ground, as image_grid; automatic: half the range cell",
+        "pixel spacing in slant range or on the ground, as image_grid says; automatic: half the range cell",
         "m",
         0.0,
         1e6,

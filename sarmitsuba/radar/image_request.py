@@ -81,8 +81,8 @@ def build_image_request(
     reach = float((center - antenna[:2]) @ across)  # from the track's ground trace to the image centre
     if reach <= 0.0:
         raise RadarError(
-            f"{where}: the image centre lies {-reach:g} m on the far side of the ground track; "
-            "set look_side or image_center_x, image_center_y"
+            f"{where}: the image centre lies {-reach:g} m behind the radar, on the side it does not look to; "
+            "change look_side or image_center_x, image_center_y"
         )
     drop = float(antenna[2] - height)
     slant = float(np.hypot(reach, drop))
@@ -111,7 +111,7 @@ def build_image_request(
             )
     elif 0.5 * extent_range >= reach:
         raise RadarError(
-            f"{where}: image_extent_range = {extent_range:g} m reaches across the ground track, which is "
+            f"{where}: image_extent_range = {extent_range:g} m reaches past the ground track of the radar, which is "
             f"{reach:g} m from the image centre; give less than {2 * reach:g} m"
         )
     request = ImageRequest(

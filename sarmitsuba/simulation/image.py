@@ -104,7 +104,8 @@ class Imager:
         data = np.concatenate(planes)
         if not data.any():
             raise RadarError(
-                f"{run.scene.name}: no echo of {run.statistics.rays} rays falls into the image; check its centre and "
+                f"{run.scene.name}: none of {run.statistics.rays} rays returns an echo inside the image; check its "
+                "centre and "
                 "extents"
             )
         if run.plan.on("noise"):
@@ -123,7 +124,7 @@ class Imager:
         run = self.run
         if run.trace_scene is None or run.sampling is None:
             raise RadarError(
-                f"{run.scene.name}: method raster needs a mesh; use method image for ideal points"
+                f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
             )
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)

@@ -174,7 +174,7 @@ def run_pilot(
 
 
 def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
-    """All on but what the user switched off: one kernel for nearly all scenes, compiled once a machine."""
+    """All on but what the user switched off: one kernel for nearly all scenes, compiled once per machine."""
     off = {name for name, switch in scene.settings.effects.items() if switch == "off"}
     return KernelFlags(
         channels=CHANNELS,

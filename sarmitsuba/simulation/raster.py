@@ -72,8 +72,8 @@ class Raster:
     def _stand_in(self) -> "mi.Float":
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
-            f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
-            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or take method image"
+            f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
+            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or use method image"
         )
         self.notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)

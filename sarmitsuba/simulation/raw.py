@@ -127,7 +127,8 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
         )
     if not np.any(data):
         raise RadarError(
-            f"{scene.name}: {stats.hits} hits but no echo within the receive window; widen near_range ... far_range "
+            f"{scene.name}: {stats.hits} hits, but no echo falls within the receive window; widen near_range ... "
+            "far_range "
             f"of the range_film"
         )
     if stats.outside <= 0.05 * max(stats.contributions, 1):

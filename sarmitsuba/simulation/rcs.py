@@ -81,7 +81,7 @@ def monostatic_rcs(
     wavelength = SPEED_OF_LIGHT / frequency
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
-        raise RadarError(f"directions: shape {look.shape}, need (n, 3) finite unit vectors")
+        raise RadarError(f"directions have the shape {look.shape}; (n, 3) finite vectors are needed")
     look = look / np.linalg.norm(look, axis=1, keepdims=True)
     low, high = geometry.bounds
     center, radius = 0.5 * (low + high), 0.5 * geometry.diameter

@@ -25,7 +25,7 @@ DIFFUSE_NODES = 256
 
 @dataclass(frozen=True, eq=False)
 class TraceScene:
-    """Intersection structure and tables; one row a face or a material.
+    """Intersection structure and tables; one row per face or a material.
 
     Parameters
     ----------
@@ -94,7 +94,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if not visible.any():
-        raise SceneError("scene: no visible face to trace; every mesh is empty or of an invisible material")
+        raise SceneError(
+            "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
+        )
     rows_kept = np.flatnonzero(visible)[_canonical_order(geometry, visible)]
     faces = geometry.faces[rows_kept]
     v0, v1, v2 = (geometry.vertices[faces[:, i]] for i in range(3))

@@ -40,7 +40,9 @@ def test_rcs_through_raw_echo_compression_and_focus(scene: str, expected: float)
     """A target's calibrated peak is its physical-optics RCS."""
     measured = peak_dbsm(chain(scene))
     print(f"\n{scene}: {measured:.3f} dBsm, theory {expected:.3f}, deviation {measured - expected:+.3f} dB")
-    assert abs(measured - expected) < 0.2  # tol: 4.5 rays a wavelength, and the lobe's fall over the aperture
+    assert (
+        abs(measured - expected) < 0.2
+    )  # tol: 4.5 rays per wavelength, and the lobe's fall over the aperture
 
 
 def test_dihedral_hh_vv_and_their_phase() -> None:
@@ -211,7 +213,7 @@ def test_speckle_persists_with_denser_rays() -> None:
         images.append(focus(sarmitsuba.simulate(scene, pass_index=int(rays)), request=scene.image))
     inner = tuple(slice(n // 8, -(n // 8)) for n in images[0].grid.shape)
     value = coherence(images[0].total()[inner], images[1].total()[inner])
-    print(f"\nspeckle: coherence of 4 with 16 rays a cell {value:.4f}")
+    print(f"\nspeckle: coherence of 4 with 16 rays per cell {value:.4f}")
     assert value >= 0.99
 
 

@@ -211,7 +211,7 @@ def test_rays_through_cells_return_what_dense_shared_tubes_do(heading: str, meth
     dense = replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8))
     assert plan_scene(dense).on("footprint_splitting")
     bare = imaged(target)
-    # tol: sampling by 64 rays a cell; the window's fade-out is fixed to the ground, not to the line of sight
+    # tol: sampling by 64 rays per cell; the window's fade-out is fixed to the ground, not to the line of sight
     assert difference_db(bare, imaged(dense)) < -44.0
 
 
@@ -235,7 +235,7 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
         plan_scene(off)
     for given, remedy in (
         ({"keep_subsets": True}, "--no-error-bars"),
-        ({"ray_spacing": 0.3}, "leave ray_spacing"),
+        ({"ray_spacing": 0.3}, "leave out ray_spacing"),
     ):
         with pytest.raises(SceneError, match=remedy):
             plan_scene(small(base, plain(90.0), effects={"footprint_splitting": "off"}, **given))
@@ -247,7 +247,7 @@ def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
     target = small(base, plain(22.48 * cell))
     decision = plan_scene(target).decision("footprint_splitting")
     assert decision is not None and decision.on and "rim" in decision.why
-    with pytest.warns(UserWarning, match="footprint_splitting is off as asked; predicted error"):
+    with pytest.warns(UserWarning, match="footprint_splitting is switched off; predicted error"):
         cells = imaged(
             replace(target, settings=replace(target.settings, effects={"footprint_splitting": "off"}))
         )
@@ -335,12 +335,12 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
 def test_explicit_choices_are_obeyed_and_said(base: Scene) -> None:
     target = scene(base, plain(90.0), box([-6, -8, 0], [6, 8, 9]))
     asked = replace(target, settings=replace(target.settings, max_depth=1, effects={"fresnel": "off"}))
-    with pytest.warns(UserWarning, match="fresnel is off as asked|max_depth = 1 as asked") as caught:
+    with pytest.warns(UserWarning, match="fresnel is switched off|max_depth = 1 leaves out") as caught:
         plan = plan_scene(asked, pilot=True)
     assert len(caught) == len(plan.notes) == 2
-    assert plan.max_depth == 1 and "max_depth = 1 as asked" in plan.notes[1]
+    assert plan.max_depth == 1 and "max_depth = 1 leaves out" in plan.notes[1]
     asked = replace(target, settings=replace(target.settings, effects={"diffuse": "off"}))
-    with pytest.warns(UserWarning, match="diffuse is off as asked"):
+    with pytest.warns(UserWarning, match="diffuse is switched off"):
         plan = plan_scene(asked, pilot=False)
     assert not plan.flags.diffuse and not plan.flags.speckle
 

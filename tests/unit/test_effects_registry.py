@@ -149,7 +149,7 @@ def test_the_tolerance_of_the_scene_holds() -> None:
 def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
     smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
     sampling = Sampling(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
-    with pytest.warns(SarmitsubaWarning, match="coherent is off as asked; predicted error 0 dB"):
+    with pytest.warns(SarmitsubaWarning, match="coherent is switched off; predicted error 0 dB"):
         plan = plan_effects(switched(smooth, coherent="off"), sampling)
     assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
     assert plan_effects(switched(ground, coherent="on"), sampling).flags.coherent
@@ -167,7 +167,7 @@ def test_fine_tubes_need_no_phase_integral(corner: Scene) -> None:
 def test_channels_follow_the_switch(corner: Scene) -> None:
     cross = replace(corner, radar=replace(corner.radar, channels=("HH", "HV")))
     assert plan_effects(cross).flags.channels == ("HH", "HV")
-    with pytest.warns(SarmitsubaWarning, match="cross_polarisation is off as asked"):
+    with pytest.warns(SarmitsubaWarning, match="cross_polarisation is switched off"):
         plan = plan_effects(switched(cross, cross_polarisation="off"))
     assert plan.flags.channels == plan.apply(cross).radar.channels == ("HH",)
     only = replace(corner, radar=replace(corner.radar, channels=("HV",)))
@@ -217,7 +217,7 @@ def test_a_bent_track_is_flown_unless_switched_off(corner: Scene) -> None:
     bent = track.position + np.array([0.0, 0.0, 0.05]) * np.sin(np.linspace(0, 6, track.n_pulses))[:, None]
     scene = replace(corner, radar=replace(corner.radar, track=Track(track.time, bent, track.velocity)))
     assert decide(scene, "trajectory")[0] is True
-    with pytest.warns(SarmitsubaWarning, match="trajectory is off as asked"):
+    with pytest.warns(SarmitsubaWarning, match="trajectory is switched off"):
         plan = plan_effects(switched(scene, trajectory="off"))
     assert plan.apply(scene).radar.track.is_straight and not scene.radar.track.is_straight
 

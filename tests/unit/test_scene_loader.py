@@ -252,7 +252,7 @@ def test_munich_loads_unchanged() -> None:
     path = Path(next(iter(spec.submodule_search_locations))) / "rt" / "scenes" / "munich" / "munich.xml"
     if not path.is_file():
         pytest.skip("this sionna-rt carries no Munich scene")
-    with pytest.warns(SarmitsubaWarning, match="gets an rms height of 1 mm") as said:
+    with pytest.warns(SarmitsubaWarning, match="is given an rms height of 1 mm") as said:
         scene = load_scene(path, radar="airborne_x")
     assert len(said) == 1
     smooth = load_scene(path, radar="airborne_x", parameters={"sar_path.default_rms_height": "0"})

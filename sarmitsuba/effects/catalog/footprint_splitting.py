@@ -27,7 +27,7 @@ class FootprintSplitting(Effect):
 
     name = "footprint_splitting"
     title = "tubes shared among cells"
-    documentation = "ray tubes shared among the scatterer cells that they overlap"
+    documentation = "ray footprints split among the scatterer cells that they overlap"
     off_when = "bare level ground: one plane, one bounce, nothing coherent"
     off_means = "rays through the centres of the scatterer cells, one contribution per ray instead of four"
     rank = 65
@@ -50,7 +50,7 @@ class FootprintSplitting(Effect):
             return Assessment(True, obstacle, float("nan"))
         error = _rim_db(context)
         if error <= context.tolerance_db:
-            return Assessment(False, "bare level ground: one ray through the middle of each cell", error)
+            return Assessment(False, "bare level ground: one ray through the centre of each cell", error)
         return Assessment(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
 
     def flags(
@@ -62,18 +62,18 @@ class FootprintSplitting(Effect):
 
 _BOUNCES = "more than one bounce"
 _COHERENT = "coherent tubes cross the cells"
-_SPACED = "rays as far apart as asked for"
+_SPACED = "a ray spacing is given"
 _HALVES = "error bars compare independent rays"
 _RASTER = "the raster method has no rays"
 _SHAPE = "not one level plane"
 # what the user can do about each
 _REMEDIES = {
-    _BOUNCES: "max_depth = 1 leaves the others out, footprint_splitting = auto keeps them",
-    _COHERENT: "coherent = off leaves the coherent return out, footprint_splitting = auto keeps it",
-    _SPACED: "leave ray_spacing and diffuse_ray_spacing out",
+    _BOUNCES: "set max_depth = 1 to leave the others out, or footprint_splitting = auto to keep them",
+    _COHERENT: "set coherent = off to leave it out, or footprint_splitting = auto to keep it",
+    _SPACED: "leave out ray_spacing and diffuse_ray_spacing",
     _HALVES: "render with --no-error-bars (keep_subsets = false)",
-    _RASTER: "take another method, or footprint_splitting = auto",
-    _SHAPE: "this scene needs footprint_splitting = auto",
+    _RASTER: "use another method, or set footprint_splitting = auto",
+    _SHAPE: "set footprint_splitting = auto for this scene",
 }
 
 

@@ -18,7 +18,7 @@ class Fresnel(Effect):
 
     name = "fresnel"
     title = "Fresnel coefficients"
-    documentation = "reflection coefficients of the materials; off: every surface a perfect conductor"
+    documentation = "reflection coefficients of the materials; off: every surface is a perfect conductor"
     off_when = "every surface is a perfect conductor, or nothing reflects and nothing returns coherently"
     off_means = "`E - 2 (E.n) n` only"
     rank = 30

@@ -42,7 +42,9 @@ class MaxDepth(Effect):
         if proof:
             return Assessment(False, proof, -np.inf, 1)
         if context.pilot is None:
-            why = f"no proof of fewer and no pilot for so small a run: {DEFAULT_DEPTH} are followed"
+            why = (
+                f"one bounce is not proven and the run is too short for a pilot: {DEFAULT_DEPTH} are followed"
+            )
             return Assessment(True, why, float("nan"), DEFAULT_DEPTH)
         return _measured(context.pilot, context.tolerance_db)
 

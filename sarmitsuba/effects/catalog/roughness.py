@@ -16,7 +16,7 @@ class Roughness(Effect):
 
     name = "roughness"
     title = "coherent loss by roughness"
-    documentation = "coherent reflection reduced by the rms height"
+    documentation = "loss of coherent reflection to the rms height"
     off_when = "every rms height takes less than the tolerance from the wave"
     off_means = "no exponentials"
     rank = 40

@@ -18,7 +18,9 @@ class Speckle(Effect):
 
     name = "speckle"
     title = "Gaussian scatterers"
-    documentation = "persistent random reflectivity of the diffuse scatterers; off: a random phase only"
+    documentation = (
+        "persistent random reflectivity of the diffuse scatterers; off: equal modulus, random phase"
+    )
     off_when = "nothing is diffuse"
     off_means = "speckle coefficients of unit modulus and random phase"
     rank = 50

@@ -15,7 +15,7 @@ class Spreading(Effect):
 
     name = "spreading"
     title = "spreading inside the scene"
-    documentation = "spherical spreading inside the scene"
+    documentation = "spherical spreading inside the scene; off: that of the scene's middle everywhere"
     off_when = "1/R^2 is the same all over the scene"
     off_means = "one factor"
     rank = 100

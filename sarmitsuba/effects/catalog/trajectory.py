@@ -18,7 +18,7 @@ class Trajectory(Effect):
 
     name = "trajectory"
     title = "trajectory errors"
-    documentation = "deviation of the track from a straight line"
+    documentation = "deviation of the track from a straight line; off: the best straight line"
     off_when = "the track is straight"
     off_means = "the best straight line, for focusing too"
     rank = 130

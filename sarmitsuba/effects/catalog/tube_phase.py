@@ -35,7 +35,7 @@ class TubePhase(Effect):
         if not decided["coherent"].on:
             return Assessment(False, "nothing coherent", -np.inf)
         if context.sampling is None:
-            return Assessment(True, "tubes may be wide", float("nan"))
+            return Assessment(True, "the width of the tubes is not known yet", float("nan"))
         spacing = context.sampling.ray_spacing
         cosine = max(context.incidence_cosine[0], 0.05)
         x = context.wavenumber * spacing * max(1.0, np.sqrt(1.0 - cosine**2) / cosine)

@@ -15,7 +15,7 @@ class Visibility(Effect):
 
     name = "visibility"
     title = "shadow rays"
-    documentation = "test of the way back to the antenna"
+    documentation = "shadow rays, which test whether the antenna is visible from a hit"
     off_when = "one bounce, or no face can stand between"
     off_means = "no shadow rays"
     rank = 110
@@ -26,7 +26,7 @@ class Visibility(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["max_depth"].on:
-            return Assessment(False, "the first hit sees the antenna", -np.inf)
+            return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
         error = 0.0  # a hidden return may be as strong as any

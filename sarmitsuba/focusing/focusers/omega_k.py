@@ -184,7 +184,7 @@ def _upsampling(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> int:
         return max(1, int(np.ceil(band / _BAND_FILL)))
     if band > 1.05:
         warnings.warn(
-            f"omega-K: the image needs {band:.2f} times the PRF in Doppler bandwidth and folds; "
+            f"omega-K: the image needs a Doppler bandwidth of {band:.2f} times the PRF, and so folds over; "
             "shrink it in azimuth, raise prf or use focuser backprojection",
             SarmitsubaWarning,
             stacklevel=3,

@@ -34,7 +34,7 @@ FIRST_USE = 0.06
 
 @dataclass(frozen=True)
 class Prediction:
-    """Time and memory of a run, start-up and compilation of kernels (once a machine) left out.
+    """Time and memory of a run, start-up and compilation of kernels (once per machine) left out.
 
     Parameters
     ----------

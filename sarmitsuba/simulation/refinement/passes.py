@@ -205,7 +205,9 @@ def refine(
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
     limit = scene.settings.time_limit if time_limit is None else time_limit
     if target >= 0.0 and limit <= 0.0:
-        raise DataError(f"{scene.name}: refining needs target_error_db below 0 dB or a time_limit above 0 s")
+        raise DataError(
+            f"{scene.name}: adding passes needs target_error_db below 0 dB or time_limit above 0 s; set one of them"
+        )
     noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
     quiet = {**scene.settings.effects, "noise": "off"}
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))

@@ -27,19 +27,22 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
         return
     coherent, half_cell, fine = spacings.of_coherent, sampling.half_cell, sampling.fine_spacing
     if coherent > 1.01 * half_cell:
-        yield f"ray_spacing = {coherent:g} m is coarser than half a resolution cell; {half_cell:.3g} m would do"
+        yield (
+            f"ray_spacing = {coherent:g} m is coarser than half a resolution cell; "
+            f"set it to {half_cell:.3g} m or less"
+        )
     if sampling.scene.settings.ray_spacing > 0 and coherent > 1.01 * fine:
         share = share_of_small_facets(sampling.scene.geometry, coherent)
         if share > SMALL_FACETS:
             yield (
                 f"ray_spacing = {coherent:g} m is coarser than the facets of curved surfaces, {100 * share:.0f} % of "
-                f"the area; their coherent return wants {RAYS_PER_WAVELENGTH:g} rays per wavelength: {fine:.3g} m"
+                f"the area; their coherent return needs {RAYS_PER_WAVELENGTH:g} rays per wavelength: {fine:.3g} m"
             )
     wanted = sampling.footprint_spacing
     if spacings.diffuse > 1.5 * wanted:
         yield (
-            f"diffuse_ray_spacing = {spacings.diffuse:g} m leaves out scatterer cells of "
-            f"{sampling.scatterer_cell:.3g} m; {wanted:.3g} m would do"
+            f"diffuse_ray_spacing = {spacings.diffuse:g} m is too coarse: some scatterer cells get no ray; cells are "
+            f"{sampling.scatterer_cell:.3g} m wide; set it to {wanted:.3g} m or less"
         )
 
 

@@ -73,7 +73,7 @@ def launch_window(scene: Scene) -> LaunchWindow:
         where = "azimuth" if b_low[0] > b_high[0] else "range"
         raise RadarError(
             f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "
-            f"({image.center_x:g}, {image.center_y:g}) m) misses all geometry in {where}, which spans "
+            f"({image.center_x:g}, {image.center_y:g}) m) contains no geometry of {where}, which spans "
             f"x {low[0]:g} ... {high[0]:g} m, y {low[1]:g} ... {high[1]:g} m; move image_center_x, image_center_y "
             f"or enlarge the image"
         )
