@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from sarmitsuba.backend import mi
-
-# the same formula outside and inside a kernel
-Samples = TypeVar("Samples", NDArray[np.float64], "mi.Float")
+from sarmitsuba.samples import Samples
 
 PatternKind = Literal["isotropic", "gaussian", "rectangular"]
 
@@ -63,9 +59,11 @@ class Antenna:
 
 
 def _sinc(x: Samples, xp: ModuleType) -> Samples:
+    value: Samples
     if xp is np:
-        return np.sinc(np.asarray(x) / np.pi)
-    value: Samples = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
+        value = xp.sinc(np.asarray(x) / np.pi)
+    else:
+        value = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
     return value
 
 
