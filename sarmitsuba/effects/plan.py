@@ -84,7 +84,7 @@ class EffectsPlan:
 
         Parameters
         ----------
-        interval : pulses a key pulse stands for; 1 traces every pulse
+        interval : pulses per key pulse; 1 traces every pulse
         error_db : that the block of pulses may have against tracing every one, dB
         asked : set by the user
         """
