@@ -14,7 +14,7 @@ LITERATURE_2003 = {2: 62.0, 16: 458.0}
 INTERACTIVE = 1.0
 # raw traces 0.8 M rays per pulse: a twentieth of the aperture keeps this benchmark under three minutes
 APERTURE = 0.05
-LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
+LOOKS = 9  # pixels per side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
 
 
 @harness.benchmark

@@ -7,9 +7,8 @@ import statistics
 import sys
 import time
 from dataclasses import dataclass
-from typing import Any
 
-from sarmitsuba.backend import Backend, ensure_backend, gpu_description
+from sarmitsuba.backend import Backend, dr, ensure_backend, gpu_description, mi
 from sarmitsuba.errors import SarmitsubaError
 
 _PINNED = {"mitsuba": "3.9.1", "drjit": "1.5.0"}
@@ -75,11 +74,8 @@ def examine(*, seconds: float = 1.0) -> Report:
 
 def measure_ray_rate(seconds: float = 1.0) -> float:
     """Return the median rate of ray queries in a small scene of boxes on a plane, rays/s, without compile time."""
-    import drjit as dr
-    import mitsuba as mi
-
-    transform: Any = mi.ScalarTransform4f
-    scene: dict[str, Any] = {
+    transform = mi.ScalarTransform4f
+    scene: dict[str, object] = {
         "type": "scene",
         "ground": {"type": "rectangle", "to_world": transform().scale(60)},
     }

@@ -301,6 +301,20 @@ def filled(description: D, values: Mapping[str, object]) -> D:
     return replace(description, **values)
 
 
+def float_value(values: Mapping[str, Value | None], name: str) -> float:
+    """Validated value of a numeric parameter."""
+    value = values[name]
+    assert isinstance(value, int | float), name
+    return float(value)
+
+
+def string_value(values: Mapping[str, Value | None], name: str) -> str:
+    """Validated value of a string parameter."""
+    value = values[name]
+    assert isinstance(value, str), name
+    return value
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``; did you mean "..."?`` when a known name is close to ``name``, else an empty string."""
     close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
@@ -328,4 +342,15 @@ def _text(value: float, unit: str) -> str:
     return f"{_compact(value)} {unit}".strip()
 
 
-__all__ = ["Param", "ParamTable", "Value", "described", "did_you_mean", "filled", "one_line", "params_of"]
+__all__ = [
+    "Param",
+    "ParamTable",
+    "Value",
+    "described",
+    "did_you_mean",
+    "filled",
+    "float_value",
+    "one_line",
+    "params_of",
+    "string_value",
+]

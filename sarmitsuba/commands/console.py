@@ -6,9 +6,12 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from sarmitsuba.errors import SarmitsubaWarning
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 _BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}, {remaining} left{postfix}"
 
@@ -26,7 +29,7 @@ class Console:
         self.quiet = quiet
         self.verbose = verbose
         self.warnings: list[str] = []
-        self._bar: Any = None
+        self._bar: tqdm | None = None
         self._stage = ""
 
     def say(self, text: str) -> None:
@@ -53,12 +56,13 @@ class Console:
             return
         from tqdm import tqdm
 
-        if stage != self._stage:
+        bar = self._bar
+        if bar is None or stage != self._stage:
             self.end_progress()
             self._stage = stage
             # a terminal may not know its size and say 0, where tqdm would draw nothing
             columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-            self._bar = tqdm(
+            self._bar = bar = tqdm(
                 total=total,
                 desc=stage,
                 bar_format=_BAR,
@@ -67,11 +71,11 @@ class Console:
                 ncols=columns,
                 nrows=20,
             )
-        self._bar.total = total
+        bar.total = total
         if info:
             rates = (f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())
-            self._bar.set_postfix_str(", ".join(rates), refresh=False)
-        self._bar.update(done - self._bar.n)
+            bar.set_postfix_str(", ".join(rates), refresh=False)
+        bar.update(done - bar.n)
         if done >= total:
             self.end_progress()
 

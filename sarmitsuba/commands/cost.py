@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.explain import definition
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
     from sarmitsuba.cost.report import CostReport
@@ -15,21 +15,7 @@ HELP = "measure what accuracy costs on a scene and recommend a setting"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
-    parser.add_argument(
-        "--radar",
-        metavar="RADAR",
-        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
-    )
-    parser.add_argument(
-        "-D",
-        "--define",
-        action="append",
-        default=[],
-        type=definition,
-        metavar="NAME=VALUE",
-        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
-    )
+    add_scene_arguments(parser)
     parser.add_argument(
         "--target-error",
         type=float,
@@ -47,16 +33,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep the parameters, print the table, draw the plot."""
     from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
-    from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.load import load_scene
 
     if args.budget <= 0.0 or args.target_error >= 0.0:
         raise SceneError(
             f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
-    scene = load_scene(
-        args.scene, radar=resolve_radar(args.radar) if args.radar else None, parameters=dict(args.define)
-    )
+    scene = scene_of(args)
     report = study_cost(
         scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
     )

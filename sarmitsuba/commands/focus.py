@@ -3,14 +3,14 @@
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
-    from sarmitsuba.scene.settings import ImageRequest
+    from sarmitsuba.radar.image_request import ImageRequest
 
 _FOCUSER, _WINDOW = "backprojection", "rectangular"
 
@@ -22,10 +22,17 @@ class _Listing(argparse.Action):
     """Stores its value; its help ends with a list that is made, and its modules imported, only when help is shown."""
 
     def __init__(
-        self, entries: Callable[[], str], option_strings: Sequence[str], dest: str, **rest: Any
+        self,
+        entries: Callable[[], str],
+        option_strings: Sequence[str],
+        dest: str,
+        *,
+        default: str,
+        metavar: str,
+        help: str,
     ) -> None:
         self._entries = entries
-        super().__init__(option_strings, dest, **rest)
+        super().__init__(option_strings, dest, default=default, metavar=metavar, help=help)
 
     @property
     def help(self) -> str:
@@ -36,7 +43,13 @@ class _Listing(argparse.Action):
     def help(self, text: str) -> None:
         self._text = text
 
-    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[object] | None,
+        option_string: str | None = None,
+    ) -> None:
         setattr(namespace, self.dest, values)
 
 
@@ -151,7 +164,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     """The data's own image request with what the command line changes; None where it changes nothing."""
-    changes: dict[str, Any] = {"grid": args.grid, "height": args.height}
+    changes: dict[str, object] = {"grid": args.grid, "height": args.height}
     pairs = (
         (args.center, "center_x", "center_y"),
         (args.extent, "extent_azimuth", "extent_range"),
@@ -163,11 +176,10 @@ def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     changes = {name: value for name, value in changes.items() if value is not None}
     if not changes:
         return None
-    from dataclasses import replace
-
     from sarmitsuba.focusing import image_request
+    from sarmitsuba.parameters import filled
 
-    return replace(image_request(raw), **changes)
+    return filled(image_request(raw), changes)
 
 
 def focus_into(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -23,22 +24,8 @@ _WITHOUT_RAW = ("image", "raster")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
+    add_scene_arguments(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
-    parser.add_argument(
-        "--radar",
-        metavar="RADAR",
-        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
-    )
-    parser.add_argument(
-        "-D",
-        "--define",
-        action="append",
-        default=[],
-        type=_definition,
-        metavar="NAME=VALUE",
-        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
-    )
     parser.add_argument(
         "--method",
         choices=_METHODS,
@@ -84,12 +71,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
     watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.loader.load import load_scene
 
         with watch.stage("start"):
             backend = ensure_backend()
         with watch.stage("load"):
-            scene = load_scene(args.scene, radar=_radar(args.radar), parameters=dict(args.define))
+            scene = scene_of(args)
         changes = {
             "method": args.method,
             "seed": args.seed,
@@ -223,22 +209,6 @@ def _image_only(
     results.clear_results(folder)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(folder, image, watch, record, console)
-
-
-def _definition(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
-    return name, value
-
-
-def _radar(text: str | None) -> Path | None:
-    """File of a radar description, given by path or shipped name."""
-    if text is None:
-        return None
-    from sarmitsuba.loader.library import resolve_radar
-
-    return resolve_radar(text)
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "run"]

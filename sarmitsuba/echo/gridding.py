@@ -17,13 +17,13 @@ complex64 interface sums in float32 and stays above -95 dB; only its complex128 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp
+from sarmitsuba.samples import Samples
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
@@ -92,7 +92,7 @@ class SpreadingKernel:
         """Shape parameter of the exponential of semicircle; 0 for widths 1 and 2."""
         return _BETA_PER_WIDTH.get(self.width, 0.0) * self.width
 
-    def evaluate(self, x: Any, xp: ModuleType = np) -> Any:
+    def evaluate(self, x: Samples, xp: ModuleType = np) -> Samples:
         """Kernel value at the distance ``x`` (cells, array of NumPy or Dr.Jit), 0 outside the support."""
         if self.width == 1:
             return _where(xp, abs(x) <= 0.5, 1.0 + 0.0 * x, 0.0 * x)
@@ -102,9 +102,10 @@ class SpreadingKernel:
         y = 1.0 - (x * (2.0 / self.width)) ** 2
         inside = y >= 0.0
         root = xp.sqrt(_where(xp, inside, y, 0.0 * x))
-        return _where(xp, inside, xp.exp(self.beta * (root - 1.0)), 0.0 * x)
+        value: Samples = xp.exp(self.beta * (root - 1.0))
+        return _where(xp, inside, value, 0.0 * x)
 
-    def taps(self, frac: Any, xp: ModuleType = np) -> list[Any]:
+    def taps(self, frac: Samples, xp: ModuleType = np) -> list[Samples]:
         """Weights of the ``width`` cells, first to last, for ``frac`` in [0, 1) (see the class notes).
 
         Piecewise polynomials, branch free: multiplications and additions only, so that arrays of NumPy
@@ -117,16 +118,17 @@ class SpreadingKernel:
             return [1.0 - frac, frac]
         z = frac - 0.5
         z2 = z * z
-        out: list[Any] = [None] * self.width
+        left: list[Samples] = []  # taps up to the middle one
+        right: list[Samples] = []  # their mirror images, from the last tap inwards
         for k, (even, odd) in enumerate(self._subsets):
             e = _horner(even, z2)
             if 2 * k == self.width - 1:
-                out[k] = e
+                left.append(e)
                 continue
             o = _horner(odd, z2) * z
-            out[k] = e + o
-            out[self.width - 1 - k] = e - o
-        return out
+            left.append(e + o)
+            right.append(e - o)
+        return left + right[::-1]
 
     @cached_property
     def _subsets(self) -> list[tuple[list[float], list[float]]]:
@@ -316,11 +318,12 @@ def _quadrature() -> tuple[F64, F64]:
     return 0.5 * node, 0.5 * weight
 
 
-def _where(xp: ModuleType, mask: Any, a: Any, b: Any) -> Any:
-    return np.where(mask, a, b) if xp is np else xp.select(mask, a, b)
+def _where(xp: ModuleType, mask: object, a: Samples, b: Samples) -> Samples:
+    picked: Samples = xp.where(mask, a, b) if xp is np else xp.select(mask, a, b)
+    return picked
 
 
-def _horner(coefficients: list[float], x: Any) -> Any:
+def _horner(coefficients: list[float], x: Samples) -> Samples:
     value = coefficients[-1] + 0.0 * x if len(coefficients) == 1 else coefficients[-1] * x + coefficients[-2]
     for c in coefficients[-3::-1]:
         value = value * x + c

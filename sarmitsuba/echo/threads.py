@@ -3,9 +3,17 @@
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
-from typing import Any
+from typing import Protocol
+
+
+class _BlasController(Protocol):
+    """What ``threadpoolctl.ThreadpoolController`` is used for."""
+
+    def limit(self, *, limits: int, user_api: str) -> AbstractContextManager[object]:
+        """Hold libraries to a number of threads meanwhile."""
+        ...
 
 
 def n_threads() -> int:
@@ -53,12 +61,13 @@ def one_blas_thread() -> Iterator[None]:
 
 
 @lru_cache(maxsize=1)
-def _controller() -> Any:
+def _controller() -> _BlasController | None:
     try:
         from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped,unused-ignore]
     except ImportError:
         return None
-    return ThreadpoolController()
+    found: _BlasController = ThreadpoolController()
+    return found
 
 
 __all__ = ["n_threads", "one_blas_thread", "parallel_map"]

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -13,7 +13,37 @@ from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, swi
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import ExtensionError, SarmitsubaWarning, SceneError
+from sarmitsuba.parameters import filled
 from sarmitsuba.scene.scene import Scene
+
+
+class PilotFigures(TypedDict, total=False):
+    """What the pilot trace did, as plain figures; lists have one entry per order, dB rounded to 0.1.
+
+    Attributes
+    ----------
+    pulses : traced pulse numbers
+    rays : traced in all
+    patches, features, features_left_out : patches at random, on small features, and features without one
+    seconds : whole pilot
+    energy_from_order_db, energy_from_order_upper_db : share of the image's energy from an order on, and plus two
+        standard errors; None where there is none
+    strongest_cell_from_order_db : strongest patch from an order on, above what ``strongest_cell_over`` says
+    strongest_cell_over : ``clutter`` or ``peak``
+    tolerance_db : accepted error
+    """
+
+    pulses: list[int]
+    rays: int
+    patches: int
+    features: int
+    features_left_out: int
+    seconds: float
+    energy_from_order_db: list[float | None]
+    energy_from_order_upper_db: list[float | None]
+    strongest_cell_from_order_db: list[float | None]
+    strongest_cell_over: str
+    tolerance_db: float
 
 
 @dataclass(frozen=True)
@@ -26,14 +56,14 @@ class EffectsPlan:
     max_depth : most bounces
     decisions : one per effect
     notes : one line each: explicit choices that cost accuracy, and what the pilot could not see
-    pilot : what the pilot trace did, as plain figures; empty without one
+    pilot : what the pilot trace did; empty without one
     """
 
     flags: KernelFlags
     max_depth: int
     decisions: tuple[Decision, ...] = field(default_factory=tuple)
     notes: tuple[str, ...] = ()
-    pilot: Mapping[str, Any] = field(default_factory=dict)
+    pilot: PilotFigures = field(default_factory=PilotFigures)
 
     def decision(self, name: str) -> Decision | None:
         """The line of an effect, None when there is none."""
@@ -54,7 +84,7 @@ class EffectsPlan:
 
         Parameters
         ----------
-        interval : pulses a key pulse stands for; 1 traces every pulse
+        interval : pulses per key pulse; 1 traces every pulse
         error_db : that the block of pulses may have against tracing every one, dB
         asked : set by the user
         """
@@ -92,7 +122,7 @@ class EffectsPlan:
         head = ", ".join(values) or f"max_depth {self.max_depth}"
         return f"{head}; on: {', '.join(on) or 'none'}; off: {', '.join(off) or 'none'}"
 
-    def as_dict(self) -> Mapping[str, Any]:
+    def as_dict(self) -> Mapping[str, object]:
         """JSON-able form; an error of -inf dB (no difference) is None."""
         return {
             "max_depth": self.max_depth,
@@ -195,8 +225,8 @@ def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
     """Flags that the kernel knows as fields, the others by name where they are on."""
     known = {f.name for f in fields(KernelFlags)}
     extra = frozenset(name for name, value in chosen.items() if name not in known and value)
-    fitting: dict[str, Any] = {name: value for name, value in chosen.items() if name in known}
-    return KernelFlags(**fitting, extra=extra)
+    fitting = {name: value for name, value in chosen.items() if name in known}
+    return filled(KernelFlags(extra=extra), fitting)
 
 
 def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:
@@ -232,7 +262,7 @@ def _depth_note(context: SceneContext, depth: int) -> str:
     return ""
 
 
-def _figures(context: SceneContext, pilot: PilotResult) -> dict[str, Any]:
+def _figures(context: SceneContext, pilot: PilotResult) -> PilotFigures:
     def clean(value: float) -> float | None:
         return round(float(value), 1) if np.isfinite(value) else None
 
@@ -252,4 +282,4 @@ def _figures(context: SceneContext, pilot: PilotResult) -> dict[str, Any]:
     }
 
 
-__all__ = ["DEFAULT_DEPTH", "Decision", "EffectsPlan", "plan_effects"]
+__all__ = ["DEFAULT_DEPTH", "Decision", "EffectsPlan", "PilotFigures", "plan_effects"]

@@ -14,21 +14,6 @@ PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first
 AXES_STRIDE = 16  # float32 per pulse: azimuth axis and weight, elevation axis and 0, boresight and 0, 0 0 0 0
 
 
-class _Operand:
-    """A Dr.Jit array that meets NumPy scalars: without this they would try to evaluate it inside the loop."""
-
-    __array_ufunc__ = None
-
-    def __init__(self, value: dr.ArrayBase) -> None:
-        self.value = value
-
-    def __rmul__(self, other: float) -> dr.ArrayBase:
-        return self.value * float(other)
-
-    def __truediv__(self, other: float) -> dr.ArrayBase:
-        return self.value / float(other)
-
-
 @dataclass(frozen=True)
 class PulseBatch:
     """The pulses of one launch.
@@ -130,7 +115,7 @@ def accumulate(
                 sa = ux * azimuth[0] + uy * azimuth[1] + uz * azimuth[2]
                 se = ux * elevation[0] + uy * elevation[1] + uz * elevation[2]
                 ahead = ux * boresight[0] + uy * boresight[1] + uz * boresight[2] > 0.0
-                g = dr.select(ahead, antenna.two_way_amplitude(_Operand(sa), _Operand(se), xp=dr), 0.0)
+                g = dr.select(ahead, antenna.two_way_amplitude(sa, se, xp=dr), 0.0)
                 gain *= used * g
                 used *= g * g
             else:

@@ -11,7 +11,7 @@ from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.scene.settings import ImageRequest
+from sarmitsuba.radar.image_request import ImageRequest
 
 
 def focus(

@@ -11,8 +11,8 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle, look_directions, matched_weights
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.settings import ImageRequest
 
 F64 = NDArray[np.float64]
 

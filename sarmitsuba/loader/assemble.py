@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
-from sarmitsuba.loader.radar_builder import build_radar
-from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.radar.builder import build_radar
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

@@ -14,10 +14,10 @@ from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
-from sarmitsuba.loader.radar_parameters import FilmDescription, RadarDescription, RadarInput
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
 from sarmitsuba.materials.material import Material
 from sarmitsuba.parameters import Value, filled
+from sarmitsuba.radar.description import FilmDescription, RadarDescription, RadarInput
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene

@@ -7,8 +7,8 @@ from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.parameters import filled
+from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.scene.settings import TraceSettings
 
 

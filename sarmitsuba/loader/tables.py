@@ -9,9 +9,9 @@ from sarmitsuba.loader.material_tables import (
     RADAR_MATERIAL,
     RADIO_MATERIAL,
 )
-from sarmitsuba.loader.radar_parameters import FILM, SENSOR
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
+from sarmitsuba.radar.description import FILM, SENSOR
 from sarmitsuba.scene.settings import METHODS, TOLERANCE_DB
 
 

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
 # Rms height given to ordinary rough BSDFs, m: plastered and concrete walls measure 0.3 to 3 mm
@@ -38,7 +38,7 @@ def named_material(
 
 
 def radar_material(
-    name: str, values: Mapping[str, Any], given: frozenset[str], frequency: float, where: str
+    name: str, values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
 ) -> tuple[Material, str]:
     """Material of a validated ``radar_material`` element.
 
@@ -55,31 +55,33 @@ def radar_material(
     material, and a note (may be empty)
     """
     _exclusive(given, where)
-    law = LAWS[values["diffuse_law"]]
+    law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
-    ratio = values["cross_polar_ratio_db"]
+    ratio = float_value(values, "cross_polar_ratio_db")
     surface = Material(
         name,
-        rms_height=values["rms_height"],
+        rms_height=float_value(values, "rms_height"),
         diffuse_law=law.name,
-        diffuse_level_db=values["diffuse_level_db"] if law.level else -np.inf,
-        correlation_length=values["correlation_length"],
+        diffuse_level_db=float_value(values, "diffuse_level_db") if law.level else -np.inf,
+        correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
-        law_parameters=tuple((p.name, float(values[p.name])) for p in law.parameters),
+        law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
     )
-    if values["material"]:
-        return named_material(name, values["material"], frequency, surface)
+    kind = string_value(values, "material")
+    if kind:
+        return named_material(name, kind, frequency, surface)
+    real = float_value(values, "permittivity_real")
     if "conductivity" in given:
-        eps = permittivity_from_conductivity(values["permittivity_real"], values["conductivity"], frequency)
+        eps = permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
     else:
-        eps = complex(values["permittivity_real"], -values["permittivity_imag"])
+        eps = complex(real, -float_value(values, "permittivity_imag"))
     return _material(name, eps, surface), ""
 
 
 def sionna_material(
     name: str,
     plugin: str,
-    values: Mapping[str, Any],
+    values: Mapping[str, Value | None],
     given: frozenset[str],
     frequency: float,
     rms_height: float = ORDINARY_RMS_HEIGHT,
@@ -98,26 +100,26 @@ def sionna_material(
         return Material(name, permittivity=1.0 + 0.0j), ""
     note = ""
     if plugin == "itu-radio-material":
-        entry = MATERIALS[values["type"]]
+        entry = MATERIALS[string_value(values, "type")]
         eps, note = entry.permittivity(frequency), entry.note(frequency)
     else:
         eps = permittivity_from_conductivity(
-            values["relative_permittivity"], values["conductivity"], frequency
+            float_value(values, "relative_permittivity"), float_value(values, "conductivity"), frequency
         )
     if "scattering_coefficient" in given or rms_height == 0.0:
         return _material(name, eps, scattering_surface(values, eps, frequency)), note
     return _material(name, eps, rough(rms_height)), note or _rough_note(plugin, rms_height)
 
 
-def scattering_surface(values: Mapping[str, Any], eps: complex, frequency: float) -> Material:
+def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequency: float) -> Material:
     """Roughness and diffuse law that stand for Sionna's scattering and cross-polarisation coefficients."""
-    share = min(float(values["scattering_coefficient"]) ** 2, 0.999)
+    share = min(float_value(values, "scattering_coefficient") ** 2, 0.999)
     if share == 0.0:
         return smooth()
     k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
     root = np.sqrt(eps)
     albedo = share * abs((1.0 - root) / (1.0 + root)) ** 2
-    cross = min(float(values["xpd_coefficient"]), 0.5)
+    cross = min(float_value(values, "xpd_coefficient"), 0.5)
     return replace(
         smooth(),
         # exp(-4 (k s)^2) = 1 - S^2
@@ -192,7 +194,7 @@ ADAPTER_BSDFS: dict[str, str] = {
 def ordinary_material(
     name: str,
     plugin: str,
-    values: Mapping[str, Any],
+    values: Mapping[str, object],
     frequency: float,
     rms_height: float = ORDINARY_RMS_HEIGHT,
 ) -> tuple[Material, str]:
@@ -229,7 +231,7 @@ def adapter_note(plugin: str) -> str:
     return f'BSDF "{plugin}" is read as {ADAPTER_BSDFS[plugin]}'
 
 
-def _above_half(values: Mapping[str, Any], key: str) -> bool:
+def _above_half(values: Mapping[str, object], key: str) -> bool:
     value = values.get(key, 0.0)
     return isinstance(value, int | float) and value > 0.5
 
@@ -240,10 +242,14 @@ def _material(name: str, eps: complex, surface: Material) -> Material:
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
 
 
-def _check_law(law: DiffuseLaw, values: Mapping[str, Any], given: frozenset[str], where: str) -> None:
+def _check_law(
+    law: DiffuseLaw, values: Mapping[str, Value | None], given: frozenset[str], where: str
+) -> None:
     """Raise where the law lacks what it needs, or something is given that it does not take."""
-    if any(values[name] <= 0.0 for name in law.needs):
-        needed, got = (" and ".join(text) for text in (law.needs, [f"{values[n]:g} m" for n in law.needs]))
+    if any(float_value(values, name) <= 0.0 for name in law.needs):
+        needed, got = (
+            " and ".join(words) for words in (law.needs, [f"{float_value(values, n):g} m" for n in law.needs])
+        )
         raise SceneError(
             f"{where}: diffuse_law = {law.name} needs {needed} above 0 m, got {got}; "
             f"give {'both' if len(law.needs) == 2 else 'it' if len(law.needs) == 1 else 'all'} or take another law"
@@ -251,7 +257,7 @@ def _check_law(law: DiffuseLaw, values: Mapping[str, Any], given: frozenset[str]
     if "diffuse_level_db" in given and not law.level:
         takers = ", ".join(sorted(entry.name for entry in LAWS if entry.level))
         raise SceneError(
-            f"{where}: diffuse_level_db = {values['diffuse_level_db']:g} dB has no effect with "
+            f"{where}: diffuse_level_db = {float_value(values, 'diffuse_level_db'):g} dB has no effect with "
             f"diffuse_law = {law.name}; take one of {takers} or leave it out"
         )
     own = {p.name for p in law.parameters}

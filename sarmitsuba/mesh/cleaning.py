@@ -1,7 +1,5 @@
 """Triangle meshes as they come: refused when they cannot mean anything, cleaned when they can."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -46,9 +44,7 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     takes the nearest surface, and they need no repair.
     """
     v = np.asarray(vertices, dtype=np.float64)
-    f = np.asarray(faces)
-    _refuse(name, v, f)
-    f = f.astype(np.int64)
+    f = _checked_faces(name, v, np.asarray(faces))
     notes: list[str] = []
     n_given = f.shape[0]
 
@@ -74,7 +70,8 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     return np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.int32), notes
 
 
-def _refuse(name: str, v: F64, f: NDArray[Any]) -> None:
+def _checked_faces(name: str, v: F64, f: NDArray[np.generic]) -> I64:
+    """Faces as int64; raises a SceneError where they or the vertices cannot mean a mesh."""
     if v.ndim != 2 or v.shape[-1] != 3:
         raise SceneError(f'mesh "{name}": vertices have the shape {v.shape}, not (n, 3)')
     if v.shape[0] == 0 or f.size == 0:
@@ -87,10 +84,12 @@ def _refuse(name: str, v: F64, f: NDArray[Any]) -> None:
     if bad:
         count = f"{bad} of {v.shape[0]}"
         raise SceneError(f'mesh "{name}": {count} vertices are NaN or infinite; repair the mesh')
-    wrong = int(((f < 0) | (f >= v.shape[0])).any(axis=1).sum())
+    index = f.astype(np.int64)
+    wrong = int(((index < 0) | (index >= v.shape[0])).any(axis=1).sum())
     if wrong:
         count, last = f"{wrong} of {f.shape[0]}", v.shape[0] - 1
         raise SceneError(f'mesh "{name}": {count} faces have corners outside 0 ... {last}; repair the mesh')
+    return index
 
 
 def _zero_area(v: F64, f: I64) -> NDArray[np.bool_]:

@@ -1,7 +1,5 @@
 """How the smooth surface that facets stand for bends at each of them."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +16,7 @@ _FLAT = 1e-6  # rad, bend of a facet below which it is flat
 
 def facet_curvature(
     corners: F64,
-    group: NDArray[np.integer[Any]],
+    group: NDArray[np.int32] | NDArray[np.int64],
     wavelength: float,
     vertex: NDArray[np.int64] | None = None,
 ) -> F64 | None:
@@ -96,7 +94,7 @@ def facet_curvature(
     return out
 
 
-def _bent(normal: F64, group: NDArray[np.integer[Any]]) -> bool:
+def _bent(normal: F64, group: NDArray[np.int32] | NDArray[np.int64]) -> bool:
     """True when some group's normals are not all alike."""
     count = np.bincount(group)
     mean = np.stack([np.bincount(group, normal[:, i]) for i in range(3)], axis=1)

@@ -1,1 +1,1 @@
-"""The sensor: track, waveform, antenna, receive window and link budget."""
+"""The sensor: its description, track, waveform, antenna, receive window, requested image and link budget."""

@@ -2,21 +2,17 @@
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from sarmitsuba.backend import mi
-
-# the same formula outside and inside a kernel
-Samples = TypeVar("Samples", NDArray[np.float64], "mi.Float")
+from sarmitsuba.samples import Samples
 
 PatternKind = Literal["isotropic", "gaussian", "rectangular"]
 
 # -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946
-_SINC_HALF_POWER = 0.442946470689452
+SINC_HALF_POWER = 0.442946470689452
 
 
 @dataclass(frozen=True)
@@ -55,7 +51,7 @@ class Antenna:
             gain: Samples = xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
             return gain
         # uniform aperture: voltage sinc(pi u) one way, so sinc^2 is the two-way amplitude
-        scale = np.pi * _SINC_HALF_POWER
+        scale = np.pi * SINC_HALF_POWER
         product: Samples = (
             _sinc(scale / sa * sin_azimuth, xp) ** 2 * _sinc(scale / se * sin_elevation, xp) ** 2
         )
@@ -63,9 +59,11 @@ class Antenna:
 
 
 def _sinc(x: Samples, xp: ModuleType) -> Samples:
+    value: Samples
     if xp is np:
-        return np.sinc(np.asarray(x) / np.pi)
-    value: Samples = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
+        value = xp.sinc(np.asarray(x) / np.pi)
+    else:
+        value = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
     return value
 
 
@@ -83,4 +81,4 @@ class Pointing:
     elevation_axis: NDArray[np.float64]
 
 
-__all__ = ["Antenna", "PatternKind", "Pointing"]
+__all__ = ["SINC_HALF_POWER", "Antenna", "PatternKind", "Pointing"]

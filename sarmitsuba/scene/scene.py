@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.materials.material import Material
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.settings import ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 F64 = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""How to trace, and which image is asked for."""
+"""How to trace."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -54,27 +54,4 @@ class TraceSettings:
     effects: Mapping[str, Switch] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class ImageRequest:
-    """Which image the scene file asks for.
-
-    Parameters
-    ----------
-    grid : ``slant`` or ``ground``
-    center_x, center_y : m, scene frame
-    height : m, scene frame; of the horizontal plane the image stands on
-    extent_azimuth, extent_range : m on the ground
-    spacing_azimuth, spacing_range : m; 0 = half a resolution cell
-    """
-
-    grid: Literal["slant", "ground"] = "slant"
-    center_x: float = 0.0
-    center_y: float = 0.0
-    height: float = 0.0
-    extent_azimuth: float = 100.0
-    extent_range: float = 100.0
-    spacing_azimuth: float = 0.0
-    spacing_range: float = 0.0
-
-
-__all__ = ["METHODS", "TOLERANCE_DB", "ImageRequest", "Method", "Switch", "TraceSettings"]
+__all__ = ["METHODS", "TOLERANCE_DB", "Method", "Switch", "TraceSettings"]

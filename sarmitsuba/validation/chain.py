@@ -14,9 +14,9 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.radar_builder import build_radar
-from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.material import Material
+from sarmitsuba.radar.builder import build_radar
+from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene

@@ -34,6 +34,7 @@ FLOORS = (
         "parameters",
         "progress",
         "registry",
+        "samples",
         "timing",
         "units",
     ),

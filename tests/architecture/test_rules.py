@@ -27,10 +27,9 @@ ANY = {
     "io": 16,  # h5py, OpenEXR and the JSON inside
     "simulation": 10,
     "focusing": 5,
-    "echo": 2,  # metadata of raw data, JSON
+    "echo": 1,  # metadata of raw data, JSON
     "image": 2,  # metadata of images, JSON
     "cost": 2,
-    "commands": 2,
     "": 1,  # a public name on first use (PEP 562)
 }
 

@@ -22,12 +22,13 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import BackendError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import TraceSettings
 
 RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
 
@@ -101,17 +102,17 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
     assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
-    facts = json.loads((out / "parameters.json").read_text())
-    assert facts["seed"] == 9
-    assert facts["settings"]["method"] == "raw"
-    assert facts["definitions"] == {"h": "3", "w": "a=b"}
-    assert facts["warnings"] == ["a note", "the beam misses a corner"]
-    assert facts["plan"] == "max_depth 2"
-    assert facts["radar"]["prf_hz"] == pytest.approx(200.0)  # tol: float rounding
+    record = json.loads((out / "parameters.json").read_text())
+    assert record["seed"] == 9
+    assert record["settings"]["method"] == "raw"
+    assert record["definitions"] == {"h": "3", "w": "a=b"}
+    assert record["warnings"] == ["a note", "the beam misses a corner"]
+    assert record["plan"] == "max_depth 2"
+    assert record["radar"]["prf_hz"] == pytest.approx(200.0)  # tol: float rounding
     assert {"load", "simulate", "focus", "write raw", "write image", "picture", "total"} <= set(
-        facts["seconds"]
+        record["seconds"]
     )
-    assert facts["versions"]["mitsuba"] == "3.9.1"
+    assert record["versions"]["mitsuba"] == "3.9.1"
 
 
 def test_quiet_says_nothing(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
@@ -368,11 +369,11 @@ def test_module_and_version(run: Runner) -> None:
 
 def test_doctor_reports_this_machine(run: Runner) -> None:
     result = run("doctor", "--json")
-    facts = json.loads(result.stdout)
-    checks = {check["name"]: check for check in facts["checks"]}
+    record = json.loads(result.stdout)
+    checks = {check["name"]: check for check in record["checks"]}
     assert {"Python", "mitsuba", "drjit", "back end", "threads", "GPU", "ray rate", "scenes"} <= set(checks)
-    assert facts["ray_rate_per_s"] > 1e5
-    assert result.returncode == (0 if facts["ok"] else 1)
+    assert record["ray_rate_per_s"] > 1e5
+    assert result.returncode == (0 if record["ok"] else 1)
     assert result.stderr == ""
 
 

@@ -32,13 +32,13 @@ def test_recommendation_is_checked_and_can_be_rendered(
         "focuser",
     ):
         assert f"| {name} |" in text
-    facts = json.loads((out / "cost.json").read_text())
-    assert facts["met"] and facts["recommended"]["measured"] and facts["estimate"] == "measured"
+    record = json.loads((out / "cost.json").read_text())
+    assert record["met"] and record["recommended"]["measured"] and record["estimate"] == "measured"
     assert "(predicted)" not in next(x for x in text.splitlines() if x.startswith("recommended for"))
-    assert facts["estimated_against_factor"] == 0.5 and facts["estimated_against"] in text
-    assert facts["recommended"]["error_db"] <= -25.0
+    assert record["estimated_against_factor"] == 0.5 and record["estimated_against"] in text
+    assert record["recommended"]["error_db"] <= -25.0
     # tol: 2 dB, what the command estimates
-    assert abs(facts["check"]["error_db"] - facts["recommended"]["error_db"]) < 2.0
+    assert abs(record["check"]["error_db"] - record["recommended"]["error_db"]) < 2.0
     assert (out / "cost.png").stat().st_size > 0
     line = next(x for x in text.splitlines() if "python -m sarmitsuba render" in x)
     words = line.split()[3:]
@@ -59,9 +59,9 @@ def test_bare_level_ground_is_measured_without_spacings(
         main(["cost", "flat_ground", *given, "--target-error", "-40", "--budget", "12", "-o", str(out)]) == 0
     )
     text = capsys.readouterr().out
-    facts = json.loads((out / "cost.json").read_text())
-    assert "leave spacings out: hybrid" in facts["through_cells"] and facts["through_cells"] in text
-    bare = [c["changes"] for c in facts["front"] if "ray_spacing" not in c["changes"]]
+    record = json.loads((out / "cost.json").read_text())
+    assert "leave spacings out: hybrid" in record["through_cells"] and record["through_cells"] in text
+    bare = [c["changes"] for c in record["front"] if "ray_spacing" not in c["changes"]]
     assert bare and not any("diffuse_ray_spacing" in c for c in bare)
     # what the study switched off, the line to render switches off
-    assert "-D sar_path.keep_orders=false" in facts["options"]
+    assert "-D sar_path.keep_orders=false" in record["options"]

@@ -38,9 +38,9 @@ def test_point_target_ends_up_where_it_is_with_its_rcs(point: Path) -> None:
     assert abs(image.grid.range[column] - 10_000.0) <= 0.5 * image.grid.range_spacing
     # tol: 0.05 dB, spreading kernels and interpolation
     assert 10 * np.log10(power.max()) == pytest.approx(0.0, abs=0.05)
-    facts = json.loads((point / "parameters.json").read_text())
-    assert facts["seed"] == 5
-    assert facts["seconds"]["total"] > 0
+    record = json.loads((point / "parameters.json").read_text())
+    assert record["seed"] == 5
+    assert record["seconds"]["total"] > 0
 
 
 def test_raw_data_alone_focus_to_the_same_image_without_mitsuba(point: Path, tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_the_command_line_overrides_the_image_request(point: Path, tmp_path: Pat
     assert grid.kind == "ground" and grid.azimuth_spacing == 0.5
     np.testing.assert_allclose(grid.origin[:2], [-2.0, 3.0])
     assert np.ptp(grid.azimuth) == 20.0 and 10.0 <= np.ptp(grid.range) <= 11.0
-    facts = json.loads((tmp_path / "parameters.json").read_text())
-    assert facts["image_request"]["extent_range"] == 10.0
+    record = json.loads((tmp_path / "parameters.json").read_text())
+    assert record["image_request"]["extent_range"] == 10.0
 
 
 def test_focusers_and_windows_that_do_not_exist_are_refused_at_once(tmp_path: Path, capsys: Any) -> None:
@@ -186,5 +186,5 @@ def test_radar_is_put_over_another_scene(tmp_path: Path) -> None:
     (tmp_path / "mine.xml").write_text(text)
     options = ("--radar", "airborne_x", "--no-focus")
     out = render(str(tmp_path / "mine.xml"), tmp_path / "out", *options)
-    facts = json.loads((out / "parameters.json").read_text())
-    assert facts["radar"]["center_frequency_hz"] > 8e9
+    record = json.loads((out / "parameters.json").read_text())
+    assert record["radar"]["center_frequency_hz"] > 8e9

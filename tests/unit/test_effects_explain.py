@@ -24,9 +24,9 @@ def test_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "dihedral", "--json", "-D", "polarisation=HH"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["plan"]["channels"] == ["HH"]
-    assert facts["prediction"]["total_seconds"] > 0.0 and facts["prediction"]["memory_bytes"] > 1e7
+    record = json.loads(capsys.readouterr().out)
+    assert record["plan"]["channels"] == ["HH"]
+    assert record["prediction"]["total_seconds"] > 0.0 and record["prediction"]["memory_bytes"] > 1e7
     assert main(["explain", "dihedral", "--json", "--plan-only"]) == 0
     assert "prediction" not in json.loads(capsys.readouterr().out)
 

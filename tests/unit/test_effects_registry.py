@@ -273,13 +273,13 @@ def test_an_explicit_depth_is_obeyed(corner: Scene, ground: Scene) -> None:
 def test_summary_and_json(corner: Scene) -> None:
     plan = plan_effects(corner).with_key_pulses(32, -40.0, asked=False)
     assert plan.summary().startswith("max_depth 8, key_pulse_interval 32; on: coherent")
-    facts = json.loads(json.dumps(plan.as_dict()))
-    assert facts["effects"]["fresnel"] == {
+    record = json.loads(json.dumps(plan.as_dict()))
+    assert record["effects"]["fresnel"] == {
         "on": False,
         "why": "all conductors are perfect",
         "value": None,
         "error_db": None,
-        "cost": facts["effects"]["fresnel"]["cost"],
+        "cost": record["effects"]["fresnel"]["cost"],
         "source": "fact",
     }
     # a plan without decisions, as others make it, changes nothing

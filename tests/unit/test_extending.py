@@ -20,8 +20,8 @@ from sarmitsuba.io import write_image
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.registry import Registry
-from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 

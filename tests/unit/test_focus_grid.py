@@ -11,7 +11,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
 from sarmitsuba.focusing.grid import default_grid, natural_spacing
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.scene.settings import ImageRequest
+from sarmitsuba.radar.image_request import ImageRequest
 
 
 def request(**changes: Any) -> ImageRequest:

@@ -31,8 +31,8 @@ from sarmitsuba.focusing.focusers.backprojection import Backprojection, backproj
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.settings import ImageRequest
 
 REQUEST = ImageRequest(extent_azimuth=12.0, extent_range=12.0)
 
@@ -146,7 +146,7 @@ import sys
 import numpy as np
 from sarmitsuba.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.scene.settings import ImageRequest
+from sarmitsuba.radar.image_request import ImageRequest
 assert not {"mitsuba", "drjit"} & set(sys.modules)
 raw = ideal_echoes(ideal_radar(n_samples=128, resolution=4.0), np.zeros(3))
 for focuser in FOCUSERS:

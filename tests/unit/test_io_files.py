@@ -125,7 +125,7 @@ def test_exr_has_named_channels(tmp_path: Path) -> None:
     write_image(image, tmp_path / "image.exr")
     with OpenEXR.File(str(tmp_path / "image.exr"), separate_channels=True) as file:
         channels = {name: channel.pixels for name, channel in file.channels().items()}
-        facts = json.loads(file.header()["sarmitsuba"])
+        record = json.loads(file.header()["sarmitsuba"])
     assert set(channels) == {
         "VV.re", "VV.im", "VV.order1.re", "VV.order1.im", "VV.order2.re", "VV.order2.im", "HV.re", "HV.im",
     }  # fmt: skip
@@ -133,11 +133,11 @@ def test_exr_has_named_channels(tmp_path: Path) -> None:
     assert np.array_equal(channels["VV.order2.re"], image.data[2].real)
     assert np.array_equal(channels["VV.im"], image.data[:3].sum(axis=0).imag)
     assert np.array_equal(channels["HV.im"], image.data[3].imag)
-    assert facts["range_spacing_m"] == pytest.approx(0.7)  # tol: float rounding of a difference
+    assert record["range_spacing_m"] == pytest.approx(0.7)  # tol: float rounding of a difference
 
 
 def test_parameters_are_standard_json(tmp_path: Path) -> None:
-    facts = {
+    record = {
         "a": np.float32(1.5),
         "b": float("-inf"),
         "c": (1, 2),
@@ -145,7 +145,7 @@ def test_parameters_are_standard_json(tmp_path: Path) -> None:
         "e": np.arange(3),
         "f": 1 + 2j,
     }
-    parameters.write(tmp_path / "p.json", facts)
+    parameters.write(tmp_path / "p.json", record)
     assert json.loads((tmp_path / "p.json").read_text(encoding="utf-8"), parse_constant=pytest.fail) == {
         "a": 1.5, "b": "-inf", "c": [1, 2], "d": "x/y", "e": [0, 1, 2], "f": [1.0, 2.0],
     }  # fmt: skip

@@ -13,9 +13,9 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.radar_parameters import FILM, SENSOR, FilmDescription, RadarDescription
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, rectangle
+from sarmitsuba.radar.description import FILM, SENSOR, FilmDescription, RadarDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings

@@ -7,8 +7,8 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning
-from sarmitsuba.loader.radar_builder import build_radar
-from sarmitsuba.loader.radar_parameters import RadarInput
+from sarmitsuba.radar.builder import build_radar
+from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])

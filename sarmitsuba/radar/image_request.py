@@ -1,18 +1,43 @@
-"""Which image to focus when the scene file does not say: about the aim point, as large as the geometry."""
+"""Which image to focus; what the description leaves open is about the aim point, as large as the geometry."""
+
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.loader.radar_parameters import FilmDescription
+from sarmitsuba.radar.description import FilmDescription
 from sarmitsuba.radar.swath import Box
-from sarmitsuba.scene.settings import ImageRequest
 
 F64 = NDArray[np.float64]
 
 MAX_PIXELS = 2**30  # of one image plane: 8 GiB
 MAX_CELLS = 2048  # automatic extents stop here: an image of 4096 x 4096 pixels at half a cell
 _MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
+
+
+@dataclass(frozen=True)
+class ImageRequest:
+    """Which image is asked for.
+
+    Parameters
+    ----------
+    grid : ``slant`` or ``ground``
+    center_x, center_y : m, scene frame
+    height : m, scene frame; of the horizontal plane the image stands on
+    extent_azimuth, extent_range : m on the ground
+    spacing_azimuth, spacing_range : m; 0 = half a resolution cell
+    """
+
+    grid: Literal["slant", "ground"] = "slant"
+    center_x: float = 0.0
+    center_y: float = 0.0
+    height: float = 0.0
+    extent_azimuth: float = 100.0
+    extent_range: float = 100.0
+    spacing_azimuth: float = 0.0
+    spacing_range: float = 0.0
 
 
 def build_image_request(
@@ -124,4 +149,4 @@ def image_box(image: ImageRequest, scene: Box) -> Box:
     return Box(scene.origin, scene.axes, low, high)
 
 
-__all__ = ["MAX_CELLS", "build_image_request", "image_box"]
+__all__ = ["MAX_CELLS", "ImageRequest", "build_image_request", "image_box"]

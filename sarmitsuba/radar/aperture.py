@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track

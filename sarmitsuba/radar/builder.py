@@ -7,24 +7,23 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.loader.aperture import (
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.antenna import SINC_HALF_POWER, Antenna
+from sarmitsuba.radar.aperture import (
     geometry_from_angles,
     geometry_of_track,
     given_track,
     known_azimuth_cell,
     straight_track,
 )
-from sarmitsuba.loader.image_request import build_image_request, image_box
-from sarmitsuba.loader.radar_parameters import RadarInput
-from sarmitsuba.parameters import one_line
-from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.swath import Box, bounds_in_axes, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
@@ -32,7 +31,6 @@ F64 = NDArray[np.float64]
 CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
-_HALF_POWER = 0.442946470689452  # sinc^2(u) = 1/2
 
 
 def build_radar(
@@ -134,11 +132,11 @@ def _antenna(given: RadarInput, wavelength: float) -> Antenna:
                 f"{size_name} = {size:g} m above 0; give exactly one"
             )
         if size > 0.0:
-            sine = _HALF_POWER * wavelength / size
+            sine = SINC_HALF_POWER * wavelength / size
             if sine >= 1.0:
                 raise RadarError(
-                    f"{given.where}: {size_name} = {size:g} m is below {_HALF_POWER:.3f} wavelengths "
-                    f"({_HALF_POWER * wavelength:g} m); enlarge it or give {width_name}"
+                    f"{given.where}: {size_name} = {size:g} m is below {SINC_HALF_POWER:.3f} wavelengths "
+                    f"({SINC_HALF_POWER * wavelength:g} m); enlarge it or give {width_name}"
                 )
             widths.append(2.0 * float(np.arcsin(sine)))
         else:

@@ -1,0 +1,45 @@
+"""Arguments that name a scene, the same for every command that takes one."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene itself, a radar in place of its own, and values for its parameters."""
+    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
+    parser.add_argument(
+        "--radar",
+        metavar="RADAR",
+        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
+    )
+    parser.add_argument(
+        "-D",
+        "--define",
+        action="append",
+        default=[],
+        type=_definition,
+        metavar="NAME=VALUE",
+        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
+    )
+
+
+def scene_of(args: argparse.Namespace) -> "Scene":
+    """Load the scene that the arguments name."""
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.loader.load import load_scene
+
+    radar = resolve_radar(args.radar) if args.radar else None
+    return load_scene(args.scene, radar=radar, parameters=dict(args.define))
+
+
+def _definition(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
+    return name, value
+
+
+__all__ = ["add_scene_arguments", "scene_of"]
