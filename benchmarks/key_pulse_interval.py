@@ -45,9 +45,7 @@ def run(quick: bool) -> harness.Report:
         )
         report.data[name] = rows
         axes.semilogx([r[0] for r in rows[1:]], [r[1] for r in rows[1:]], "o-", base=2, label=name)
-    axes.set(
-        xlabel="pulses per key pulse", ylabel="error of the image (dB)", title="Key-pulse interval"
-    )
+    axes.set(xlabel="pulses per key pulse", ylabel="error of the image (dB)", title="Key-pulse interval")
     axes.legend()
     report.figure("error", figure)
     return report

@@ -38,20 +38,27 @@ def dropped_factor_two() -> AbstractContextManager[None]:
 
 
 def flipped_phase_sign() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators as accumulators
-
-    return _replaced(accumulators, "phase_factor", lambda f: lambda *a: dr.conj(f(*a)))
+    return _phase_factors(lambda f: lambda *a: dr.conj(f(*a)))
 
 
 def one_way_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators as accumulators
-
     # exp(-j 2 pi R / lambda): the way back is forgotten
-    return _replaced(accumulators, "phase_factor", lambda f: lambda x, w: f(x, 2.0 * w))
+    return _phase_factors(lambda f: lambda x, w: f(x, 2.0 * w))
+
+
+def _phase_factors(make: Callable[[Any], Any]) -> AbstractContextManager[None]:
+    """Replace the phase of a path in every module that forms it."""
+    from sarmitsuba.simulation import pilot
+    from sarmitsuba.trace import accumulators, look_accumulator
+
+    return _all(
+        *(_replaced(module, "phase_factor", make) for module in (accumulators, look_accumulator, pilot))
+    )
 
 
 def float32_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import accumulators as accumulators
+    from sarmitsuba.trace import accumulators
+    from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
     # lengths to the antenna, not differences, in single precision
     def make(f: Any) -> Any:
@@ -61,6 +68,7 @@ def float32_phase() -> AbstractContextManager[None]:
         _replaced(accumulators.SumAccumulator, "add", make),
         _replaced(accumulators.DirectAccumulator, "add", make),
         _replaced(accumulators.BlockAccumulator, "add", make),
+        _replaced(ImageAccumulator, "add", make),
     )
 
 
