@@ -30,7 +30,7 @@ FINE_RAYS = 2_000_000
 # overlap and leave none out
 FOOTPRINT_PER_CELL = 1.0
 # scatterer cells a resolution cell, per axis: at one or more the speckle of a pixel is exactly Gaussian
-CELLS_PER_RESOLUTION = 1.05
+CELLS_PER_RESOLUTION = 1.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +169,8 @@ def scatterer_cell(scene: Scene, incidence: float) -> float:
     """Edge of the diffuse scatterers' cells: as asked, or just below the finer ground resolution, m."""
     if scene.settings.scatterer_cell > 0:
         return scene.settings.scatterer_cell
-    ground = scene.radar.waveform.range_cell / max(np.sin(incidence), 0.05)
-    return float(min(azimuth_cell(scene), ground) / CELLS_PER_RESOLUTION)
+    finest = min(azimuth_cell(scene), scene.radar.waveform.range_cell) / CELLS_PER_RESOLUTION
+    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(finest))))
 
 
 def ray_spacing(scene: Scene, window: LaunchWindow, diffuse: bool, coherent: bool) -> float:
@@ -207,7 +207,8 @@ def diffuse_spacing(scene: Scene, window: LaunchWindow) -> float:
     slant = np.cos(window.incidence)
     if steep:
         slant = min(slant, np.sin(window.incidence))
-    return float(FOOTPRINT_PER_CELL * scatterer_cell(scene, window.incidence) * max(slant, 0.2))
+    ground = scene.radar.waveform.range_cell / max(np.sin(window.incidence), 0.05)
+    return float(FOOTPRINT_PER_CELL * min(azimuth_cell(scene), ground) / 1.05 * max(slant, 0.2))
 
 
 def cell_grid(scene: Scene, window: LaunchWindow) -> LaunchGrid:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, tube
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
-from sarmitsuba.trace.speckle import CellFrame
+from sarmitsuba.trace.speckle import ScattererLattice, cell_on
 from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
@@ -98,11 +98,11 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
 
 @dataclass(frozen=True, eq=False)
 class DiffuseReturns:
-    """The diffuse returns of one hit, less what its scatterer cells have of their own.
+    """The diffuse returns of one hit, less what its scatterers have of their own.
 
     Parameters
     ----------
-    frame : scatterer cells that the patch of the facet overlaps
+    lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors on the way home
     retro : the same back along the ray's own chain; None where there are no such paths
     straight_weight, retro_weight : factors of both
@@ -112,48 +112,44 @@ class DiffuseReturns:
     lane: Lane
     ray: RayState
     hit: Hit
-    frame: CellFrame
+    lattice: ScattererLattice
     straight: list[list[mi.Complex2f]]
     retro: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
 
-    def contributions(self) -> list[Contribution]:
-        """All of them."""
-        out = []
+    def contributions(self, index: mi.UInt32) -> list[Contribution]:
+        """Those of node ``index``."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        cells = self.frame.cells() if flags.footprint_splitting else self.frame.own()
-        for share, centre, key in cells:
-            random = speckle_coefficients(key, hit.row.w, flags)
-            leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
-            length, length_back = dr.norm(leg), dr.norm(leg_back)
-            rate_out = -dr.dot(leg, ray.virtual_velocity) / length
-            rate_back = dr.dot(leg_back, lane.velocity) / length_back
-            factor = self.straight_weight * share
-            straight = Contribution(
-                kind=mi.UInt32(DIFFUSE),
-                order=hit.order,
-                pulse=lane.pulse,
-                slant_range=0.5 * (length + length_back),
-                range_rate=0.5 * (rate_out + rate_back),
-                amplitudes=tuple(_mixed(terms, random) * factor for terms in self.straight),
-                active=hit.sees & (share > 0.0),
-            )
-            out.append(straight)
-            if self.retro is not None:
-                factor = self.retro_weight * share
-                # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
-                retro = replace(
-                    straight,
-                    kind=mi.UInt32(RETRO),
-                    order=2 * hit.order - 1,
-                    slant_range=length,
-                    range_rate=rate_out,
-                    amplitudes=tuple(_mixed(terms, random) * factor for terms in self.retro),
-                    active=hit.active & ~hit.first & (share > 0.0),
-                )
-                out.append(retro)
-        return out
+        inside, centre, *numbers = self.lattice.node(index)
+        key = self.lattice.key(*numbers, self.kernel.constants.seed)
+        random = speckle_coefficients(key, hit.row.w, flags)
+        leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
+        length, length_back = dr.norm(leg), dr.norm(leg_back)
+        rate_out = -dr.dot(leg, ray.virtual_velocity) / length
+        rate_back = dr.dot(leg_back, lane.velocity) / length_back
+        straight = Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=hit.order,
+            pulse=lane.pulse,
+            slant_range=0.5 * (length + length_back),
+            range_rate=0.5 * (rate_out + rate_back),
+            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
+            active=hit.sees & inside,
+        )
+        if self.retro is None:
+            return [straight]
+        # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
+        retro = replace(
+            straight,
+            kind=mi.UInt32(RETRO),
+            order=2 * hit.order - 1,
+            slant_range=length,
+            range_rate=rate_out,
+            amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
+            active=hit.active & ~hit.first & inside,
+        )
+        return [straight, retro]
 
 
 def close_diffuse(
@@ -181,24 +177,17 @@ def close_diffuse(
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
 
     patch = tube_here.patch
-    middle, wide_u, wide_v = patch.box(tube_here.u, tube_here.v)
-    frame = CellFrame(
-        hit.p + mi.Vector3d(middle) if flags.footprint_splitting else hit.p,
-        hit.normal64,
-        (tube_here.u, tube_here.v),
-        (wide_u, wide_v),
-        hit.group,
-        constants.cell,
-        constants.seed,
+    lattice = ScattererLattice.of(
+        hit.p, hit.normal64, tube_here.u, tube_here.v, patch, cell_on(constants.cell, hit.largest_cell), hit.active
     )
-    bias = frame.bias if flags.footprint_splitting else 1.0
-    weight = constants.amplitude * tube_here.area * patch.area() * dr.rsqrt(frame.area * bias)
+    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
     return DiffuseReturns(
         kernel=kernel,
         lane=lane,
         ray=ray,
         hit=hit,
-        frame=frame,
+        lattice=lattice,
         straight=straight,
         retro=retro,
         straight_weight=weight * tube_here.loss * receive.gain,

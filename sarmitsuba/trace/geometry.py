@@ -15,11 +15,14 @@ from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.mesh.meshes import weld
+from sarmitsuba.mesh.pieces import piece_of, piece_sizes
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.curvature import facet_curvature
 
 DIFFUSE_NODES = 256
+# diffuse scatterers on the smallest piece of surface: what it returns then follows its area to a few per cent
+LEAST_SCATTERERS = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,8 @@ class TraceScene:
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
-    face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
+    face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), largest
+        cell of a diffuse scatterer on the face's piece of surface (the bits of a float32, m)
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
@@ -124,11 +128,13 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
     halfway = np.array([m.diffuse_law in HALF_VECTOR_LAWS for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
-    info = np.stack(
-        [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1
-    )
     triangles = np.stack([v0, v1, v2], axis=1)
     vertex = weld(triangles.reshape(-1, 3))
+    area, width = piece_sizes(triangles, piece_of(triangles, vertex))
+    largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
+    info = np.stack(
+        [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), largest.view(np.uint32)], axis=1
+    )
     group = geometry.face_group[rows_kept]
     return TraceScene(
         mi_scene=mi_scene,

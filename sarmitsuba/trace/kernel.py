@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import close_coherent, close_diffuse, receiver
+from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver
 from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, reflect
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
 
@@ -95,12 +95,33 @@ def _bounce(
     returns: list[Contribution] = []
     if flags.coherent:
         returns.append(close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive))
-    if flags.diffuse:
-        returns += close_diffuse(kernel, lane, ray, hit, tube_here, receive).contributions()
     added, count = _add(accumulator, added, returns, ray.contributions)
+    if flags.diffuse:
+        diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
+        added, count = _add_scatterers(diffuse, accumulator, added, count)
     if not flags.multi_bounce:
         return replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count), added
     return replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count), added
+
+
+def _add_scatterers(
+    diffuse: DiffuseReturns, accumulator: Accumulator, added: LaneArrays, count: mi.UInt32
+) -> tuple[LaneArrays, mi.UInt32]:
+    """Add the returns of every scatterer in the patch, one after the other."""
+
+    def left(index: mi.UInt32, added: LaneArrays, count: mi.UInt32) -> mi.Bool:
+        return index < diffuse.lattice.count
+
+    def one(
+        index: mi.UInt32, added: LaneArrays, count: mi.UInt32
+    ) -> tuple[mi.UInt32, LaneArrays, mi.UInt32]:
+        added, count = _add(accumulator, added, diffuse.contributions(index), count)
+        return index + 1, added, count
+
+    _, added, count = dr.while_loop(
+        (mi.UInt32(0), added, count), left, one, labels=("index", "added", "count"), label="scatterers"
+    )
+    return added, count
 
 
 def _add(

@@ -150,7 +150,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
         material=info.x,
-        group=info.y,
+        largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
         corner=corner,
         centroid=centroid,
