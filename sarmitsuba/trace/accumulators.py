@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Contribution
 
 
+# numbers in the smallest grid (0.5 MB), and in the largest of those that are doubled rather than grown by half
+SMALLEST_GRID = 1 << 16
+LARGEST_POWER_OF_TWO = 1 << 20
+
+
 class SumAccumulator:
     """Coherent sum in the lane itself, for look-by-look radar cross sections; no memory traffic at all.
 
@@ -86,7 +91,7 @@ class GridAccumulator:
         self.padded = 1 << (n_channels - 1).bit_length()
         self.max_order = max_order
         self.wavelength = wavelength
-        self.memory = dr.zeros(mi.Float64, _rounded(2 * self.padded * n_slots * n_rows * n_columns))
+        self.memory = dr.zeros(mi.Float64, rounded_size(2 * self.padded * n_slots * n_rows * n_columns))
         self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
@@ -148,10 +153,13 @@ class GridAccumulator:
         return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n), dtype=np.complex64)
 
 
-def _rounded(n: int) -> int:
-    """At most an eighth more: the size is compiled into an expanding scatter-add, and few sizes mean few kernels."""
-    step = 1 << max(n.bit_length() - 4, 0)
-    return -(-n // step) * step
+def rounded_size(n: int) -> int:
+    """Numbers to allocate for ``n``: the size is compiled into an expanding scatter-add, few sizes mean few kernels.
+
+    Powers of two, and where memory counts also one and a half times those.
+    """
+    size = max(1 << (n - 1).bit_length(), SMALLEST_GRID)
+    return 3 * size // 4 if n <= 3 * size // 4 and size > LARGEST_POWER_OF_TWO else size
 
 
 class BlockAccumulator(GridAccumulator):
@@ -238,4 +246,5 @@ __all__ = [
     "SumAccumulator",
     "grid_cells",
     "phase_factor",
+    "rounded_size",
 ]

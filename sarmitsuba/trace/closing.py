@@ -118,11 +118,26 @@ class DiffuseReturns:
     straight_weight: mi.Float
     retro_weight: mi.Float
 
-    def contributions(self, index: mi.UInt32) -> list[Contribution]:
-        """Those of node ``index``."""
+    @property
+    def slots(self) -> mi.UInt32:
+        """Number of returns that there may be: one per node of the lattice, or two, home and back along the chain."""
+        return self.lattice.count * (1 if self.retro is None else 2)
+
+    def there(self, slot: mi.UInt32) -> mi.Bool:
+        """Whether a slot holds a return: its node lies in the patch, and the antenna sees it or the chain leads back."""
+        hit = self.hit
+        if self.retro is None:
+            return hit.sees & self.lattice.inside(slot)
+        back = (slot & 1) == 1
+        reached = dr.select(back, hit.active & ~hit.first, hit.sees)
+        return reached & self.lattice.inside(slot >> 1)
+
+    def contribution(self, slot: mi.UInt32, active: mi.Bool) -> Contribution:
+        """The return of a slot, another one in every lane."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        inside, centre, *numbers = self.lattice.node(index)
-        key = self.lattice.key(*numbers, self.kernel.constants.seed)
+        centre, key = self.lattice.scatterer(
+            slot if self.retro is None else slot >> 1, self.kernel.constants.seed
+        )
         random = speckle_coefficients(key, hit.row.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
@@ -135,21 +150,31 @@ class DiffuseReturns:
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
             amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
-            active=hit.sees & inside,
+            active=active,
         )
         if self.retro is None:
-            return [straight]
-        # out through the chain, back through it, the scatterer once: 2 n - 1 reflections
+            return straight
         retro = replace(
             straight,
             kind=mi.UInt32(RETRO),
-            order=2 * hit.order - 1,
+            order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
             amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
-            active=hit.active & ~hit.first & inside,
         )
-        return [straight, retro]
+        return selected((slot & 1) == 1, retro, straight)
+
+
+def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
+    """``a`` in the lanes where the condition holds, else ``b``; pulse and activity of ``b``."""
+    return replace(
+        b,
+        kind=dr.select(condition, a.kind, b.kind),
+        order=dr.select(condition, a.order, b.order),
+        slant_range=dr.select(condition, a.slant_range, b.slant_range),
+        range_rate=dr.select(condition, a.range_rate, b.range_rate),
+        amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
+    )
 
 
 def close_diffuse(
@@ -178,7 +203,13 @@ def close_diffuse(
 
     patch = tube_here.patch
     lattice = ScattererLattice.of(
-        hit.p, hit.normal64, tube_here.u, tube_here.v, patch, cell_on(constants.cell, hit.largest_cell), hit.active
+        hit.p,
+        hit.normal64,
+        tube_here.u,
+        tube_here.v,
+        patch,
+        cell_on(constants.cell, hit.largest_cell),
+        hit.active,
     )
     # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
     weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
@@ -200,4 +231,4 @@ def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
 
-__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver"]
+__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver", "selected"]

@@ -11,12 +11,11 @@ mirrors, and diffuse-to-diffuse bounces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver
+from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver, selected
 from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, reflect
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
 
@@ -92,45 +91,73 @@ def _bounce(
     tube_here = footprint(kernel, lane, ray, hit)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive = receiver(kernel, lane, hit)
-    returns: list[Contribution] = []
+    coherent = diffuse = None
     if flags.coherent:
-        returns.append(close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive))
-    added, count = _add(accumulator, added, returns, ray.contributions)
+        coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
     if flags.diffuse:
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
-        added, count = _add_scatterers(diffuse, accumulator, added, count)
+    added, count = _add(accumulator, added, coherent, diffuse)
+    count = ray.contributions + count
     if not flags.multi_bounce:
         return replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count), added
     return replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count), added
 
 
-def _add_scatterers(
-    diffuse: DiffuseReturns, accumulator: Accumulator, added: LaneArrays, count: mi.UInt32
-) -> tuple[LaneArrays, mi.UInt32]:
-    """Add the returns of every scatterer in the patch, one after the other."""
-
-    def left(index: mi.UInt32, added: LaneArrays, count: mi.UInt32) -> mi.Bool:
-        return index < diffuse.lattice.count
-
-    def one(
-        index: mi.UInt32, added: LaneArrays, count: mi.UInt32
-    ) -> tuple[mi.UInt32, LaneArrays, mi.UInt32]:
-        added, count = _add(accumulator, added, diffuse.contributions(index), count)
-        return index + 1, added, count
-
-    _, added, count = dr.while_loop(
-        (mi.UInt32(0), added, count), left, one, labels=("index", "added", "count"), label="scatterers"
-    )
-    return added, count
-
-
 def _add(
-    accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution], count: mi.UInt32
+    accumulator: Accumulator,
+    added: LaneArrays,
+    coherent: Contribution | None,
+    diffuse: DiffuseReturns | None,
 ) -> tuple[LaneArrays, mi.UInt32]:
-    """Hand contributions to the accumulator and count them."""
-    for contribution in returns:
-        count = dr.select(contribution.active, count + 1, count)
-        added = accumulator.add(added, contribution)
+    """Hand the contributions of a hit to the accumulator; returns how many there are.
+
+    Each lane goes through its own in a loop, so that the accumulator's code, long for spreading kernels, is in the
+    kernel once, and lanes with one contribution do not wait for the slots of nine.
+    """
+    if diffuse is None:
+        if coherent is None:
+            return added, mi.UInt32(0)
+        return accumulator.add(added, coherent), dr.select(coherent.active, mi.UInt32(1), 0)
+    extra = 0 if coherent is None else 1  # slot 0 is the coherent return
+    slots = diffuse.slots + extra
+
+    def there(slot: mi.UInt32) -> mi.Bool:
+        if coherent is None:
+            return diffuse.there(slot)
+        return dr.select(slot == 0, coherent.active, diffuse.there(slot - 1))
+
+    def next_slot(slot: mi.UInt32) -> mi.UInt32:
+        """The first slot from this one on that holds a return."""
+        return dr.while_loop(
+            (slot,),
+            lambda slot: (slot < slots) & ~there(slot),
+            lambda slot: (slot + 1,),
+            labels=("slot",),
+            label="slots",
+            mode="symbolic",
+        )[0]
+
+    def some_left(slot: mi.UInt32, count: mi.UInt32, added: LaneArrays) -> mi.Bool:
+        return slot < slots
+
+    def add_next(
+        slot: mi.UInt32, count: mi.UInt32, added: LaneArrays
+    ) -> tuple[mi.UInt32, mi.UInt32, LaneArrays]:
+        active = slot < slots
+        if coherent is None:
+            contribution = diffuse.contribution(slot, active)
+        else:
+            contribution = selected(slot == 0, coherent, diffuse.contribution(slot - 1, active))
+        return next_slot(slot + 1), count + 1, accumulator.add(added, contribution)
+
+    _, count, added = dr.while_loop(
+        (next_slot(mi.UInt32(0)), mi.UInt32(0), added),
+        some_left,
+        add_next,
+        labels=("slot", "count", "added"),
+        label="contributions",
+        mode="symbolic",
+    )
     return added, count
 
 

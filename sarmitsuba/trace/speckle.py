@@ -111,18 +111,27 @@ class ScattererLattice:
             area=mi.Float(cell * cell / dr.abs(nc)),
         )
 
-    def node(self, index: mi.UInt32) -> tuple[mi.Bool, mi.Vector3d, mi.Float64, mi.Float64, mi.Float64]:
-        """Whether node ``index`` of the patch's bounds lies in the patch, where it is (m), and its lattice numbers."""
+    def _node(self, index: mi.UInt32) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64]:
+        """Lattice numbers and the two coordinates (m) of a node, counted within the patch's bounds."""
         row = index // self.columns
         ia = self.first_a + mi.Float64(row)
         ib = self.first_b + mi.Float64(index - row * self.columns)
-        ca, cb = (ia + _fraction(ib * STEP_A)) * self.cell, (ib + _fraction(ia * STEP_B)) * self.cell
+        return ia, ib, (ia + _fraction(ib * STEP_A)) * self.cell, (ib + _fraction(ia * STEP_B)) * self.cell
+
+    def inside(self, index: mi.UInt32) -> mi.Bool:
+        """Whether a node lies in the patch."""
+        _, _, ca, cb = self._node(index)
         da, db = mi.Float(ca - self.a), mi.Float(cb - self.b)
         ka, kb, la, lb = self.inverse
         alpha, beta = ka * da + kb * db, la * da + lb * db
         inside = mi.Bool(True)
         for (px, py), (qx, qy) in zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True):
             inside &= (qx - px) * (beta - py) - (qy - py) * (alpha - px) >= 0.0
+        return inside
+
+    def scatterer(self, index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
+        """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
+        ia, ib, ca, cb = self._node(index)
         # along the left-out axis onto the tangent plane
         cc = self.c - (ca - self.a) * self.slope_a - (cb - self.b) * self.slope_b
         point = mi.Vector3d(
@@ -132,16 +141,13 @@ class ScattererLattice:
         )
         # layers of a few cells tell surfaces apart that lie over one another
         layer = dr.floor(cc / (self.cell * LAYER_CELLS) + 0.4142)
-        return inside, point, ia, ib, layer
-
-    def key(self, ia: mi.Float64, ib: mi.Float64, layer: mi.Float64, seed: mi.UInt32) -> mi.UInt32:
-        """Hash of a node: the same whichever ray, facet, pulse or look finds it."""
         u32, i32 = mi.UInt32, mi.Int32
         axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
         size = dr.reinterpret_array(u32, mi.Float(self.cell))
         key = mix(u32(i32(ia)) * 0x9E3779B1 + seed)
         key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
-        return mix(key ^ (u32(i32(layer)) * 0xC2B2AE3D + axis * 0x165667B1 + size * 0xD3A2646C))
+        key = mix(key ^ (u32(i32(layer)) * 0xC2B2AE3D + axis * 0x165667B1 + size * 0xD3A2646C))
+        return point, key
 
 
 # a node's place in its cell goes on by these irrational steps from row to row and column to column, so that strips
