@@ -55,4 +55,36 @@ def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
     return total[piece], width[piece]
 
 
-__all__ = ["GOES_ON", "piece_of", "piece_sizes"]
+def ray_needs(
+    corners: F64, area: F64, width: F64, curvature: F64 | None, wavelength: float
+) -> tuple[F64, F64]:
+    r"""Largest distance between rays that serves each triangle, for coherent and for diffuse returns, m, (n,) each.
+
+    A piece of surface wants two rays across its width and ``RAYS_ACROSS`` across its size. For coherent returns
+    its bend within a tube must also stay small against the wavelength: with the radius of curvature :math:`\rho`
+
+    .. math:: d = \sqrt{0.1 \lambda \rho} \geq \lambda / 4.5
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    area, width : (n,) m^2 and m, of each triangle's piece
+    curvature : (n, 8) of :func:`sarmitsuba.trace.curvature.facet_curvature`, None where nothing bends
+    wavelength : m
+    """
+    size = np.minimum(0.5 * width, np.sqrt(area) / RAYS_ACROSS)
+    finest = wavelength / 4.5
+    coherent = np.maximum(size, 0.5 * finest)
+    if curvature is not None:
+        strongest = np.sqrt(np.square(curvature[:, :3]).sum(axis=1) + 2.0 * np.square(curvature[:, 3:6]).sum(axis=1))
+        bent = strongest > 0.0
+        radius = 1.0 / np.where(bent, strongest, 1.0)
+        tube = np.maximum(np.sqrt(0.1 * wavelength * radius), finest)
+        coherent = np.where(bent, np.minimum(coherent, tube), coherent)
+    return coherent, size
+
+
+# rays across a small piece of surface, each way: how many a lattice lays over it then varies little
+RAYS_ACROSS = 5.0
+
+__all__ = ["GOES_ON", "RAYS_ACROSS", "piece_of", "piece_sizes", "ray_needs"]

@@ -30,6 +30,7 @@ class LaunchGrid:
     purpose : returns that these rays are for; the two kinds want different densities
     frame : plane of its own, None for that of the launch window
     weight : (n_rays,) float32, amplitude of every ray, None where the window's fade-out holds
+    needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
     """
 
     x: F32
@@ -42,6 +43,7 @@ class LaunchGrid:
     purpose: Purpose = "all"
     frame: "LaunchFrame | None" = None
     weight: F32 | None = None
+    needs: tuple[float, float] | None = None
 
     @property
     def n_rays(self) -> int:

@@ -14,6 +14,7 @@ from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Refle
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.launch import LaunchGrid
 
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
@@ -102,6 +103,16 @@ def _launch_weight(kernel: Kernel, ray: mi.UInt32, gx: mi.Float, gy: mi.Float) -
     return mi.Float(1.0)
 
 
+def _served(grid: LaunchGrid, info: mi.Vector4u) -> mi.Bool:
+    """Whether the rays of this lattice stand for a face: each face has the lattice that is fine enough for it."""
+    if grid.needs is None:
+        return mi.Bool(True)
+    coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
+    need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[grid.purpose]
+    low, high = (dr.opaque(mi.Float, x) for x in grid.needs)
+    return (need >= low) & (need < high)
+
+
 def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
     """How far back from ``start`` along the ray the scene's bounds begin, m: float32 is most exact next to them."""
     low, high = (mi.Vector3d(*(dr.opaque(mi.Float64, float(x)) for x in corner)) for corner in scene.bounds)
@@ -120,7 +131,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, corner, centroid = _hit_point(scene, face, uv, active)
-    info = dr.gather(mi.Vector2u, scene.face_info, face, active)
+    info = dr.gather(mi.Vector4u, scene.face_info, face, active)
+    active &= ~first | _served(kernel.grid, info)
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
