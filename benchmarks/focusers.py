@@ -1,4 +1,4 @@
-"""Focusers: speed and error of backprojection by interpolation, omega-K beside it, point-target quality of both.
+"""Focusers: speed and error of backprojection by interpolation, and all focusers side by side.
 
 Usage: python benchmarks/focusers.py [--quick] [-o FOLDER]
 
@@ -19,10 +19,9 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing import FOCUSERS, default_grid, focus
+from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.omega_k import omega_k
 from sarmitsuba.image.metrics import image_error_db, point_target_in
 from sarmitsuba.image.sar_image import ImageGrid
 
@@ -128,30 +127,31 @@ def backprojection_table(quick: bool) -> list[dict[str, Any]]:
 
 
 def method_table(quick: bool) -> list[dict[str, Any]]:
-    """Both focusers on the same slant grid: seconds, and difference between their images."""
+    """All focusers on the same slant grid: seconds, and difference between their images."""
     pixels = PIXELS_QUICK if quick else PIXELS
     radar = speed_radar(n_samples=2 * pixels)
     raw = ideal_echoes(radar, [[0, 0, 0], [30, -20, 0], [-25, 10, 0]])
     grid = default_grid(radar, square(pixels, "slant"))
     images, seconds = {}, {}
-    for name, method in (("backprojection", backproject), ("omega_k", omega_k)):
+    for name in [f.name for f in FOCUSERS if not f.refusal(radar, grid)]:
         times = []
         for _ in range(1 + (ROUNDS_QUICK if quick else ROUNDS)):
             start = time.perf_counter()
-            images[name] = method(raw, grid)
+            images[name] = focus(raw, grid, focuser=name).data
             times.append(time.perf_counter() - start)
         seconds[name] = statistics.median(times[1:])
-    difference = image_error_db(images["omega_k"], images["backprojection"])
     return [
         {
             "method": name,
             "seconds": seconds[name],
             "ratio": seconds["backprojection"] / seconds[name],
-            "difference_db": difference if name == "omega_k" else None,
+            "difference_db": None
+            if name == "backprojection"
+            else image_error_db(image, images["backprojection"]),
             "pixels": list(grid.shape),
             "pulses": radar.track.n_pulses,
         }
-        for name in images
+        for name, image in images.items()
     ]
 
 
@@ -164,8 +164,8 @@ def quality_table() -> list[dict[str, Any]]:
         extent = 48.0 * resolution**0.5
         request = {**square(2, "slant"), "extent_azimuth": extent, "extent_range": extent}
         request |= {"spacing_azimuth": 0.0, "spacing_range": 0.0}
-        for method in ("backprojection", "omega_k"):
-            image = focus(raw, method=method, request=request)  # type: ignore[arg-type]
+        for method in FOCUSERS.names:
+            image = focus(raw, focuser=method, request=request)
             m = point_target_in(image)
             line = POINT - image.grid.origin
             place = (line @ image.grid.along, np.hypot(line @ image.grid.across, line[2]))
@@ -253,7 +253,7 @@ used, so that other programs on the machine matter little.
 
 {speed}
 
-## Both focusers on one slant grid
+## Focusers on one slant grid
 
 {result["methods"][0]["pixels"][0]} x {result["methods"][0]["pixels"][1]} pixels, three points.
 

@@ -9,6 +9,7 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.errors import BackendError
@@ -100,13 +101,7 @@ def ensure_backend(prefer: str | None = None) -> Backend:
     on_gpu = current.startswith("cuda_")
     path = os.environ.get(LLVM_VARIABLE)
     version = None if on_gpu else llvm_version()
-    if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
-        # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
-        raise BackendError(
-            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit has loaded it already; import "
-            f"sarmitsuba and call ensure_backend() before importing Mitsuba, or set {LLVM_VARIABLE} to an LLVM >= "
-            f"{_OLDEST_LLVM_AVX512}"
-        )
+    _refuse_old_llvm(version)
     return Backend(
         variant=current,
         llvm_path=Path(path) if path and not on_gpu else None,
@@ -114,6 +109,17 @@ def ensure_backend(prefer: str | None = None) -> Backend:
         threads=int(dr.thread_count()),
         gpu=gpu_description() if on_gpu else None,
     )
+
+
+def _refuse_old_llvm(version: str | None) -> None:
+    """Raise a BackendError where the LLVM that Dr.Jit has loaded cannot compile for this processor."""
+    if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
+        # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
+        raise BackendError(
+            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit has loaded it already; import "
+            f"sarmitsuba and call ensure_backend() before importing Mitsuba, or set {LLVM_VARIABLE} to an LLVM >= "
+            f"{_OLDEST_LLVM_AVX512}"
+        )
 
 
 def prepare_llvm() -> LlvmChoice | None:
@@ -320,9 +326,39 @@ def _has_optix() -> bool:
     return True
 
 
+def arrays() -> ModuleType:
+    """Dr.Jit's array types for kernels that trace no rays: ``drjit.llvm`` or ``drjit.cuda``, without Mitsuba.
+
+    Where Mitsuba runs already its variant decides; otherwise the choice is that of :func:`ensure_backend`.
+
+    Raises
+    ------
+    BackendError
+        No back end works.
+    """
+    choice = None if "drjit" in sys.modules else prepare_llvm()
+    try:
+        import drjit
+    except ImportError as error:
+        raise BackendError(f"Dr.Jit cannot be imported: {error}; pip install drjit==1.5.0") from error
+    mitsuba = sys.modules.get("mitsuba")
+    asked = (mitsuba.variant() if mitsuba else None, os.environ.get(VARIANT_VARIABLE))
+    usable = [variant for variant in asked if variant and variant.startswith(("llvm_", "cuda_"))]
+    variant = usable[0] if usable else CUDA_VARIANT if gpu_description() else LLVM_VARIANT
+    if variant.startswith("cuda_"):
+        if not drjit.has_backend(drjit.JitBackend.CUDA):
+            raise BackendError(f"variant {variant!r} needs an NVIDIA GPU with its driver; none works here")
+        return importlib.import_module("drjit.cuda")
+    if not drjit.has_backend(drjit.JitBackend.LLVM):
+        raise BackendError(_no_llvm(choice))
+    _refuse_old_llvm(llvm_version())
+    return importlib.import_module("drjit.llvm")
+
+
 __all__ = [
     "Backend",
     "LlvmChoice",
+    "arrays",
     "dr",
     "ensure_backend",
     "find_llvm",

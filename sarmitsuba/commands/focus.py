@@ -1,6 +1,7 @@
 """Focus saved raw data into a calibrated complex image."""
 
 import argparse
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,33 +10,113 @@ from sarmitsuba.commands.console import Console
 if TYPE_CHECKING:
     from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.scene.settings import ImageRequest
+
+_FOCUSER, _WINDOW = "backprojection", "rectangular"
 
 NAME = "focus"
-HELP = "focus saved raw data"
+HELP = "focus saved raw data into an image"
+
+
+class _Listing(argparse.Action):
+    """Stores its value; its help ends with a list that is made, and its modules imported, only when help is shown."""
+
+    def __init__(
+        self, entries: Callable[[], str], option_strings: Sequence[str], dest: str, **rest: Any
+    ) -> None:
+        self._entries = entries
+        super().__init__(option_strings, dest, **rest)
+
+    @property
+    def help(self) -> str:
+        """Text with the list."""
+        return self._text + self._entries().replace("%", "%%")
+
+    @help.setter
+    def help(self, text: str) -> None:
+        self._text = text
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        setattr(namespace, self.dest, values)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("raw", metavar="RAW", help="raw data that `render` wrote (raw.h5)")
+    parser.add_argument("raw", metavar="RAW", help="raw data written by `render` (raw.h5)")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
-    parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
+    parser.add_argument("--force", action="store_true", help="overwrite the results in OUT")
     add_focus_arguments(parser)
+    image = parser.add_argument_group("image", "where to put pixels (default: as the scene asked, see RAW)")
+    image.add_argument(
+        "--grid", choices=("slant", "ground"), help="slant range and azimuth, or ground metres"
+    )
+    image.add_argument(
+        "--center",
+        nargs=2,
+        type=float,
+        metavar=("X", "Y"),
+        help="centre of the image, m in the scene's frame",
+    )
+    image.add_argument("--height", type=float, metavar="Z", help="height of the image plane, m")
+    image.add_argument(
+        "--extent",
+        nargs=2,
+        type=float,
+        metavar=("AZIMUTH", "RANGE"),
+        help="size of the image on the ground, m",
+    )
+    image.add_argument(
+        "--spacing",
+        nargs=2,
+        type=float,
+        metavar=("AZIMUTH", "RANGE"),
+        help="pixel spacing, m; 0 = half a cell",
+    )
 
 
 def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that say how to focus."""
     parser.add_argument(
         "--focuser",
-        choices=("backprojection", "omega_k"),
-        default="backprojection",
-        help="backprojection: any track and grid; omega_k: straight uniform track, slant grid, fast",
+        action=_Listing,
+        entries=_focusers,
+        default=_FOCUSER,
+        metavar="NAME[,OPTION=VALUE...]",
+        help="how to focus (default: backprojection). ",
     )
     parser.add_argument(
         "--window",
-        default="rectangular",
+        action=_Listing,
+        entries=_windows,
+        default=_WINDOW,
         metavar="WINDOW",
-        help="side-lobe window in range and azimuth, e.g. rectangular, hamming, taylor",
+        help="window against sidelobes in range and azimuth (default: rectangular), with parameters if wanted, e.g. "
+        "taylor:4:-35. ",
     )
+
+
+def check_focus_arguments(args: argparse.Namespace) -> None:
+    """Raise a SarmitsubaError for a focuser or window that does not exist, before any time goes into tracing."""
+    if args.focuser != _FOCUSER:
+        from sarmitsuba.focusing.focuser import parse_focuser
+
+        parse_focuser(args.focuser)
+    if args.window != _WINDOW:
+        from sarmitsuba.focusing.windows import parse_window
+
+        parse_window(args.window)
+
+
+def _focusers() -> str:
+    from sarmitsuba.focusing.focuser import FOCUSERS
+
+    return " ".join(f"{focuser.name}: {focuser.help}." for focuser in FOCUSERS)
+
+
+def _windows() -> str:
+    from sarmitsuba.focusing.windows import WINDOWS
+
+    return " ".join(f"{family.syntax}: {family.doc}." for family in WINDOWS)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -43,10 +124,12 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands import results
     from sarmitsuba.io import read_raw
 
+    check_focus_arguments(args)
     watch = results.Stopwatch()
     with results.output_folder(args.output, force=args.force) as folder:
         with watch.stage("read raw"):
             raw = read_raw(args.raw)
+        request = _request(raw, args)
         results.clear_results(folder, keep=Path(args.raw))
         facts: dict[str, Any] = {
             "command": "focus",
@@ -56,12 +139,35 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "raw_domain": raw.domain,
             "simulation": raw.metadata,
         }
-        picture = focus_into(folder, raw, args, console, watch, facts)
+        if request is not None:
+            facts["image_request"] = request
+        picture = focus_into(folder, raw, args, console, watch, facts, request)
         facts["warnings"] = console.warnings
         facts["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_facts(folder, facts)
         console.say(f"{picture} ({watch.total:.1f} s)")
     return 0
+
+
+def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
+    """The data's own image request with what the command line changes; None where it changes nothing."""
+    changes: dict[str, Any] = {"grid": args.grid, "height": args.height}
+    pairs = (
+        (args.center, "center_x", "center_y"),
+        (args.extent, "extent_azimuth", "extent_range"),
+        (args.spacing, "spacing_azimuth", "spacing_range"),
+    )
+    for given, first, second in pairs:
+        if given is not None:
+            changes |= {first: given[0], second: given[1]}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    if not changes:
+        return None
+    from dataclasses import replace
+
+    from sarmitsuba.focusing import image_request
+
+    return replace(image_request(raw), **changes)
 
 
 def focus_into(
@@ -71,15 +177,17 @@ def focus_into(
     console: Console,
     watch: "Stopwatch",
     facts: dict[str, Any],
+    request: "ImageRequest | None" = None,
 ) -> Path:
-    """Focus, write image and pictures into the folder, add to the facts; return the picture's path."""
+    """Focus, write the image and its pictures into the folder, add to the facts. Return the picture's path."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import focus
 
     with watch.stage("focus"):
         image = focus(
             raw,
-            method=args.focuser,
+            request=request,
+            focuser=args.focuser,
             range_window=args.window,
             azimuth_window=args.window,
             progress=console.progress,
@@ -88,4 +196,12 @@ def focus_into(
     return results.store_image(folder, image, watch, facts, console)
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "add_focus_arguments", "focus_into", "run"]
+__all__ = [
+    "HELP",
+    "NAME",
+    "add_arguments",
+    "add_focus_arguments",
+    "check_focus_arguments",
+    "focus_into",
+    "run",
+]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.focus import add_focus_arguments, focus_into
+from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
 from sarmitsuba.errors import DataError
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Render."""
     from sarmitsuba.commands import results
 
+    check_focus_arguments(args)
     watch = results.Stopwatch()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend

@@ -32,8 +32,8 @@ class Setting:
 
     Parameters
     ----------
-    changes : fields of ``TraceSettings`` to their values; ``focuser`` (``backprojection`` or ``omega_k``) and
-        ``interpolation`` (of backprojection) beside them
+    changes : fields of ``TraceSettings`` to their values; ``focuser`` (its name) and ``interpolation`` (an
+        option of backprojection) beside them
     """
 
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -99,13 +99,15 @@ def _run(scene: Scene, setting: Setting, grid: ImageGrid | None, pass_index: int
                 raw = simulate(changed, pass_index=pass_index)
             stages = dict(raw.metadata["seconds"])
             compiled += _take(stages, spent[0], ("trace", "plan", "points"))
+            focuser = str(setting.changes.get("focuser", "backprojection"))
+            if "interpolation" in setting.changes:
+                focuser += f",interpolation={setting.changes['interpolation']}"
             start = time.perf_counter()
             with compiling() as spent:
                 image = focus(
                     raw,
                     grid,
-                    method=setting.changes.get("focuser", "backprojection"),
-                    interpolation=setting.changes.get("interpolation", "kernel"),
+                    focuser=focuser,
                 )
             stages["focus"] = time.perf_counter() - start
             compiled += _take(stages, spent[0], ("focus",))

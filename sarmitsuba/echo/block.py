@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -33,30 +32,30 @@ class BlockPlan:
     A path of slant range h and amplitude a (constant within the block) is added once. With the antenna at
     ``position`` (of the key pulse) and the velocity ``velocity``::
 
-        R0   = h - |reference - position|                          (float64)
-        rate = dh/dt - d|reference - antenna|/dt                    (both with ``velocity``)
-        x    = (R0 - range0) / range_step,  y = (rate - rate0) / rate_step
+        R0 = h - |reference - position|                            (float64)
+        range_rate = dh/dt - d|reference - antenna|/dt              (both with ``velocity``)
+        x = (R0 - range0) / range_step,  y = (range_rate - range_rate0) / range_rate_step
         grid[layer, i, j] += a exp(-j 4 pi fc R0 / c) phi(x - i) phi(y - j)
 
-    with ``phi`` the taps of ``kernel`` along range and of ``rate_kernel`` along the rate. Contributions must
-    satisfy ``margin <= x <= n_range - 1 - margin`` and alike for y, with the kernels' ``margin``; the box
+    with ``phi`` the taps of ``kernel`` along range and of ``range_rate_kernel`` along the range rate. Contributions
+    must satisfy ``margin <= x <= n_range - 1 - margin`` and alike for y, with the kernels' ``margin``; the box
     given to ``plan_block`` guarantees it for all paths that stay inside, anything else must be masked.
 
     Parameters
     ----------
     key, start, stop : pulse indices; ``start <= key < stop``
     position, velocity : (3,) float64, m and m/s, scene frame; the antenna's at the key time. The velocity is
-        the slope of the best line through the block's positions: use it, not the track's own, for ``rate``
+        the slope of the best line through the block's positions: use it, not the track's own, for ``range_rate``
     reference : (3,) float64, m, scene frame; P_ref
     reference_range : |reference - position|, m
     tau : (K,) float64, s, pulse times less the key pulse's
     range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
-    rate0, rate_step, n_rate : the same along the rate, m/s
-    width, rate_width : of the spreading kernels
+    range_rate0, range_rate_step, n_range_rate : the same along the range rate, m/s
+    width, range_rate_width : of the spreading kernels
     n_inner : length of the FFT over the grid's range axis
     guard : cells before the grid within ``n_inner``, for the compact response and the range walk
     fine : how the profiles become the window's samples
-    curvature : what ``R0 + rate tau`` leaves out of the slant range
+    curvature : what ``R0 + range_rate tau`` leaves out of the slant range
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two spreading kernels, dB
     """
@@ -71,11 +70,11 @@ class BlockPlan:
     tau: F64
     range0: float
     n_range: int
-    rate0: float
-    rate_step: float
-    n_rate: int
+    range_rate0: float
+    range_rate_step: float
+    n_range_rate: int
     width: int
-    rate_width: int
+    range_rate_width: int
     n_inner: int
     guard: int
     fine: FineGrid
@@ -106,13 +105,13 @@ class BlockPlan:
         return spreading_kernel(self.width)
 
     @property
-    def rate_kernel(self) -> SpreadingKernel:
-        """Spreading kernel along the rate."""
-        return spreading_kernel(self.rate_width)
+    def range_rate_kernel(self) -> SpreadingKernel:
+        """Spreading kernel along the range rate."""
+        return spreading_kernel(self.range_rate_width)
 
     def shape(self, n_layers: int) -> tuple[int, int, int]:
-        """Shape of the complex64 grid, (n_layers, n_range, n_rate)."""
-        return (n_layers, self.n_range, self.n_rate)
+        """Shape of the complex64 grid, (n_layers, n_range, n_range_rate)."""
+        return (n_layers, self.n_range, self.n_range_rate)
 
 
 def plan_block(
@@ -124,7 +123,7 @@ def plan_block(
     width: int = 4,
     *,
     extra_slant_range: float = 0.0,
-    rate_width: int | None = None,
+    range_rate_width: int | None = None,
 ) -> BlockPlan:
     """Lay out the grid of the pulses ``start:stop`` and fit the curvature over the box.
 
@@ -134,7 +133,7 @@ def plan_block(
     start, stop : pulse indices
     reference : (3,) float64, m, scene frame; P_ref, best near the middle of the box
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
-    width, rate_width : of the spreading kernels along range and rate (default: the same)
+    width, range_rate_width : of the spreading kernels along range and range rate (default: the same)
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
 
     Notes
@@ -146,26 +145,28 @@ def plan_block(
     """
     reference = np.asarray(reference, dtype=np.float64)
     box = np.asarray(box, dtype=np.float64)
-    rate_width = width if rate_width is None else rate_width
+    range_rate_width = width if range_rate_width is None else range_rate_width
     cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
     key, position, velocity, tau = key_state(radar, start, stop)
     centers, partners = sample_paths(box, position, extra_slant_range)
     fit = fit_curvature(radar, start, stop, reference, centers, partners)
 
-    # range axis: exact bounds of the box; rate axis: those of the samples and 2 % more
+    # range axis: exact bounds of the box; range-rate axis: those of the samples and 2 % more
     reference_range = float(np.linalg.norm(reference - position))
     near, far = (float(d[0]) for d in box_distance(box, position[None]))
     far += extra_slant_range
-    slack = 0.02 * np.ptp(fit.rate) + 1e-9 * float(np.linalg.norm(velocity))
-    rate_low, rate_high = float(fit.rate.min() - slack), float(fit.rate.max() + slack)
-    kernel, rate_kernel = spreading_kernel(width), spreading_kernel(rate_width)
+    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(velocity))
+    range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
+    kernel, range_rate_kernel = spreading_kernel(width), spreading_kernel(range_rate_width)
     reach = float(np.abs(tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
-    rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(rate_high - rate_low, 1.0)
-    n_rate = int(np.ceil((rate_high - rate_low) / rate_step)) + 2 * rate_kernel.margin + 2
+    range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
+    n_range_rate = (
+        int(np.ceil((range_rate_high - range_rate_low) / range_rate_step)) + 2 * range_rate_kernel.margin + 2
+    )
 
     # the window against the block's contributions, both relative to the reference range of each pulse
-    walk = max(abs(rate_low), abs(rate_high)) * reach + 2.0 * cell
+    walk = max(abs(range_rate_low), abs(range_rate_high)) * reach + 2.0 * cell
     reference_track = np.linalg.norm(reference - radar.track.position[start:stop], axis=-1)
     first = window.start_range[start:stop] - reference_track
     low = float(first.min()) - (far - reference_range) - walk
@@ -187,17 +188,17 @@ def plan_block(
         tau=tau,
         range0=near - reference_range - (kernel.margin + 0.5) * fine.range_step,
         n_range=n_range,
-        rate0=rate_low - (rate_kernel.margin + 0.5) * rate_step,
-        rate_step=rate_step,
-        n_rate=n_rate,
+        range_rate0=range_rate_low - (range_rate_kernel.margin + 0.5) * range_rate_step,
+        range_rate_step=range_rate_step,
+        n_range_rate=n_range_rate,
         width=width,
-        rate_width=rate_width,
+        range_rate_width=range_rate_width,
         n_inner=n_inner,
         guard=guard,
         fine=fine,
         curvature=fit.curvature,
         geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
-        kernel_error_db=_kernel_error_db(width, rate_width),
+        kernel_error_db=_kernel_error_db(width, range_rate_width),
     )
 
 
@@ -261,11 +262,11 @@ def _holds(
     plan = plan_block(radar, start, start + length, reference, box, width, extra_slant_range=extra)
     if 10.0 ** (plan.geometry_error_db / 10.0) > budget:
         return False
-    return plan.n_range * plan.n_rate <= max_cells
+    return plan.n_range * plan.n_range_rate <= max_cells
 
 
-def _kernel_error_db(width: int, rate_width: int) -> float:
-    power = sum(10.0 ** (spreading_kernel(w).error_db / 10.0) for w in (width, rate_width))
+def _kernel_error_db(width: int, range_rate_width: int) -> float:
+    power = sum(10.0 ** (spreading_kernel(w).error_db / 10.0) for w in (width, range_rate_width))
     return float(10.0 * np.log10(power))
 
 
@@ -273,37 +274,40 @@ def spread_reference(
     plan: BlockPlan,
     radar: Radar,
     range_offset: F64,
-    rate: F64,
-    amplitude: NDArray[np.complexfloating[Any, Any]],
+    range_rate: F64,
+    amplitude: NDArray[np.complexfloating],
 ) -> C64:
     """Spread paths in NumPy: what the tracing kernel does, for tests and small jobs.
 
     Parameters
     ----------
     range_offset : (n_paths,) float64, m; R0 of the plan
-    rate : (n_paths,) float64, m/s
+    range_rate : (n_paths,) float64, m/s
     amplitude : (n_layers, n_paths) complex, sqrt(W)
 
     Returns
     -------
-    (n_layers, n_range, n_rate) complex64
+    (n_layers, n_range, n_range_rate) complex64
     """
-    kernels = (plan.kernel, plan.rate_kernel)
-    position = ((range_offset - plan.range0) / plan.range_step, (rate - plan.rate0) / plan.rate_step)
+    kernels = (plan.kernel, plan.range_rate_kernel)
+    position = (
+        (range_offset - plan.range0) / plan.range_step,
+        (range_rate - plan.range_rate0) / plan.range_rate_step,
+    )
     base = [np.floor(p + k.shift) for p, k in zip(position, kernels, strict=True)]
     taps = [k.taps(p + k.shift - q) for p, q, k in zip(position, base, kernels, strict=True)]
     i, j = (q.astype(np.int64) - k.lead for q, k in zip(base, kernels, strict=True))
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
-    phasor = np.exp(-1j * np.mod(wavenumber * range_offset, 2.0 * np.pi))
+    phase_factor = np.exp(-1j * np.mod(wavenumber * range_offset, 2.0 * np.pi))
     grid = np.zeros(plan.shape(len(amplitude)), dtype=np.complex128)
     for layer, a in enumerate(amplitude):
         for p in range(plan.width):
-            for q in range(plan.rate_width):
-                np.add.at(grid[layer], (i + p, j + q), a * phasor * taps[0][p] * taps[1][q])
+            for q in range(plan.range_rate_width):
+                np.add.at(grid[layer], (i + p, j + q), a * phase_factor * taps[0][p] * taps[1][q])
     return grid.astype(np.complex64)
 
 
-def synthesise(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, radar: Radar) -> C64:
+def synthesise(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar) -> C64:
     r"""Make the block's range-compressed profiles from a filled grid.
 
     .. math:: S(f, t) = e^{-j 4 \pi f_c R_{ref}(t) / c} \sum_j G(f, \dot R_j) \,
@@ -314,49 +318,49 @@ def synthesise(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, rad
 
     Parameters
     ----------
-    grid : (n_layers, n_range, n_rate) complex, any strides
+    grid : (n_layers, n_range, n_range_rate) complex, any strides
 
     Returns
     -------
     (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
     """
-    group = max(1, _GROUP // (plan.n_inner * max(plan.n_rate, plan.n_pulses)))
+    group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
         parts = [synthesise(grid[i : i + group], plan, radar) for i in range(0, len(grid), group)]
         return np.concatenate(parts)
-    spectrum = _pulses_from_rates(grid, plan, radar)
+    spectrum = _pulses_from_range_rates(grid, plan, radar)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
     bins = first + plan.range_step * np.arange(plan.n_inner)
     reference = np.linalg.norm(plan.reference - radar.track.position[plan.start : plan.stop], axis=-1)
-    carrier = np.mod(wavenumber * reference, 2.0 * np.pi)
+    reference_phase = np.mod(wavenumber * reference, 2.0 * np.pi)
     bend = plan.curvature.of_range(bins)
     # the shift by the curvature across the band, to first order: p(r - a) = p - a dp/dr
     slope = spectrum * (2j * np.pi / plan.range_step * scipy.fft.fftfreq(plan.n_inner)).astype(np.complex64)
     inner = scipy.fft.ifft(spectrum, axis=-1, workers=-1, overwrite_x=True)
     inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
-    inner *= unit_phasor(-wavenumber * bend - carrier[:, None])
+    inner *= unit_phasor(-wavenumber * bend - reference_phase[:, None])
     offset = radar.window.start_range[plan.start : plan.stop] - reference - first
     return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
 
 
-def _pulses_from_rates(grid: NDArray[np.complexfloating[Any, Any]], plan: BlockPlan, radar: Radar) -> C64:
-    """Transform along range, then rates to pulses by a matrix for every frequency: (n_layers, K, n_inner)."""
+def _pulses_from_range_rates(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar) -> C64:
+    """Transform along range, then range rates to pulses by a matrix for every frequency: (n_layers, K, n_inner)."""
     n, n_layers, n_pulses = plan.n_inner, grid.shape[0], plan.n_pulses
     spectrum = scipy.fft.fft(grid, n=n, axis=1, workers=-1)
     count = int(_ROLL[1] * n)
     out = np.zeros((n_layers, n_pulses, n), dtype=spectrum.dtype)
 
-    rate = plan.rate0 + plan.rate_step * np.arange(plan.n_rate)
-    middle = 0.5 * (rate[0] + rate[-1])
+    range_rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
+    middle = 0.5 * (range_rate[0] + range_rate[-1])
     per_bin = 2.0 * np.pi / (n * plan.range_step)  # rad per metre and bin
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     # the part of the curvature by range is read where the path is at t, so its slope comes off here
-    bend = plan.curvature.of_rate(rate).T - plan.curvature.slope * rate[:, None] * plan.tau
-    drift = rate[:, None] * plan.tau + bend  # m, (n_rate, K)
+    bend = plan.curvature.of_range_rate(range_rate).T - plan.curvature.slope * range_rate[:, None] * plan.tau
+    drift = range_rate[:, None] * plan.tau + bend  # m, (n_range_rate, K)
     walk = per_bin * (drift - middle * plan.tau)  # rad per bin
-    # what the rate is multiplied with at each pulse: its time, where the track keeps to its line
-    lever = (drift[-1] - drift[0]) / (rate[-1] - rate[0]) if plan.n_rate > 1 else plan.tau
+    # what the range rate is multiplied with at each pulse: its time, where the track keeps to its line
+    lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0]) if plan.n_range_rate > 1 else plan.tau
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
     # its frequencies come from one: |q walk| < 0.25 and four terms leave 1.6e-4 at the outermost corner.
     half = min(max(1, int(0.25 / max(float(np.abs(walk).max()), 1e-9))), 128)
@@ -394,15 +398,21 @@ def _range_weight(width: int, n: int, count: int, guard: int) -> C64:
 
 
 def _pulse_weight(
-    m: Any, center: int, middle: float, per_bin: float, lever: F64, plan: BlockPlan, radar: Radar
+    m: NDArray[np.int64],
+    center: int,
+    middle: float,
+    per_bin: float,
+    lever: F64,
+    plan: BlockPlan,
+    radar: Radar,
 ) -> C64:
-    """What depends on frequency and pulse, (n_m, K): kernel along the rate, mean walk."""
+    """What depends on frequency and pulse, (n_m, K): kernel along the range rate, mean walk."""
     carrier_bins = radar.waveform.center_frequency * 2.0 * plan.n_inner * plan.range_step / SPEED_OF_LIGHT
-    # cycles per rate cell: nearly the same for all m, so three Chebyshev points and a parabola
+    # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)
     nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
-    cycles = per_bin * plan.rate_step * lever / (2.0 * np.pi)
-    at_nodes = plan.rate_kernel.inverse_transform((carrier_bins + center + nodes)[:, None] * cycles)
+    cycles = per_bin * plan.range_rate_step * lever / (2.0 * np.pi)
+    at_nodes = plan.range_rate_kernel.inverse_transform((carrier_bins + center + nodes)[:, None] * cycles)
     u = (m - center)[:, None] / nodes[2]
     parabola = np.concatenate([0.5 * u * (u - 1.0), 1.0 - u * u, 0.5 * u * (u + 1.0)], axis=1)
     mean_walk = phase_ramp(-per_bin * middle * plan.tau, int(m[0]) - center, len(m))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -84,7 +83,7 @@ def to_chirped(raw: RawData) -> RawData:
     for layer in range(n_layers):
         for start in range(0, n_pulses, step):
             pick = slice(start, start + step)
-            work: Any = scipy.fft.fft(raw.data[layer, pick], n=n_fft, axis=-1, workers=-1)
+            work = scipy.fft.fft(raw.data[layer, pick], n=n_fft, axis=-1, workers=-1)
             work *= spectrum
             out[layer, pick] = scipy.fft.ifft(work, axis=-1, workers=-1, overwrite_x=True)[:, :n_fast]
     return replace(raw, data=out, domain="chirped")

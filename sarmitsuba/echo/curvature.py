@@ -1,7 +1,6 @@
 """Curvature of slant ranges within a block of pulses, fitted to the track's own geometry."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ _HELD = (
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    r"""Half length beyond ``R0 + rate tau``, as a sum of a function of range and one of the rate, per pulse.
+    r"""Slant range beyond ``R0 + range_rate tau``, per pulse: a function of range plus one of the range rate.
 
     .. math:: c(R_0, \dot R, t_k) = \sum_n a_{nk} x^n + \sum_{n \ge 1} b_{nk} y^n, \quad
               x = (R_0 - R_c) / R_s, \; y = (\dot R - \dot R_c) / \dot R_s
@@ -28,27 +27,27 @@ class Curvature:
     Parameters
     ----------
     range_center, range_scale : m
-    rate_center, rate_scale : m/s
+    range_rate_center, range_rate_scale : m/s
     by_range : (n_degree + 1, K) float64, m, constant first
-    by_rate : (n_degree, K) float64, m, without a constant
+    by_range_rate : (n_degree, K) float64, m, without a constant
     """
 
     range_center: float
     range_scale: float
-    rate_center: float
-    rate_scale: float
+    range_rate_center: float
+    range_rate_scale: float
     by_range: F64
-    by_rate: F64
+    by_range_rate: F64
 
-    def of_range(self, range_offset: NDArray[np.floating[Any]]) -> F64:
+    def of_range(self, range_offset: NDArray[np.floating]) -> F64:
         """Part by range at the offsets R0 (n,), m: (K, n)."""
         x = np.clip((range_offset - self.range_center) / self.range_scale, -_HELD, _HELD)
         return np.asarray(np.polynomial.polynomial.polyval(x, self.by_range))
 
-    def of_rate(self, rate: NDArray[np.floating[Any]]) -> F64:
-        """Part by rate at (n,) m/s: (K, n)."""
-        y = np.clip((rate - self.rate_center) / self.rate_scale, -_HELD, _HELD)
-        return np.asarray(y * np.polynomial.polynomial.polyval(y, self.by_rate))
+    def of_range_rate(self, range_rate: NDArray[np.floating]) -> F64:
+        """Part by range rate at (n,) m/s: (K, n)."""
+        y = np.clip((range_rate - self.range_rate_center) / self.range_rate_scale, -_HELD, _HELD)
+        return np.asarray(y * np.polynomial.polynomial.polyval(y, self.by_range_rate))
 
     @property
     def slope(self) -> F64:
@@ -100,12 +99,12 @@ class CurvatureFit:
     Parameters
     ----------
     curvature : the fitted polynomials
-    rate : (n_samples,) float64, m/s, of the sample paths
+    range_rate : (n_samples,) float64, m/s, of the sample paths
     error : (n_samples,) float64, rad^2, mean square phase error over the block's pulses
     """
 
     curvature: Curvature
-    rate: F64
+    range_rate: F64
     error: F64
 
 
@@ -127,15 +126,15 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
     key = start + (stop - start) // 2
     offset = 0.5 * (distance(a) + distance(b)) - distance(reference[None])
     range0 = offset[:, key - start]
-    rate = 0.5 * (slope(a) + slope(b)) - slope(reference[None])
-    residual = offset - range0[:, None] - rate[:, None] * tau
+    range_rate = 0.5 * (slope(a) + slope(b)) - slope(reference[None])
+    residual = offset - range0[:, None] - range_rate[:, None] * tau
 
     def center_scale(v: F64, least: float) -> tuple[float, float]:
         return 0.5 * float(v.max() + v.min()), max(0.5 * float(np.ptp(v)), least)
 
     rc, rs = center_scale(range0, radar.waveform.range_cell)
-    vc, vs = center_scale(rate, radar.waveform.wavelength / max(4.0 * float(np.abs(tau).max()), 1e-9))
-    x, y = (range0 - rc) / rs, (rate - vc) / vs
+    vc, vs = center_scale(range_rate, radar.waveform.wavelength / max(4.0 * float(np.abs(tau).max()), 1e-9))
+    x, y = (range0 - rc) / rs, (range_rate - vc) / vs
     basis = np.concatenate(
         [x[None] ** np.arange(_RANGE_DEGREE + 1)[:, None], y[None] ** np.arange(1, _RATE_DEGREE + 1)[:, None]]
     )
@@ -152,7 +151,7 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
     n = _RANGE_DEGREE + 1
     return CurvatureFit(
         Curvature(rc, rs, vc, vs, coefficients[:n], coefficients[n:]),
-        rate,
+        range_rate,
         np.asarray(np.mean(at_carrier**2 + over_band**2, axis=1)),
     )
 

@@ -120,11 +120,11 @@ def spread_reference(
     x = (slant_range - plan.range0) / plan.range_step + kernel.shift
     base = np.floor(x)
     taps = kernel.taps(x - base)
-    phasor = np.exp(-1j * np.mod(wavenumber * slant_range, 2.0 * np.pi))
+    phase_factor = np.exp(-1j * np.mod(wavenumber * slant_range, 2.0 * np.pi))
     cell = base.astype(np.int64) - kernel.lead + np.arange(plan.n_pulses) * plan.n_range
     grid = np.zeros((amplitude.shape[0], plan.n_pulses * plan.n_range), dtype=np.complex128)
     for layer, a in enumerate(amplitude):
-        value = a[:, None] * phasor
+        value = a[:, None] * phase_factor
         for k in range(kernel.width):
             np.add.at(grid[layer], cell + k, value * taps[k])
     return grid.reshape(plan.shape(len(amplitude))).astype(np.complex64)

@@ -1,11 +1,15 @@
 """What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
 
+from collections.abc import Callable
+from typing import TypedDict
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -105,10 +109,62 @@ def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
     return u[order][new], np.asarray(np.bincount(np.cumsum(new) - 1, weights[order]))
 
 
+class CellPolynomial(TypedDict):
+    """How the azimuth cell varies over range: a polynomial in ``(r - center) / scale``, constant first and 1.
+
+    ``center`` and ``scale`` are in m of the grid's range coordinate.
+    """
+
+    center: float
+    scale: float
+    coefficients: list[float]
+
+
+def azimuth_cell(
+    radar: Radar,
+    grid: ImageGrid,
+    line: F64,
+    incidence: F64,
+    pulse_weights: Callable[[F64], F64],
+    range_window: str | Window,
+    range_cell: float,
+) -> tuple[float, CellPolynomial]:
+    """Noise-equivalent azimuth cell at the grid's centre, m, and how it varies over the range columns.
+
+    Defined by the area of the impulse response on the ground, so that it holds with squint and wide bands too.
+
+    Parameters
+    ----------
+    radar : gives track and waveform
+    grid : the image's
+    line : (n_range, 3) float64, m, positions of the grid's middle row
+    incidence : (n_range,) float64, rad, there
+    pulse_weights : weight of every pulse at a point, see :class:`sarmitsuba.focusing.focuser.Focused`
+    range_window, range_cell : window over the band, and its noise-equivalent cell in slant range, m
+    """
+    columns = np.unique(np.linspace(0, grid.range.size - 1, 9).round().astype(int))
+    area = np.array([ground_cell_area(radar, line[i], pulse_weights(line[i]), range_window) for i in columns])
+    cell = area * np.sin(incidence[columns]) / range_cell
+    center = float(grid.range[grid.range.size // 2])
+    scale = max(float(np.abs(grid.range - center).max()), 1.0)
+    x = (grid.range[columns] - center) / scale
+    fit = np.polynomial.polynomial.polyfit(x, cell, min(3, columns.size - 1))
+    middle = float(fit[0])
+    return middle, {"center": center, "scale": scale, "coefficients": [float(c / middle) for c in fit]}
+
+
 def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
     """Angle between the vertical and the line of sight from mid-aperture at points (..., 3), rad."""
     line = radar.track.center_position - np.asarray(point, dtype=np.float64)
     return np.asarray(np.arccos(np.clip(line[..., 2] / np.linalg.norm(line, axis=-1), -1.0, 1.0)))
 
 
-__all__ = ["direction_gain", "ground_cell_area", "incidence_angle", "look_directions", "matched_weights"]
+__all__ = [
+    "CellPolynomial",
+    "azimuth_cell",
+    "direction_gain",
+    "ground_cell_area",
+    "incidence_angle",
+    "look_directions",
+    "matched_weights",
+]

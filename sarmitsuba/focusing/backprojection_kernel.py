@@ -1,7 +1,11 @@
 """The compiled inner loop of backprojection: for every pixel, sum over pulses (Dr.Jit, LLVM or CUDA)."""
 
-from typing import Any
+from __future__ import annotations
 
+from dataclasses import dataclass
+from types import ModuleType
+
+from sarmitsuba.backend import dr
 from sarmitsuba.echo.gridding import SpreadingKernel
 from sarmitsuba.radar.antenna import Antenna
 
@@ -15,30 +19,64 @@ class _Operand:
 
     __array_ufunc__ = None
 
-    def __init__(self, value: Any) -> None:
+    def __init__(self, value: dr.ArrayBase) -> None:
         self.value = value
 
-    def __rmul__(self, other: Any) -> Any:
+    def __rmul__(self, other: float) -> dr.ArrayBase:
         return self.value * float(other)
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: float) -> dr.ArrayBase:
         return self.value / float(other)
 
 
+@dataclass(frozen=True)
+class PulseBatch:
+    """The pulses of one launch.
+
+    Parameters
+    ----------
+    n_pulses, n_stored, n_plane : UInt32 opaque: pulses, stored samples per pulse, samples per layer
+    positions : float64, ``PULSE_STRIDE`` per pulse
+    axes : float32, ``AXES_STRIDE`` per pulse
+    profiles : float32, [layer, pulse, sample, 4] as :meth:`ProfilePlan.paired` makes them
+    """
+
+    n_pulses: dr.ArrayBase
+    n_stored: dr.ArrayBase
+    n_plane: dr.ArrayBase
+    positions: dr.ArrayBase
+    axes: dr.ArrayBase
+    profiles: dr.ArrayBase
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Numbers of the geometry, float64 opaque.
+
+    Parameters
+    ----------
+    per_metre : profile samples per m of slant range
+    turns_per_metre : turns of the carrier's phase per m of slant range, 2 fc / c
+    last : last valid position, profile samples
+    inverse_square : 1 / R_0^2, 1 / m^2
+    """
+
+    per_metre: dr.ArrayBase
+    turns_per_metre: dr.ArrayBase
+    last: dr.ArrayBase
+    inverse_square: dr.ArrayBase
+
+
 def accumulate(
-    dr: Any,
-    types: Any,
-    state: list[Any],
-    pixels: list[tuple[Any, Any, Any]],
-    pulses: Any,
-    axes: Any,
-    profiles: Any,
-    counts: tuple[Any, Any, Any],
-    scales: tuple[Any, Any, Any, Any],
+    types: ModuleType,
+    state: list[dr.ArrayBase],
+    pixels: list[tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]],
+    pulses: PulseBatch,
+    scales: Scales,
     kernel: SpreadingKernel,
     n_layers: int,
     antenna: Antenna | None,
-) -> list[Any]:
+) -> list[dr.ArrayBase]:
     r"""Add the pulses of one batch to every pixel.
 
     .. math:: I_p \mathrel{+}= \sum_t w_t g_t \frac{R^2}{R_0^2} s_t(R) e^{+j 4 \pi f_c R / c}, \quad
@@ -46,14 +84,10 @@ def accumulate(
 
     Parameters
     ----------
-    dr, types : ``drjit`` and ``drjit.llvm`` or ``drjit.cuda``
-    state : per pixel of a lane: (re, im) per layer, then the weight; float32 arrays of one entry a lane
+    types : array types, see :func:`sarmitsuba.backend.arrays`
+    state : per pixel of a lane: (re, im) per layer, then the weight; float32 arrays of one entry per lane
     pixels : x, y, z of each pixel of a lane, float64, m
-    pulses : float64, ``PULSE_STRIDE`` a pulse
-    axes : float32, ``AXES_STRIDE`` a pulse
-    profiles : float32, [layer, pulse, sample, 4] as :meth:`ProfilePlan.paired` makes them
-    counts : UInt32 opaque: pulses, stored samples a pulse, samples a layer
-    scales : float64 opaque: profile samples per m, carrier turns per m (2 fc / c), last valid position, 1 / R_0^2
+    pulses, scales : see there
     kernel : interpolation kernel of even width
     n_layers : layers in this batch
     antenna : None for an isotropic one, whose weight is 1
@@ -64,33 +98,32 @@ def accumulate(
     all pixels of a lane. Samples outside the receive window count neither in the image nor in the weight.
     """
     Float, UInt32 = types.Float32, types.UInt32
-    n_pulses, n_stored, n_plane = counts
-    per_metre, turns_per_metre, last, inverse_square = scales
+    axes = pulses.axes
     stride = 2 * n_layers + 1
 
-    def body(t: Any, *old: Any) -> tuple[Any, ...]:
+    def body(t: dr.ArrayBase, *old: dr.ArrayBase) -> tuple[dr.ArrayBase, ...]:
         acc = list(old)
-        ax, ay, az, start = dr.gather(types.Array4f64, pulses, t)
+        ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
         azimuth = dr.gather(types.Array4f, axes, 4 * t)
         weight = azimuth[3]
         if antenna is not None:
             elevation = dr.gather(types.Array4f, axes, 4 * t + 1)
             boresight = dr.gather(types.Array4f, axes, 4 * t + 2)
-        row = t * n_stored
+        row = t * pulses.n_stored
         for i, (x, y, z) in enumerate(pixels):
             # range and carrier phase
             dx, dy, dz = x - ax, y - ay, z - az
             square = dr.fma(dx, dx, dr.fma(dy, dy, dz * dz))
             r = dr.sqrt(square)
-            turns = r * turns_per_metre
+            turns = r * scales.turns_per_metre
             sin, cos = dr.sincos(Float(turns - dr.round(turns)) * TWO_PI)
 
             # weights
-            position = dr.fma(r, per_metre, -start)
-            valid = (position >= 0.0) & (position <= last)
+            position = dr.fma(r, scales.per_metre, -start)
+            valid = (position >= 0.0) & (position <= scales.last)
             inside = dr.select(valid, position, 0.0)
             used = dr.select(valid, weight, 0.0)
-            gain = Float(square * inverse_square)
+            gain = Float(square * scales.inverse_square)
             if antenna is not None:
                 inverse = Float(dr.rcp(r))
                 ux, uy, uz = Float(dx) * inverse, Float(dy) * inverse, Float(dz) * inverse
@@ -113,20 +146,20 @@ def accumulate(
             for layer in range(n_layers):
                 re, im = Float(0.0), Float(0.0)
                 for k in range(0, kernel.width, 2):
-                    pair = dr.gather(types.Array4f, profiles, first + k)
+                    pair = dr.gather(types.Array4f, pulses.profiles, first + k)
                     re = dr.fma(taps[k], pair[0], dr.fma(taps[k + 1], pair[2], re))
                     im = dr.fma(taps[k], pair[1], dr.fma(taps[k + 1], pair[3], im))
                 j = i * stride + 2 * layer
                 acc[j] = dr.fma(re, cos, dr.fma(-im, sin, acc[j]))
                 acc[j + 1] = dr.fma(re, sin, dr.fma(im, cos, acc[j + 1]))
                 if layer + 1 < n_layers:
-                    first += n_plane
+                    first += pulses.n_plane
         return (t + 1, *acc)
 
     out = dr.while_loop(
-        state=(UInt32(0), *state), cond=lambda t, *_: t < n_pulses, body=body, mode="symbolic"
+        state=(UInt32(0), *state), cond=lambda t, *_: t < pulses.n_pulses, body=body, mode="symbolic"
     )
     return list(out[1:])
 
 
-__all__ = ["AXES_STRIDE", "PULSE_STRIDE", "accumulate"]
+__all__ = ["AXES_STRIDE", "PULSE_STRIDE", "PulseBatch", "Scales", "accumulate"]

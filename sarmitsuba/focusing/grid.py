@@ -1,8 +1,8 @@
 """The image grid that a radar and a request imply."""
 
+import dataclasses
 from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle, look_directions, matched_weights
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.settings import ImageRequest
 
 F64 = NDArray[np.float64]
 
@@ -23,41 +24,63 @@ _NYQUIST_FILL = 0.8
 _WEAK = 0.01
 
 
-class Request(Protocol):
-    """What an image request says; :class:`sarmitsuba.scene.settings.ImageRequest` is one."""
-
-    grid: Any
-    center_x: float
-    center_y: float
-    height: float
-    extent_azimuth: float
-    extent_range: float
-    spacing_azimuth: float
-    spacing_range: float
-
-
-def default_grid(raw: RawData | Radar, request: Any = None) -> ImageGrid:
-    """Make the grid of a request, or of the metadata's ``image``, or one about the aim point.
+def image_request(
+    raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
+) -> ImageRequest:
+    """Which image to make: the one asked for, else the one that the data's metadata ask for, else one of our own.
 
     Parameters
     ----------
-    raw : data, or only their radar
-    request : object or mapping with the fields of :class:`Request`, m, scene frame: ``grid`` (``slant`` or ``ground``),
-        ``center_x``, ``center_y``, ``height``, ``extent_azimuth`` and ``extent_range`` (ground metres),
-        ``spacing_azimuth`` and ``spacing_range`` (0 = half a resolution cell, less where the image's spectrum asks
-        for it)
+    raw : data, or only their radar. Their metadata may hold ``image_request`` or, from a simulation that was not
+        saved by ``render``, ``image``
+    request : an image request, or a mapping with its fields
+
+    Returns
+    -------
+    the request; the last resort is a square about the aim point inside the receive window
+
+    Raises
+    ------
+    DataError
+        The mapping has fields that no image request has.
+    """
+    if request is None and isinstance(raw, RawData):
+        request = raw.metadata.get("image_request") or raw.metadata.get("image")
+    if request is None:
+        return _request_from_window(raw if isinstance(raw, Radar) else raw.radar)
+    if isinstance(request, ImageRequest):
+        return request
+    known = {field.name for field in dataclasses.fields(ImageRequest)}
+    unknown = sorted(set(request) - known)
+    if unknown:
+        raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
+    values: dict[str, Any] = dict(request)
+    return ImageRequest(**values)
+
+
+def default_grid(
+    raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
+) -> ImageGrid:
+    """Make the grid of a request, or of what the data's metadata ask for, or one about the aim point.
+
+    Parameters
+    ----------
+    raw, request : see :func:`image_request`; a pixel spacing of 0 stands for half a resolution cell, less where the
+        image's spectrum asks for it
 
     Returns
     -------
     ImageGrid that has a pixel exactly at the request's centre
+
+    Raises
+    ------
+    DataError
+        No such grid: the centre on the wrong side, a spacing that is not positive.
     """
     radar = raw if isinstance(raw, Radar) else raw.radar
-    if request is None and isinstance(raw, RawData):
-        request = raw.metadata.get("image")
-    if isinstance(request, Mapping):
-        request = SimpleNamespace(**request)
-    if request is None:
-        request = _request_from_window(radar)
+    request = image_request(raw, request)
+    if request.grid not in ("slant", "ground"):
+        raise DataError(f"image grid: kind {request.grid!r} is unknown; it is slant or ground")
     center = np.array([request.center_x, request.center_y, request.height])
     spacing_azimuth, spacing_range = natural_spacing(radar, center, request.grid)
     spacing_azimuth = request.spacing_azimuth or spacing_azimuth
@@ -137,7 +160,7 @@ def _axis(center: float, below: float, above: float, spacing: float) -> F64:
     return np.asarray(center + spacing * index)
 
 
-def _request_from_window(radar: Radar) -> Request:
+def _request_from_window(radar: Radar) -> ImageRequest:
     """Square on the ground about the aim point that stays inside the receive window and the unambiguous azimuth."""
     aim = radar.aim_point
     window, position = radar.window, radar.track.position
@@ -156,7 +179,7 @@ def _request_from_window(radar: Radar) -> Request:
         )
     step = float(np.linalg.norm(np.diff(position, axis=0), axis=1).mean())
     ambiguity = radar.waveform.wavelength * float(r.mean()) / (2.0 * step)
-    return SimpleNamespace(
+    return ImageRequest(
         grid="slant",
         center_x=float(aim[0]),
         center_y=float(aim[1]),
@@ -168,4 +191,4 @@ def _request_from_window(radar: Radar) -> Request:
     )
 
 
-__all__ = ["Request", "default_grid", "natural_spacing"]
+__all__ = ["default_grid", "image_request", "natural_spacing"]

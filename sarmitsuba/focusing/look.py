@@ -1,18 +1,17 @@
 """One look as an image: plan of its grid, convolution with the impulse response, resampling to the pixels."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.focusing.aperture import matched_weights
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.trace.look_accumulator import LookGrid
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
@@ -34,7 +33,7 @@ class Look:
     offset : (n_azimuth, n_range) float64, m; range coordinate of each pixel less the grid's reference range
     x, y : (n_azimuth, n_range) float32, pixels on the grid, in cells
     gain : (n_azimuth, n_range) float32, range^2 / K: from received amplitude to square root of RCS
-    response : (n_range, n_rate) float32, spectrum of the impulse response, both spreadings divided out, FFT order
+    response : (n_range, n_range_rate) float32, spectrum of the impulse response, both spreadings divided out, FFT order
     noise_gain : rms of a pixel's noise over that of one range-compressed sample times ``gain``
     """
 
@@ -84,23 +83,25 @@ def plan_look(
     )
     leg = image.positions() - position
     distance = np.linalg.norm(leg, axis=-1)
-    rate = -(leg @ velocity) / distance
+    range_rate = -(leg @ velocity) / distance
 
     wave = radar.waveform
     tau = radar.track.time - time
     if zero_doppler:  # pulses relative to the closest approach of the image's centre
         center = tuple(n // 2 for n in image.shape)
-        tau = tau + rate[center] * distance[center] / float(velocity @ velocity)
+        tau = tau + range_rate[center] * distance[center] / float(velocity @ velocity)
     edges = _edges(tau)
     reach = float(np.abs(edges).max())
     highest = wave.center_frequency + 0.5 * wave.bandwidth
     range_step = 0.5 * wave.range_cell
-    rate_step = SPEED_OF_LIGHT / (8.0 * highest * reach)  # 1/4 cycle a cell at the end of the aperture
-    bare = LookGrid(position, velocity, zero_doppler, 0.0, 0.0, range_step, 1, 0.0, rate_step, 1, width)
-    r, s = bare.coordinates(distance, rate)
-    margin_r, margin_s = 2.0 * _MARGIN * range_step, 2.0 * _MARGIN * rate_step
+    range_rate_step = SPEED_OF_LIGHT / (8.0 * highest * reach)  # 1/4 cycle a cell at the end of the aperture
+    bare = LookGrid(position, velocity, zero_doppler, 0.0, 0.0, range_step, 1, 0.0, range_rate_step, 1, width)
+    r, s = bare.coordinates(distance, range_rate)
+    margin_r, margin_s = 2.0 * _MARGIN * range_step, 2.0 * _MARGIN * range_rate_step
     n_range = int(scipy.fft.next_fast_len(int(np.ceil((np.ptp(r) + 2.0 * margin_r) / range_step)) + 1))
-    n_rate = int(scipy.fft.next_fast_len(int(np.ceil((np.ptp(s) + 2.0 * margin_s) / rate_step)) + 1))
+    n_range_rate = int(
+        scipy.fft.next_fast_len(int(np.ceil((np.ptp(s) + 2.0 * margin_s) / range_rate_step)) + 1)
+    )
     reference = float(0.5 * (r.min() + r.max()))
     grid = LookGrid(
         position=position,
@@ -110,9 +111,9 @@ def plan_look(
         range0=float(r.min()) - margin_r - reference,
         range_step=range_step,
         n_range=n_range,
-        rate0=float(s.min()) - margin_s,
-        rate_step=rate_step,
-        n_rate=n_rate,
+        range_rate0=float(s.min()) - margin_s,
+        range_rate_step=range_rate_step,
+        n_range_rate=n_range_rate,
         width=width,
     )
     response = _response(radar, grid, edges, weights, range_window)
@@ -122,7 +123,7 @@ def plan_look(
         image=image,
         offset=r - reference,
         x=((r - reference - grid.range0) / range_step).astype(np.float32),
-        y=((s - grid.rate0) / rate_step).astype(np.float32),
+        y=((s - grid.range_rate0) / range_rate_step).astype(np.float32),
         gain=(distance**2 / radar.amplitude_constant).astype(np.float32),
         response=response,
         noise_gain=float(np.sqrt(broadening * np.sum(weights**2)) / np.sum(weights)),
@@ -169,8 +170,8 @@ def _response(
     band -= np.interp((bins - half) / wave.bandwidth, fine, cumulative)
 
     summed = np.concatenate([[0.0], np.cumsum(weights)])
-    wave_rate = scipy.fft.fftfreq(grid.n_rate) / grid.rate_step  # cycles per m/s
-    half_rate = 0.5 / (grid.n_rate * grid.rate_step)
+    wave_rate = scipy.fft.fftfreq(grid.n_range_rate) / grid.range_rate_step  # cycles per m/s
+    half_rate = 0.5 / (grid.n_range_rate * grid.range_rate_step)
     seconds = SPEED_OF_LIGHT / (2.0 * (wave.center_frequency + bins))[:, None]
     aperture = np.interp((wave_rate + half_rate) * seconds, edges, summed)
     aperture -= np.interp((wave_rate - half_rate) * seconds, edges, summed)
@@ -179,12 +180,13 @@ def _response(
     spectrum *= spectrum.size / spectrum.sum()  # unit peak
     kernel = grid.kernel
     correction = np.outer(
-        kernel.transform(scipy.fft.fftfreq(grid.n_range)), kernel.transform(scipy.fft.fftfreq(grid.n_rate))
+        kernel.transform(scipy.fft.fftfreq(grid.n_range)),
+        kernel.transform(scipy.fft.fftfreq(grid.n_range_rate)),
     )
     return np.asarray(spectrum / np.where(spectrum > 0.0, correction, 1.0) ** 2, dtype=np.float32)
 
 
-def form_image(cells: NDArray[np.complexfloating[Any, Any]], look: Look, radar: Radar) -> C64:
+def form_image(cells: NDArray[np.complexfloating], look: Look, radar: Radar) -> C64:
     r"""Make the pixels from the look's filled grid.
 
     A path of amplitude :math:`K \sqrt\sigma / R^2` becomes the impulse response with peak :math:`\sqrt\sigma`, and
@@ -192,7 +194,7 @@ def form_image(cells: NDArray[np.complexfloating[Any, Any]], look: Look, radar: 
 
     Parameters
     ----------
-    cells : (n_layers, n_range, n_rate) complex, any strides
+    cells : (n_layers, n_range, n_range_rate) complex, any strides
 
     Returns
     -------
@@ -218,12 +220,16 @@ def resample(smooth: C64, look: Look) -> C64:
         x, y = look.x.reshape(-1)[start : start + _BATCH], look.y.reshape(-1)[start : start + _BATCH]
         base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
         taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
-        first = (base_x.astype(np.int64) - kernel.lead) * grid.n_rate + base_y.astype(np.int64) - kernel.lead
+        first = (
+            (base_x.astype(np.int64) - kernel.lead) * grid.n_range_rate
+            + base_y.astype(np.int64)
+            - kernel.lead
+        )
         total = np.zeros(x.size, dtype=np.complex64)
         for i, tx in enumerate(taps_x):
             row = np.zeros(x.size, dtype=np.complex64)
             for j, ty in enumerate(taps_y):
-                row += flat[first + (i * grid.n_rate + j)] * ty
+                row += flat[first + (i * grid.n_range_rate + j)] * ty
             total += row * tx
         out[start : start + _BATCH] = total
     return out.reshape(look.image.shape)

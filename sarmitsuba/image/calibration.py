@@ -1,7 +1,7 @@
 """Radiometric quantities of a calibrated image, and calibration against a target of known RCS."""
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +51,8 @@ def calibrate(image: SarImage, measured_rcs: float, known_rcs: float) -> SarImag
             f"calibration: measured_rcs = {measured_rcs:g} and known_rcs = {known_rcs:g} m^2 must be above 0"
         )
     factor = np.sqrt(known_rcs / measured_rcs)
-    facts: dict[str, Any] = dict(image.metadata)
-    facts["calibration_factor"] = float(factor) * float(facts.get("calibration_factor", 1.0))
+    total = float(factor) * float(image.metadata.get("calibration_factor", 1.0))
+    facts = {**image.metadata, "calibration_factor": total}
     return replace(image, data=(image.data * np.float32(factor)).astype(np.complex64), metadata=facts)
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,7 +75,7 @@ class Chip:
     focused image has, does not matter. The chip is taken as periodic: keep the target far from its edges.
     """
 
-    def __init__(self, data: NDArray[Any], row: int = 0, column: int = 0) -> None:
+    def __init__(self, data: NDArray[np.number], row: int = 0, column: int = 0) -> None:
         self.data = np.asarray(data, dtype=np.complex128)
         self.row, self.column = row, column
         centers = (self._centroid(self.data), self._centroid(self.data.T))
@@ -123,7 +122,7 @@ class Chip:
 
 
 def point_target(
-    data: NDArray[Any],
+    data: NDArray[np.number],
     azimuth_spacing: float,
     range_spacing: float,
     *,
@@ -294,7 +293,7 @@ def _ratio_db(a: float, b: float) -> float:
     return float(10.0 * np.log10(a / b)) if a > 0.0 and b > 0.0 else float("-inf")
 
 
-def coherence(a: NDArray[Any], b: NDArray[Any]) -> float:
+def coherence(a: NDArray[np.number], b: NDArray[np.number]) -> float:
     r"""Magnitude of the complex correlation of two images.
 
     .. math:: \gamma = \frac{|\sum a b^*|}{\sqrt{\sum |a|^2 \sum |b|^2}}
@@ -304,7 +303,7 @@ def coherence(a: NDArray[Any], b: NDArray[Any]) -> float:
     return float(abs(np.vdot(y, x)) / norm) if norm > 0.0 else 0.0
 
 
-def image_error_db(a: NDArray[Any], reference: NDArray[Any]) -> float:
+def image_error_db(a: NDArray[np.number], reference: NDArray[np.number]) -> float:
     r"""Relative error of an image, :math:`20 \log_{10} (\|a - b\| / \|b\|)`, dB; -inf when they are equal."""
     x, y = _pair(a, reference)
     norm = float(np.linalg.norm(y))
@@ -314,7 +313,7 @@ def image_error_db(a: NDArray[Any], reference: NDArray[Any]) -> float:
     return float(20.0 * np.log10(error)) if error > 0.0 else float("-inf")
 
 
-def equivalent_number_of_looks(intensity: NDArray[Any]) -> float:
+def equivalent_number_of_looks(intensity: NDArray[np.number]) -> float:
     r"""Looks of a homogeneous area from its intensity, :math:`\langle I \rangle^2 / \mathrm{var}(I)`."""
     values = np.asarray(intensity, dtype=np.float64)
     variance = float(values.var())
@@ -328,7 +327,7 @@ def windows_over(shape: tuple[int, int], size: int) -> Iterator[tuple[slice, sli
             yield slice(row, row + size), slice(column, column + size)
 
 
-def _pair(a: NDArray[Any], b: NDArray[Any]) -> tuple[C128, C128]:
+def _pair(a: NDArray[np.number], b: NDArray[np.number]) -> tuple[C128, C128]:
     x, y = np.asarray(a, dtype=np.complex128), np.asarray(b, dtype=np.complex128)
     if x.shape != y.shape:
         raise DataError(f"images of the shapes {x.shape} and {y.shape} cannot be compared pixel by pixel")

@@ -1,5 +1,5 @@
-"""Files: one module a format, every file written whole or not at all."""
+"""Files: one module per format, every file written whole or not at all."""
 
-from sarmitsuba.io.formats import read_image, read_raw, write_image, write_raw
+from sarmitsuba.io.formats import FORMATS, FileFormat, read_image, read_raw, write_image, write_raw
 
-__all__ = ["read_image", "read_raw", "write_image", "write_raw"]
+__all__ = ["FORMATS", "FileFormat", "read_image", "read_raw", "write_image", "write_raw"]

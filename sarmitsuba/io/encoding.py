@@ -4,12 +4,13 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import PurePath
-from typing import Any
 
 import numpy as np
 
+Json = dict[str, "Json"] | list["Json"] | str | int | float | bool | None
 
-def to_json(value: Any, *, strict: bool = False) -> Any:
+
+def to_json(value: object, *, strict: bool = False) -> Json:
     """Return ``value`` made of dict, list, str, int, float, bool and None only.
 
     Parameters
@@ -18,7 +19,7 @@ def to_json(value: Any, *, strict: bool = False) -> Any:
     strict : write NaN and infinities as text, because the JSON standard has no numbers for them
     """
 
-    def convert(item: Any) -> Any:
+    def convert(item: object) -> Json:
         if item is None or isinstance(item, (str, bool, int)):
             return item
         if isinstance(item, float):

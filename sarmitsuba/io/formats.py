@@ -1,47 +1,60 @@
-"""The file formats of raw data and images, one module each, found by name or by the file's suffix."""
+"""The file formats of raw data and images, found by name or by the file's suffix."""
 
-import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.registry import Registry
+
+Content = Literal["raw", "image"]
 
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A way to write one kind of content; the module is imported on first use.
+    """A file format: what it is and the functions that write and read it, None for what it cannot.
+
+    Writers should go through :func:`sarmitsuba.io.atomic.atomic_path`, so that a file appears whole or not at all;
+    readers raise a ``DataError`` for a file that is damaged or of another kind.
 
     Parameters
     ----------
     name : e.g. ``hdf5``
-    content : ``raw`` or ``image``
+    doc : what it is for, one line
     suffixes : of its files, lower case, with the dot
-    module : where the functions live
-    writer : name of a function ``(path, content) -> None``
-    reader : name of a function ``(path) -> content``; empty when the format is only written
+    write_raw, read_raw : of raw data
+    write_image, read_image : of images
     """
 
     name: str
-    content: Literal["raw", "image"]
+    doc: str
     suffixes: tuple[str, ...]
-    module: str
-    writer: str = "write"
-    reader: str = ""
+    write_raw: Callable[[Path, RawData], None] | None = None
+    read_raw: Callable[[Path], RawData] | None = None
+    write_image: Callable[[Path, SarImage], None] | None = None
+    read_image: Callable[[Path], SarImage] | None = None
+
+    def holds(self, content: Content) -> bool:
+        """True where it can write or read that content."""
+        both = {"raw": (self.write_raw, self.read_raw), "image": (self.write_image, self.read_image)}
+        return any(both[content])
 
 
-FORMATS: tuple[FileFormat, ...] = (
-    FileFormat("hdf5", "raw", (".h5", ".hdf5"), "sarmitsuba.io.hdf5", reader="read_raw"),
-    FileFormat("hdf5", "image", (".h5", ".hdf5"), "sarmitsuba.io.hdf5", reader="read_image"),
-    FileFormat("openexr", "image", (".exr",), "sarmitsuba.io.openexr"),
-)
+FORMATS: Registry[FileFormat] = Registry("file format", "sarmitsuba.io.catalog")
 
 
-def find_format(path: Path, content: Literal["raw", "image"], name: str | None = None) -> FileFormat:
-    """Format of the given name, or the one that the path's suffix tells."""
-    known = [f for f in FORMATS if f.content == content]
+def find_format(path: Path, content: Content, name: str | None = None) -> FileFormat:
+    """Format of the given name, or the one that the path's suffix tells.
+
+    Raises
+    ------
+    DataError
+        There is none for that content.
+    """
+    known = [entry for entry in FORMATS if entry.holds(content)]
     for entry in known:
         if entry.name == name or (name is None and path.suffix.lower() in entry.suffixes):
             return entry
@@ -52,36 +65,38 @@ def find_format(path: Path, content: Literal["raw", "image"], name: str | None =
 
 def write_raw(raw: RawData, path: Path | str, *, format: str | None = None) -> None:
     """Write raw data in the format of that name, or of the path's suffix."""
-    _write(raw, Path(path), find_format(Path(path), "raw", format))
+    path = Path(path)
+    entry = find_format(path, "raw", format)
+    if entry.write_raw is None:
+        raise DataError(f"{path}: the format {entry.name} can be read but not written")
+    entry.write_raw(path, raw)
 
 
 def write_image(image: SarImage, path: Path | str, *, format: str | None = None) -> None:
     """Write an image in the format of that name, or of the path's suffix."""
-    _write(image, Path(path), find_format(Path(path), "image", format))
+    path = Path(path)
+    entry = find_format(path, "image", format)
+    if entry.write_image is None:
+        raise DataError(f"{path}: the format {entry.name} can be read but not written")
+    entry.write_image(path, image)
 
 
 def read_raw(path: Path | str, *, format: str | None = None) -> RawData:
     """Read raw data."""
-    value = _read(Path(path), find_format(Path(path), "raw", format))
-    assert isinstance(value, RawData)
-    return value
+    path = Path(path)
+    entry = find_format(path, "raw", format)
+    if entry.read_raw is None:
+        raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
+    return entry.read_raw(path)
 
 
 def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
     """Read an image."""
-    value = _read(Path(path), find_format(Path(path), "image", format))
-    assert isinstance(value, SarImage)
-    return value
-
-
-def _write(content: RawData | SarImage, path: Path, entry: FileFormat) -> None:
-    getattr(importlib.import_module(entry.module), entry.writer)(path, content)
-
-
-def _read(path: Path, entry: FileFormat) -> Any:
-    if not entry.reader:
+    path = Path(path)
+    entry = find_format(path, "image", format)
+    if entry.read_image is None:
         raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
-    return getattr(importlib.import_module(entry.module), entry.reader)(path)
+    return entry.read_image(path)
 
 
 __all__ = ["FORMATS", "FileFormat", "find_format", "read_image", "read_raw", "write_image", "write_raw"]

@@ -3,7 +3,10 @@
 import io
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer, WriteableBuffer
 
 
 class GuardedFile(io.RawIOBase):
@@ -22,7 +25,7 @@ class GuardedFile(io.RawIOBase):
         self.error: OSError | None = None
         self._file = open(path, "w+b", buffering=0)
 
-    def write(self, data: Any) -> int:
+    def write(self, data: "ReadableBuffer") -> int:
         """Write all of ``data``; drop it once the disk has refused."""
         view = memoryview(data).cast("B")
         done = 0
@@ -43,7 +46,7 @@ class GuardedFile(io.RawIOBase):
             self.error = error
         return length
 
-    def readinto(self, buffer: Any) -> int:
+    def readinto(self, buffer: "WriteableBuffer") -> int:
         """Fill ``buffer`` from the current position, with zeros past the end."""
         view = memoryview(buffer).cast("B")
         count = self._file.readinto(view) or 0

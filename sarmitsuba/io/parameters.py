@@ -9,7 +9,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 
 
-def write(path: Path | str, facts: Mapping[str, Any]) -> None:
+def write(path: Path | str, facts: Mapping[str, object]) -> None:
     """Write the facts as standard JSON (non-finite numbers as text), indented, UTF-8."""
     text = json.dumps(to_json(facts, strict=True), indent=2, ensure_ascii=False, allow_nan=False)
     with atomic_path(path) as temporary:

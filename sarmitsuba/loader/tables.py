@@ -115,7 +115,7 @@ SENSOR = ParamTable(
             "CSV of time_s, x_m, y_m, z_m, one pulse a line, in the file's frame; replaces slant_range, "
             "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and azimuth_resolution",
         ),
-        Param("center_frequency", "float", 9.6e9, "phase_factor", "Hz", 1e6, 1e12),
+        Param("center_frequency", "float", 9.6e9, "carrier", "Hz", 1e6, 1e12),
         Param("bandwidth", "float", 300e6, "swept by the pulse", "Hz", 1e3, 1e12),
         Param("pulse_width", "float", 2e-6, "length of the transmitted pulse", "s", 1e-10, 1.0),
         Param(

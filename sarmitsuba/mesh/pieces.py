@@ -52,7 +52,7 @@ def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
     np.minimum.at(low, piece, corners.min(axis=1))
     np.maximum.at(high, piece, corners.max(axis=1))
     width = total / np.maximum(np.linalg.norm(high - low, axis=1), 1e-300)
-    return total[piece], width[piece]
+    return np.asarray(total[piece]), np.asarray(width[piece])
 
 
 def ray_needs(
@@ -76,7 +76,9 @@ def ray_needs(
     finest = wavelength / 4.5
     coherent = np.maximum(size, 0.5 * finest)
     if curvature is not None:
-        strongest = np.sqrt(np.square(curvature[:, :3]).sum(axis=1) + 2.0 * np.square(curvature[:, 3:6]).sum(axis=1))
+        strongest = np.sqrt(
+            np.square(curvature[:, :3]).sum(axis=1) + 2.0 * np.square(curvature[:, 3:6]).sum(axis=1)
+        )
         bent = strongest > 0.0
         radius = 1.0 / np.where(bent, strongest, 1.0)
         tube = np.maximum(np.sqrt(0.1 * wavelength * radius), finest)

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.focusing import azimuth_cell, default_grid, focus
-from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
+from sarmitsuba.focusing.aperture import CellPolynomial, incidence_angle, matched_weights
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -38,7 +39,7 @@ from sarmitsuba.simulation.window import (
 )
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.look_accumulator import ImageAccumulator, LookGrid
+from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
 C64 = NDArray[np.complex64]
 
@@ -180,7 +181,9 @@ class Preview:
         stats = TraceStatistics()
         max_order = len(orders) if settings.keep_orders else 0
         for subset in subsets:
-            cells = np.zeros((len(orders) * len(channels), look.grid.n_range, look.grid.n_rate), np.complex64)
+            cells = np.zeros(
+                (len(orders) * len(channels), look.grid.n_range, look.grid.n_range_rate), np.complex64
+            )
             if self.job is not None:
                 accumulator = ImageAccumulator(
                     look.grid, len(orders), len(channels), max_order, radar.waveform.wavelength
@@ -247,7 +250,7 @@ class Preview:
         amplitude = amplitude * radar.amplitude_constant / distance**2
         if self.trace_scene is not None:
             amplitude = amplitude * visible(self.trace_scene, position, leg, distance)
-        out = np.zeros((len(layers), grid.n_range, grid.n_rate), dtype=np.complex64)
+        out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         plane = spread_points(
             grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength
         )
@@ -265,7 +268,7 @@ class Preview:
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
             rng = np.random.default_rng([self.scene.settings.seed, 0x6E6F697365, index])
-            shape = (1, look.grid.n_range, look.grid.n_rate)
+            shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
             noise *= (
@@ -330,7 +333,7 @@ def look_sampling(scene: Scene, window: LaunchWindow, plan: EffectsPlan) -> Scen
 
 def azimuth_cell_of(
     scene: Scene, grid: ImageGrid, range_window: str, azimuth_window: str
-) -> tuple[float, dict[str, Any]]:
+) -> tuple[float, CellPolynomial]:
     """Noise-equivalent azimuth cell at the grid's centre, m, and its change over range, as the focuser states it."""
     radar = scene.radar
     middle = grid.positions_on_line(grid.azimuth.size // 2)
@@ -353,17 +356,17 @@ def spread_points(
     amplitude: NDArray[np.complex128],
     wavelength: float,
 ) -> C64:
-    """Spread a few paths on a look's grid, (n_range, n_rate) complex64: ``ImageAccumulator`` in NumPy."""
+    """Spread a few paths on a look's grid, (n_range, n_range_rate) complex64: ``ImageAccumulator`` in NumPy."""
     kernel = grid.kernel
     offset, x, y = grid.cells(slant_range, rate)
     inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)
-    inside &= (y >= kernel.margin) & (y <= grid.n_rate - 1 - kernel.margin)
+    inside &= (y >= kernel.margin) & (y <= grid.n_range_rate - 1 - kernel.margin)
     x, y, offset, amplitude = x[inside], y[inside], offset[inside], amplitude[inside]
     value = amplitude * np.exp(-4j * np.pi / wavelength * offset)
     base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
     taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
     i, j = base_x.astype(int) - kernel.lead, base_y.astype(int) - kernel.lead
-    out = np.zeros((grid.n_range, grid.n_rate), dtype=np.complex128)
+    out = np.zeros((grid.n_range, grid.n_range_rate), dtype=np.complex128)
     for p, tx in enumerate(taps_x):
         for q, ty in enumerate(taps_y):
             np.add.at(out, (i + p, j + q), value * tx * ty)

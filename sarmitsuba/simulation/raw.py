@@ -154,14 +154,23 @@ def simulate(
         job = TraceJob(scene, replace(plan, flags=flags), window, trace_scene, timer)
         rays = [ray_lattices(scene, window, plan.flags, draw=s + 2 * pass_index, subset=s) for s in subsets]
         from sarmitsuba.simulation.small_parts import with_small_parts
+
         ants = radar.track.position[[0, radar.track.center_index, -1]]
         rays = [
             tuple(
                 g
                 for grid in grids
-                for g in ([grid] if grid.frame else with_small_parts(
-                    grid, trace_scene, window.frame, ants, np.random.default_rng([settings.seed & 0x7FFFFFFF, 77])
-                ))
+                for g in (
+                    [grid]
+                    if grid.frame
+                    else with_small_parts(
+                        grid,
+                        trace_scene,
+                        window.frame,
+                        ants,
+                        np.random.default_rng([settings.seed & 0x7FFFFFFF, 77]),
+                    )
+                )
             )
             for grids in rays
         ]

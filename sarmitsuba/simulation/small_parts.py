@@ -63,10 +63,16 @@ def with_small_parts(
         x, y = x[inside], y[inside]
         if not x.size:
             continue
-        order = np.argsort(morton(x, y, float(np.hypot(grid.half_x, grid.half_y) + grid.taper)), kind="stable")
+        order = np.argsort(
+            morton(x, y, float(np.hypot(grid.half_x, grid.half_y) + grid.taper)), kind="stable"
+        )
         out.append(
             replace(
-                grid, x=x[order].astype(np.float32), y=y[order].astype(np.float32), spacing=spacing, needs=needs
+                grid,
+                x=x[order].astype(np.float32),
+                y=y[order].astype(np.float32),
+                spacing=spacing,
+                needs=needs,
             )
         )
     return tuple(out)

@@ -177,20 +177,20 @@ class BlockAccumulator(GridAccumulator):
         range0 = contribution.slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
-        y = (contribution.range_rate - dr.opaque(mi.Float64, rate_reference + plan.rate0)) * dr.opaque(
-            mi.Float64, 1.0 / plan.rate_step
+        y = (contribution.range_rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
+            mi.Float64, 1.0 / plan.range_rate_step
         )
         ix, wx, inside_x = grid_cells(x, plan.kernel, plan.n_range)
-        iy, wy, inside_y = grid_cells(y, plan.rate_kernel, plan.n_rate)
+        iy, wy, inside_y = grid_cells(y, plan.range_rate_kernel, plan.n_range_rate)
         inside = contribution.active & inside_x & inside_y
         phase = phase_factor(range0, self.wavelength)
         values = [amplitude * phase for amplitude in contribution.amplitudes]
         # opaque sizes: the next block's grid then needs no new kernel
-        n_range, n_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_rate)
-        base = (self.slot(contribution.order) * n_range + ix) * n_rate + iy
+        n_range, n_range_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_range_rate)
+        base = (self.slot(contribution.order) * n_range + ix) * n_range_rate + iy
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
-                self.scatter(base + (i * n_rate + j), values, wi * wj, inside)
+                self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
         lost = contribution.active & (~inside | self.outside(contribution))
         return (dr.select(lost, state[0] + 1, state[0]),)
 

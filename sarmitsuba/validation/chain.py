@@ -76,7 +76,7 @@ def chain(
         raw = simulate(scene, seed=seed)
     if chirped:
         raw = to_chirped(raw)
-    return focus(raw, request=scene.image, method=method, range_window=window, azimuth_window=window)
+    return focus(raw, request=scene.image, focuser=method, range_window=window, azimuth_window=window)
 
 
 def track_distance(radar: Radar, points: ArrayLike) -> F64:

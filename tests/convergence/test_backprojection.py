@@ -7,7 +7,7 @@ import pytest
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing.aperture import direction_gain, look_directions
-from sarmitsuba.focusing.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.ideal import ideal_radar
 from sarmitsuba.image.metrics import image_error_db
@@ -102,15 +102,12 @@ def test_grid_and_list_of_points_give_the_same_pixels() -> None:
         np.testing.assert_allclose(image.reshape(n_layers, -1), listed, atol=1e-5 * np.abs(image).max())
 
 
-def test_batches_of_pulses_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sarmitsuba.focusing import backprojection
-
+def test_batches_of_pulses_do_not_show() -> None:
     raw = noise_data(ideal_radar(n_samples=200, resolution=2.0))
     points = pixels(100, 50.0)
     whole = backproject(raw, points)
-    monkeypatch.setattr(backprojection, "_BATCH_BYTES", 1)
-    monkeypatch.setattr(backprojection, "_TILE_PIXELS", 64)
-    assert image_error_db(backproject(raw, points), whole) < -110.0  # tol: order of single-precision sums
+    pieces = backproject(raw, points, batch_bytes=1, tile_pixels=64)
+    assert image_error_db(pieces, whole) < -110.0  # tol: order of single-precision sums
 
 
 REQUEST = {

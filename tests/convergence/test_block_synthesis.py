@@ -43,7 +43,9 @@ def _run(s, exact, error_db, start, length, width=4, n_paths=200, extra=0.0, cur
     half, range_offset, rate = _path_lengths(s.radar.track, plan, a, b)
     if not curvature:
         none = replace(
-            plan.curvature, by_range=0 * plan.curvature.by_range, by_rate=0 * plan.curvature.by_rate
+            plan.curvature,
+            by_range=0 * plan.curvature.by_range,
+            by_range_rate=0 * plan.curvature.by_range_rate,
         )
         plan = replace(plan, curvature=none)
     grid = spread_reference(plan, s.radar, range_offset, rate, amplitude)

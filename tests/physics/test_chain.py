@@ -65,7 +65,7 @@ def test_dihedral_hh_vv_and_their_phase() -> None:
 def test_point_target_response(where: dict[str, str], focuser: str) -> None:
     """Width, sidelobes, place and level of an ideal point."""
     scene = sarmitsuba.load_scene("point", parameters=where)
-    image = focus(sarmitsuba.simulate(scene), request=scene.image, method=focuser)
+    image = focus(sarmitsuba.simulate(scene), request=scene.image, focuser=focuser)
     m = point_target_in(image)
     cell = scene.radar.waveform.range_cell
     track = scene.radar.track

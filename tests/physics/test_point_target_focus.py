@@ -10,9 +10,9 @@ from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.backprojection import backproject
+from sarmitsuba.focusing.focusers.backprojection import backproject
+from sarmitsuba.focusing.focusers.omega_k import omega_k
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.omega_k import omega_k
 from sarmitsuba.focusing.profiles import band_weights
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db, point_target_in
@@ -68,7 +68,7 @@ def check(image: SarImage, radar: Radar, point: np.ndarray, rcs: float, squint: 
 def test_point_target_quality(method: Any, slant_range: float, resolution: float) -> None:
     radar = ideal_radar(slant_range=slant_range, resolution=resolution)
     raw = ideal_echoes(radar, POINT, rcs=2.5, phase=0.6)
-    image = focus(raw, method=method, request=request(48.0 * resolution**0.5))
+    image = focus(raw, focuser=method, request=request(48.0 * resolution**0.5))
     check(image, radar, POINT, 2.5)
 
 
@@ -88,7 +88,7 @@ def test_squinted_point_target(method: Any, squint_deg: float) -> None:
     squint = np.radians(squint_deg)
     radar = ideal_radar(squint_angle=squint, n_samples=320)
     raw = ideal_echoes(radar, POINT, rcs=2.5)
-    image = focus(raw, method=method, request=request(48.0))
+    image = focus(raw, focuser=method, request=request(48.0))
     m = point_target_in(image, squint_angle=squint, chip=72)
     assert m.range.irw / radar.waveform.range_cell == pytest.approx(0.8859, rel=0.02)
     assert m.azimuth.irw / 1.0 == pytest.approx(0.8859, rel=0.02)
@@ -181,7 +181,7 @@ def test_layers_stay_apart_and_pixels_outside_the_window_are_zero() -> None:
     data = np.concatenate([one.data * (n + 1) for n in range(6)])
     raw = RawData(data.astype(np.complex64), layers, "compressed", radar)
     for method in METHODS:
-        image = focus(raw, method=method, request=request(120.0, spacing_azimuth=4.0))
+        image = focus(raw, focuser=method, request=request(120.0, spacing_azimuth=4.0))
         for n in range(1, 6):
             np.testing.assert_allclose(image.data[n], (n + 1) * image.data[0], atol=1e-5)
         outside = np.abs(image.grid.range - 10e3) > 30.0
@@ -201,7 +201,7 @@ def test_wide_image_at_a_low_prf_warns_in_omega_k() -> None:
     radar = ideal_radar(resolution=2.0)
     raw = ideal_echoes(radar, POINT)
     with pytest.warns(SarmitsubaWarning, match="times the PRF"):
-        focus(raw, method="omega_k", request=request(20.0, extent_azimuth=600.0, spacing_azimuth=4.0))
+        focus(raw, focuser="omega_k", request=request(20.0, extent_azimuth=600.0, spacing_azimuth=4.0))
 
 
 def clutter(radar: Radar, n: int, extent: float, seed: int) -> RawData:
@@ -234,7 +234,7 @@ def test_clutter_has_its_sigma0(squint: float, seeds: tuple[int, ...]) -> None:
         for method in METHODS:
             for window in ("rectangular", "taylor"):
                 image = focus(
-                    raw, method=method, range_window=window, azimuth_window=window, request=request(140.0)
+                    raw, focuser=method, range_window=window, azimuth_window=window, request=request(140.0)
                 )
                 means.setdefault(f"{method} {window}", []).append(float(image.sigma0().mean()))
     for values in means.values():
@@ -252,7 +252,7 @@ def test_energy_of_the_impulse_response_is_the_cells_area(
     radar = ideal_radar(squint_angle=squint, n_samples=320)
     image = focus(
         ideal_echoes(radar, np.zeros(3)),
-        method=method,
+        focuser=method,
         range_window=range_window,
         azimuth_window=azimuth_window,
         request=request(110.0),

@@ -1,7 +1,7 @@
 """The default grid: where its pixels stand and how fine it is."""
 
 from dataclasses import replace
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,20 +11,12 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
 from sarmitsuba.focusing.grid import default_grid, natural_spacing
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.scene.settings import ImageRequest
 
 
-def request(**changes: object) -> SimpleNamespace:
-    values: dict[str, object] = {
-        "grid": "slant",
-        "center_x": 12.0,
-        "center_y": -7.0,
-        "height": 3.0,
-        "extent_azimuth": 60.0,
-        "extent_range": 40.0,
-        "spacing_azimuth": 0.0,
-        "spacing_range": 0.0,
-    }
-    return SimpleNamespace(**{**values, **changes})
+def request(**changes: Any) -> ImageRequest:
+    base = ImageRequest(center_x=12.0, center_y=-7.0, height=3.0, extent_azimuth=60.0, extent_range=40.0)
+    return replace(base, **changes)
 
 
 @pytest.mark.parametrize("kind", ["slant", "ground"])
@@ -61,7 +53,7 @@ def test_squint_needs_finer_pixels() -> None:
 
 def test_request_may_come_with_the_data_or_not_at_all() -> None:
     raw = ideal_echoes(ideal_radar(n_samples=128), np.zeros(3))
-    asked = default_grid(replace(raw, metadata={"image": vars(request())}))
+    asked = default_grid(replace(raw, metadata={"image_request": vars(request())}))
     np.testing.assert_array_equal(asked.azimuth, default_grid(raw, request()).azimuth)
     own = default_grid(raw)
     r = np.linalg.norm(own.positions()[own.shape[0] // 2] - raw.radar.track.center_position, axis=-1)

@@ -18,7 +18,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import parameters, read_image, read_raw, write_image, write_raw
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
-from sarmitsuba.io.formats import find_format
+from sarmitsuba.io.formats import FORMATS, FileFormat, find_format
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
@@ -246,3 +246,19 @@ def test_format_is_found_by_suffix_or_name() -> None:
     assert find_format(Path("a.dat"), "raw", "hdf5").name == "hdf5"
     with pytest.raises(DataError, match=r"no image format for the suffix '\.tif'; there are hdf5"):
         find_format(Path("a.tif"), "image")
+
+
+def test_a_registered_format_is_found_by_suffix_and_name(tmp_path: Path) -> None:
+    def write(path: Path, image: SarImage) -> None:
+        np.save(path, image.data)
+
+    before = FORMATS.names
+    FORMATS.register(FileFormat("test_npy", "pixels only", (".npy",), write_image=write))
+    assert FORMATS.names == (*before, "test_npy")
+    image = make_image()
+    write_image(image, tmp_path / "a.npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), image.data)
+    with pytest.raises(DataError, match="test_npy can be written but not read"):
+        read_image(tmp_path / "a.npy")
+    with pytest.raises(DataError, match=r"no raw format for the suffix '\.npy'"):
+        write_raw(make_raw(), tmp_path / "a.npy")

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.fft
@@ -11,8 +12,9 @@ from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import direction_gain, look_directions
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.profiles import plan_spectrum
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
@@ -55,8 +57,8 @@ def omega_k(
     raw: RawData,
     grid: ImageGrid,
     *,
-    range_window: str = "rectangular",
-    azimuth_window: str = "rectangular",
+    range_window: str | Window = "rectangular",
+    azimuth_window: str | Window = "rectangular",
     progress: Progress = silent,
 ) -> C64:
     r"""Focus range-compressed data of a straight track onto its slant grid.
@@ -67,7 +69,7 @@ def omega_k(
     .. math:: I(x, \rho) = \frac{\sqrt{2 \pi} e^{j \pi / 4} \rho^{5/2}}{K N P \sum_t w_t} \sum_{k_x} e^{j k_x x}
               \sum_k S(k_x, k) \frac{k^3}{k_y^{7/2}} e^{j \rho k_y}
 
-    which is the sum of :func:`sarmitsuba.focusing.backprojection.backproject` (its weights :math:`R^2 e^{jkR}`
+    which is the sum of :func:`sarmitsuba.focusing.focusers.backprojection.backproject` (its weights :math:`R^2 e^{jkR}`
     transformed over the track by stationary phase), so that both give the same complex pixels. The inner
     sum is the Stolt mapping: a type-1 non-uniform FFT from the curved k_y samples to the image's range
     pixels; the outer one is a chirp-z transform onto the azimuth pixels.
@@ -98,6 +100,9 @@ def omega_k(
     if raw.domain != "compressed":
         raise DataError("omega-K: the data are not range compressed; call range_compress first")
     radar = raw.radar
+    refusal = _refusal(radar, grid)
+    if refusal:
+        raise DataError(f"omega-K: {refusal}")
     geometry = _geometry(radar, grid)
     weights = parse_window(azimuth_window).aperture(radar.track.n_pulses)
 
@@ -130,27 +135,27 @@ def omega_k(
     return image
 
 
-def _geometry(radar: Radar, grid: ImageGrid) -> _Geometry:
-    """Check that the grid is the track's own and the track straight and level, and describe both."""
+def _refusal(radar: Radar, grid: ImageGrid) -> str:
+    """What keeps omega-K from focusing a radar's data on a grid; empty when nothing does."""
     track = radar.track
     if track.n_pulses < 8:
-        raise DataError(f"omega-K: {track.n_pulses} pulses are too few, at least 8 are needed")
+        return f"{track.n_pulses} pulses are too few, at least 8 are needed"
     if not track.is_straight:
-        raise DataError("omega-K: the track is curved or not uniformly sampled; use method backprojection")
+        return "the track is curved or not uniformly sampled"
     if grid.kind != "slant":
-        raise DataError(
-            "omega-K: the image grid is a ground grid, omega-K fills slant grids only; use backprojection"
-        )
-    step = (track.position[-1] - track.position[0]) / (track.n_pulses - 1)
-    spacing = float(np.linalg.norm(step))
+        return "the image grid is a ground grid, omega-K fills slant grids only"
     relative = track.position - grid.origin
-    x = relative @ grid.along
-    off = np.abs(relative - x[:, None] * grid.along).max()
-    if off > 1e-4 or step @ grid.along < 0.0:
-        raise DataError(
-            f"omega-K: the track runs {off:.3g} m off the slant grid's horizontal axis (bound 1e-4 m); "
-            "use method backprojection"
-        )
+    off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
+    if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
+        return f"the track runs {off:.3g} m off the slant grid's horizontal axis (bound 1e-4 m)"
+    return ""
+
+
+def _geometry(radar: Radar, grid: ImageGrid) -> _Geometry:
+    """Where the data and the image stand along the track's line."""
+    track = radar.track
+    spacing = float(np.linalg.norm((track.position[-1] - track.position[0]) / (track.n_pulses - 1)))
+    x = (track.position - grid.origin) @ grid.along
     x_center = float(grid.azimuth[grid.azimuth.size // 2])
     rho = float(grid.range[grid.range.size // 2])
     middle = 0.5 * (x[0] + x[-1])
@@ -180,7 +185,7 @@ def _upsampling(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> int:
     if band > 1.05:
         warnings.warn(
             f"omega-K: the image needs {band:.2f} times the PRF in Doppler bandwidth and folds; "
-            "shrink it in azimuth, raise prf or use method backprojection",
+            "shrink it in azimuth, raise prf or use focuser backprojection",
             SarmitsubaWarning,
             stacklevel=3,
         )
@@ -350,4 +355,31 @@ def _to_azimuth(columns: C64, first: int, n_x: int, grid: ImageGrid, geometry: _
     return out
 
 
-__all__ = ["omega_k", "pulse_weights"]
+@dataclass(frozen=True)
+class OmegaK(Focuser):
+    """Wavenumber-domain focusing: fast, for straight tracks and their own slant grids; see :func:`omega_k`."""
+
+    name: ClassVar[str] = "omega_k"
+    title: ClassVar[str] = "straight, uniform track and its slant grid; fast for large images"
+
+    def refusal(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        return _refusal(radar, grid)
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus."""
+        radar, grid = task.raw.radar, task.grid
+        weights = task.azimuth_window.aperture(radar.track.n_pulses)
+        pixels = omega_k(
+            task.raw,
+            grid,
+            range_window=task.range_window,
+            azimuth_window=task.azimuth_window,
+            progress=task.progress,
+        )
+        return Focused(pixels, lambda point: pulse_weights(radar, grid, point, weights))
+
+
+FOCUSERS.register(OmegaK())
+
+__all__ = ["OmegaK", "omega_k", "pulse_weights"]

@@ -14,6 +14,7 @@ from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.formats import FORMATS, FileFormat
 
 
 def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
@@ -60,5 +61,7 @@ def _facts(image: SarImage) -> object:
         strict=True,
     )
 
+
+FORMATS.register(FileFormat("openexr", "complex image for image tools", (".exr",), write_image=write))
 
 __all__ = ["named_planes", "write"]

@@ -1,20 +1,29 @@
 """Time-domain backprojection for any track and any set of pixels."""
 
-import importlib
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.backend import arrays, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.backprojection_kernel import AXES_STRIDE, PULSE_STRIDE, accumulate
+from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.backprojection_kernel import (
+    AXES_STRIDE,
+    PULSE_STRIDE,
+    PulseBatch,
+    Scales,
+    accumulate,
+)
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_profiles, plan_spectrum
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.radar import Radar
@@ -22,10 +31,6 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-# bytes of profiles per batch of pulses: they should stay in the last-level cache while every pixel reads them
-_BATCH_BYTES = 12 << 20
-# pixels per launch, bounds the device memory of positions
-_TILE_PIXELS = 1 << 20
 # layers that share one pass over the geometry; more would spill registers
 _MAX_LAYERS = 4
 # pixels of one lane, by layers in the pass: they share the load of the antenna's position
@@ -59,11 +64,13 @@ def backproject(
     raw: RawData,
     target: ImageGrid | ArrayLike,
     *,
-    range_window: str = "rectangular",
-    azimuth_window: str = "rectangular",
+    range_window: str | Window = "rectangular",
+    azimuth_window: str | Window = "rectangular",
     interpolation: str = "kernel",
     oversampling: int = 0,
     progress: Progress = silent,
+    batch_bytes: int = 12 << 20,
+    tile_pixels: int = 1 << 20,
 ) -> C64:
     r"""Focus range-compressed data by summing every pulse at every pixel's own range.
 
@@ -82,6 +89,9 @@ def backproject(
     interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
     oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
+    batch_bytes : of profiles per batch of pulses; they should stay in the last-level cache while every pixel reads
+        them
+    tile_pixels : pixels per launch, bounds the device memory of positions
 
     Returns
     -------
@@ -94,13 +104,7 @@ def backproject(
     """
     if raw.domain != "compressed":
         raise DataError("backprojection: the data are not range compressed; call range_compress first")
-    from sarmitsuba.backend import ensure_backend
-
-    backend = "cuda" if ensure_backend().variant.startswith("cuda_") else "llvm"
-    import drjit as dr
-
-    types = importlib.import_module(f"drjit.{backend}")
-
+    types = arrays()
     plan = plan_profiles(
         raw.radar, parse_window(range_window), interpolation=interpolation, oversampling=oversampling
     )
@@ -111,21 +115,21 @@ def backproject(
     meter = _Meter(progress, float(image.size) * raw.radar.track.n_pulses)
     for start in range(0, n_layers, _MAX_LAYERS):
         layers = slice(start, min(start + _MAX_LAYERS, n_layers))
-        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start]):
-            _focus_tile(dr, types, raw, layers, plan, weights, tile, image, meter)
+        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start], tile_pixels):
+            _focus_tile(types, raw, layers, plan, weights, tile, image, meter, batch_bytes)
     return image.reshape(n_layers, *shape)
 
 
 def _focus_tile(
-    dr: Any,
-    types: Any,
+    types: ModuleType,
     raw: RawData,
     layers: slice,
     plan: ProfilePlan,
     weights: F64,
     tile: _Tile,
     image: C64,
-    meter: "_Meter",
+    meter: _Meter,
+    batch_bytes: int,
 ) -> None:
     """Sum all pulses for one tile and store its calibrated pixels in ``image``."""
     radar = raw.radar
@@ -138,34 +142,24 @@ def _focus_tile(
     ]
     reference = float(np.linalg.norm(tile.positions[0, lanes // 2] - radar.track.center_position))
     antenna = None if radar.antenna.pattern == "isotropic" else radar.antenna
-    scales = tuple(
-        dr.opaque(types.Float64, v)
-        for v in (
-            1.0 / plan.step,
-            2.0 * radar.waveform.center_frequency / SPEED_OF_LIGHT,
-            float(plan.last),
-            1.0 / reference**2,
-        )
+    scales = Scales(
+        per_metre=dr.opaque(types.Float64, 1.0 / plan.step),
+        turns_per_metre=dr.opaque(types.Float64, 2.0 * radar.waveform.center_frequency / SPEED_OF_LIGHT),
+        last=dr.opaque(types.Float64, float(plan.last)),
+        inverse_square=dr.opaque(types.Float64, 1.0 / reference**2),
     )
     state = [dr.zeros(types.Float32, lanes) for _ in range(per_lane * stride)]
-    for batch in _batches(radar.track.n_pulses, plan, n_layers):
+    for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
-        samples = plan.paired(raw.data[layers, batch])
-        counts = tuple(dr.opaque(types.UInt32, v) for v in (n, plan.n_stored, n * plan.n_stored))
-        state = accumulate(
-            dr,
-            types,
-            state,
-            pixels,
-            types.Float64(_pulse_table(radar, plan, batch)),
-            types.Float32(_axes_table(radar, weights, batch)),
-            types.Float32(samples.ravel()),
-            counts,
-            scales,
-            plan.kernel,
-            n_layers,
-            antenna,
+        pulses = PulseBatch(
+            n_pulses=dr.opaque(types.UInt32, n),
+            n_stored=dr.opaque(types.UInt32, plan.n_stored),
+            n_plane=dr.opaque(types.UInt32, n * plan.n_stored),
+            positions=types.Float64(_pulse_table(radar, plan, batch)),
+            axes=types.Float32(_axes_table(radar, weights, batch)),
+            profiles=types.Float32(plan.paired(raw.data[layers, batch]).ravel()),
         )
+        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, antenna)
         dr.eval(state)
         dr.sync_thread()
         meter.add(float(np.count_nonzero(tile.index >= 0)) * n * n_layers)
@@ -182,9 +176,9 @@ def _focus_tile(
             image[layers.start + layer, tile.index[i][keep]] = (re + 1j * im) * factor
 
 
-def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int) -> Iterator[slice]:
+def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int, batch_bytes: int) -> Iterator[slice]:
     """Slices of pulses whose profiles fit the batch size."""
-    size = max(8, _BATCH_BYTES // (16 * plan.n_stored * n_layers))
+    size = max(8, batch_bytes // (16 * plan.n_stored * n_layers))
     for start in range(0, n_pulses, size):
         yield slice(start, min(start + size, n_pulses))
 
@@ -205,13 +199,13 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     return table.ravel()
 
 
-def _tiles(target: ImageGrid | ArrayLike, per_lane: int) -> Iterator[_Tile]:
+def _tiles(target: ImageGrid | ArrayLike, per_lane: int, tile_pixels: int) -> Iterator[_Tile]:
     """Cut the pixels into launches; the pixels of one lane are azimuth neighbours, lanes run along range."""
     if isinstance(target, ImageGrid):
         n_azimuth, n_range = target.shape
         across = target.across_distance()
         flat = target.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, target.height])
-        rows = max(per_lane, _TILE_PIXELS // n_range // per_lane * per_lane)
+        rows = max(per_lane, tile_pixels // n_range // per_lane * per_lane)
         for start in range(0, n_azimuth, rows):
             row = np.arange(start, min(start + rows, n_azimuth))
             padded = np.concatenate([row, np.full(-row.size % per_lane, -1)]).reshape(-1, per_lane)
@@ -229,8 +223,8 @@ def _tiles(target: ImageGrid | ArrayLike, per_lane: int) -> Iterator[_Tile]:
     points = np.asarray(target, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise DataError(f"backprojection: points have the shape {points.shape}, (n, 3) is needed")
-    for start in range(0, points.shape[0], _TILE_PIXELS):
-        pick = np.arange(start, min(start + _TILE_PIXELS, points.shape[0]))
+    for start in range(0, points.shape[0], tile_pixels):
+        pick = np.arange(start, min(start + tile_pixels, points.shape[0]))
         padded = np.concatenate([pick, np.full(-pick.size % per_lane, -1)]).reshape(-1, per_lane).T
         yield _Tile(padded, points[padded])
 
@@ -255,4 +249,32 @@ def backproject_numpy(
     return image / (radar.amplitude_constant * radar.track.n_pulses)
 
 
-__all__ = ["backproject", "backproject_numpy"]
+@dataclass(frozen=True)
+class Backprojection(Focuser):
+    """Time-domain backprojection, see :func:`backproject`; refuses nothing."""
+
+    name: ClassVar[str] = "backprojection"
+    title: ClassVar[str] = "any track and any grid"
+
+    interpolation: str = option(
+        "kernel", "of range profiles: linear (fastest), kernel:4, kernel, kernel:8 (best)"
+    )
+    oversampling: int = option(0, "range upsampling factor; 0 = 8 for linear and 2 for the others")
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus."""
+        pixels = backproject(
+            task.raw,
+            task.grid,
+            range_window=task.range_window,
+            azimuth_window=task.azimuth_window,
+            interpolation=self.interpolation,
+            oversampling=self.oversampling,
+            progress=task.progress,
+        )
+        return Focused(pixels, lambda point: matched_weights(task.raw.radar, point, task.azimuth_window))
+
+
+FOCUSERS.register(Backprojection())
+
+__all__ = ["Backprojection", "backproject", "backproject_numpy"]

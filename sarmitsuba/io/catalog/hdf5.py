@@ -13,21 +13,26 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FORMAT_VERSION = 1
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
@@ -123,13 +128,13 @@ def _read(path: Path | str, cls: type[T]) -> T:
     return value
 
 
-def _write_dataclass(group: h5py.Group, content: Any) -> None:
+def _write_dataclass(group: h5py.Group, content: "DataclassInstance") -> None:
     group.attrs["class"] = type(content).__name__
     for field in dataclasses.fields(content):
         value = getattr(content, field.name)
         if value is None:
             continue
-        if dataclasses.is_dataclass(value):
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
             _write_dataclass(group.create_group(field.name), value)
         elif field.name == "layers":
             _write_layers(group.create_group("layers"), value)
@@ -146,7 +151,7 @@ def _write_dataclass(group: h5py.Group, content: Any) -> None:
             group[field.name].attrs["unit"] = _UNITS[field.name]
 
 
-def _write_samples(group: h5py.Group, name: str, value: Any, class_name: str) -> None:
+def _write_samples(group: h5py.Group, name: str, value: NDArray[np.generic], class_name: str) -> None:
     row_bytes = max(1, value.shape[2] * value.itemsize)
     rows = int(np.clip(_CHUNK_BYTES // row_bytes, 1, max(1, value.shape[1])))
     chunks = (1, rows, value.shape[2]) if value.size else None
@@ -160,14 +165,14 @@ def _write_layers(group: h5py.Group, layers: tuple[Layer, ...]) -> None:
         group[field.name] = [getattr(layer, field.name) for layer in layers]
 
 
-def _read_dataclass(group: h5py.Group) -> Any:
+def _read_dataclass(group: h5py.Group) -> object:
     cls = _CLASSES[group.attrs["class"]]
     names = {field.name for field in dataclasses.fields(cls)}
-    values = {name: _read_value(name, item) for name, item in group.items() if name in names}
+    values: dict[str, Any] = {name: _read_value(name, item) for name, item in group.items() if name in names}
     return cls(**values)
 
 
-def _read_value(name: str, item: Any) -> Any:
+def _read_value(name: str, item: h5py.Group | h5py.Dataset) -> Any:
     if name == "layers":
         columns = {column: _plain(dataset) for column, dataset in item.items()}
         return tuple(
@@ -188,5 +193,17 @@ def _plain(dataset: h5py.Dataset) -> Any:
     value = dataset[()]
     return value.item() if dataset.shape == () else value
 
+
+FORMATS.register(
+    FileFormat(
+        "hdf5",
+        "everything, to be read again; the standard of scientific data",
+        (".h5", ".hdf5"),
+        write_raw=write,
+        read_raw=read_raw,
+        write_image=write,
+        read_image=read_image,
+    )
+)
 
 __all__ = ["CONVENTION", "FORMAT_VERSION", "read_image", "read_raw", "write"]

@@ -1,0 +1,88 @@
+"""Raw data in, calibrated complex image out."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.focusing.aperture import azimuth_cell, incidence_angle
+from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
+from sarmitsuba.focusing.grid import default_grid
+from sarmitsuba.focusing.range_compression import range_compress
+from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.settings import ImageRequest
+
+
+def focus(
+    raw: RawData,
+    grid: ImageGrid | None = None,
+    *,
+    request: ImageRequest | Mapping[str, object] | None = None,
+    focuser: str | Focuser = "backprojection",
+    range_window: str | Window = "rectangular",
+    azimuth_window: str | Window = "rectangular",
+    compression: Literal["flat", "matched"] = "flat",
+    progress: Progress = silent,
+) -> SarImage:
+    """Focus raw data into a calibrated image; layers stay apart.
+
+    Parameters
+    ----------
+    raw : chirped (compressed here first) or range-compressed data
+    grid : where to focus; default: :func:`default_grid` of ``request``, or of what the data's metadata ask for
+    request : image request for the default grid
+    focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``: straight uniform track, its
+        slant grid), with options if wanted, such as ``backprojection,interpolation=kernel:8``; or a focuser itself
+    range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
+        ``WINDOWS``); over the bandwidth and over the pulse index
+    compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
+    progress : called after every batch
+
+    Returns
+    -------
+    SarImage : |pixel|^2 is the RCS at a point's peak; ``sigma0`` refers to flat ground
+
+    Raises
+    ------
+    ExtensionError
+        There is no such focuser.
+    DataError
+        Unknown window, or data or a grid that the focuser refuses.
+    """
+    focuser = parse_focuser(focuser)
+    range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
+    raw = range_compress(raw, method=compression)
+    if grid is None:
+        grid = default_grid(raw, request)
+    check_focuser(focuser, raw.radar, grid)
+    focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
+
+    middle = grid.positions_on_line(grid.azimuth.size // 2)
+    incidence = incidence_angle(raw.radar, middle)
+    range_cell = raw.radar.waveform.range_cell * range_window.broadening
+    cell, polynomial = azimuth_cell(
+        raw.radar, grid, middle, incidence, focused.pulse_weights, range_window, range_cell
+    )
+    facts = {
+        "method": focuser.name,
+        "range_window": str(range_window),
+        "azimuth_window": str(azimuth_window),
+        **focuser.options,
+        "azimuth_cell_polynomial": polynomial,
+        "center_position": [float(v) for v in raw.radar.track.center_position],
+        "range_compression": raw.metadata.get("range_compression", "none"),
+    }
+    return SarImage(
+        data=focused.pixels,
+        layers=raw.layers,
+        grid=grid,
+        wavelength=raw.radar.waveform.wavelength,
+        azimuth_resolution_cell=cell,
+        range_resolution_cell=range_cell,
+        incidence_angle=incidence,
+        metadata={**raw.metadata, "focus": facts},
+    )
+
+
+__all__ = ["focus"]

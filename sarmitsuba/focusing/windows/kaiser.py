@@ -1,0 +1,25 @@
+"""Kaiser's window: nearly the most energy in a main lobe of a chosen width."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.focusing.windows.window import WINDOWS, WindowFamily, WindowParameter
+
+F64 = NDArray[np.float64]
+
+
+def kaiser(u: F64, beta: float) -> F64:
+    r""":math:`w(u) = I_0(\beta \sqrt{1 - 4 u^2}) / I_0(\beta)`."""
+    return np.asarray(np.i0(beta * np.sqrt(np.clip(1.0 - 4.0 * u**2, 0.0, None))) / np.i0(beta))
+
+
+WINDOWS.register(
+    WindowFamily(
+        "kaiser",
+        "most energy in the main lobe; a greater beta lowers the side lobes and widens it",
+        kaiser,
+        (WindowParameter("beta", 2.5, 0.0, 40.0, "0 is rectangular, 8.6 gives side lobes below -60 dB"),),
+    )
+)
+
+__all__ = ["kaiser"]
