@@ -329,7 +329,8 @@ class TraceJob:
         pick = slice(plan.key, plan.key + 1)
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
-        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar)
+        beam = self.plan.flags.antenna_pattern
+        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return stats
 
@@ -392,7 +393,7 @@ class TraceJob:
             velocity=velocity,
             frame=grid.frame or self.window.frame,
             boresight=pointing.boresight[pick] if patterned else None,
-            azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
+            azimuth_axis=pointing.azimuth_axis[pick] if patterned and pulses_each == 1 else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,
         )
         flags = self.plan.flags

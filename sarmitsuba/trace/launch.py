@@ -182,7 +182,8 @@ class PulseBatch:
     ----------
     position, velocity : (n, 3) float64, m and m/s, scene frame
     frame : launch planes, one for all pulses or one each
-    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
+    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic; without
+        ``azimuth_axis`` alone the azimuth pattern is left to the synthesis of a block
     """
 
     position: F64
