@@ -1,7 +1,6 @@
 """What adding known paths to pulses costs, and how exact it is: direct and block accumulators, by block length.
 
-Run ``python benchmarks/accumulators.py [--quick] [--out FOLDER]``. Prints tables; with ``--out`` writes
-``accumulators.json`` and ``accumulators.md``.
+Run ``python benchmarks/accumulators.py [--quick] [-o FOLDER]``.
 
 The paths are random points (the worst order for the caches) whose slant ranges are computed in float64 inside the
 kernel, as the tracing kernel does; the accumulators are the ones of the tracing kernel. ``fill`` is that kernel,
@@ -12,11 +11,9 @@ block length that the simulation chooses, and direct adding where it finds none.
 multiple reflections, seen as images behind the box.
 """
 
-import argparse
 import platform
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -36,7 +33,7 @@ EXTENT = 400.0  # m: a city quarter
 HEIGHT = 30.0  # m: its houses
 FREQUENCY, BANDWIDTH = 9.65e9, 300e6  # Hz: X band, 0.5 m
 N_PULSES = 512  # over the aperture that gives 0.5 m in azimuth
-N_PATHS = 2_560_000  # 4 rays a metre
+N_PATHS = 2_560_000  # 4 rays per metre
 DIRECT_PULSES = 8  # pulses the direct accumulator is timed on: the cost a pulse does not change
 SWAY = 0.3, 3.0  # m: of the curved tracks, one smooth wave over the aperture sideways and up
 JITTER = (
@@ -47,7 +44,7 @@ REFLECTED = 3  # every so-manieth path is a multiple reflection
 PROMISED_RATE, PROMISED_DB = (
     400e6,
     -40.0,
-)  # path-pulses a second on two cores, error of the default accumulator
+)  # path-pulses per second on two cores, error of the default accumulator
 
 
 def make_radar(extent: float = EXTENT, sway: float = 0.0, jitter: float = 0.0) -> tuple[Radar, np.ndarray]:
@@ -252,6 +249,7 @@ def measure_default(case: Case, n_paths: int, rounds: int) -> dict[str, Any]:
     }
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     backend = ensure_backend()
     n_paths = N_PATHS // 4 if quick else N_PATHS
@@ -320,18 +318,5 @@ def run(quick: bool) -> harness.Report:
     return report
 
 
-def main() -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a quarter of the paths, two rounds")
-    parser.add_argument("--out", type=Path, help="folder for accumulators.json and accumulators.md")
-    args = parser.parse_args()
-    report = run(args.quick)
-    if args.out:
-        report.save(args.out)
-    else:
-        print(report.markdown())
-
-
 if __name__ == "__main__":
-    main()
+    harness.main(run)

@@ -13,8 +13,8 @@ PULSES = {"tower": 0.25, "bridge": 0.25, "urban_block": 0.25, "Munich": 0.25}
 
 
 def scenes(quick: bool) -> dict[str, Any]:
-    from sarmitsuba.cost.sweep import crop
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
 
     found = {name: load_scene(name) for name in (("tower",) if quick else ("tower", "bridge", "urban_block"))}
     city = None if quick else harness.load_munich()
@@ -25,9 +25,9 @@ def scenes(quick: bool) -> dict[str, Any]:
 
 def orders(scene: Any) -> np.ndarray:
     """Images of the bounces 1 ... DEEPEST of one run: (DEEPEST, n_azimuth, n_range) complex64."""
-    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.render import render
 
-    image = simulate_image(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
+    image = render(harness.with_settings(scene, max_depth=DEEPEST, keep_orders=True), method="hybrid")
     channel = image.channels[0]
     return np.stack(
         [
@@ -41,8 +41,9 @@ def orders(scene: Any) -> np.ndarray:
     )
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, run_trial
+    from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.image.metrics import image_error_db
 
     report = harness.Report(

@@ -6,10 +6,12 @@ from pathlib import Path
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "buildings",
@@ -34,14 +36,14 @@ def run(quick: bool) -> harness.Report:
                 trial = run_trial(scene, setting)
                 if round_:
                     taken[n].append({**trial.stages, "all": trial.seconds - trial.stages["focus"]})
-                    rates[n] = trial.facts["statistics"]
+                    rates[n] = trial.statistics
     for n in counts:
         middle = sorted(taken[n], key=lambda s: s["all"])[len(taken[n]) // 2]
-        hits = rates[n]["hits"] / rates[n]["rays"]
+        hits = rates[n].hits / rates[n].rays
         rows.append([n, scenes[n].geometry.n_faces, hits, middle["trace"], middle["build"], middle["all"]])
     report.table(
         "",
-        ["buildings", "triangles", "hits a ray", "trace s", "build s", "all s", "against 1"],
+        ["buildings", "triangles", "hits per ray", "trace s", "build s", "all s", "against 1"],
         [
             [
                 r[0],

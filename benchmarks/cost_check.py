@@ -8,10 +8,11 @@ import harness
 TARGETS = (-20.0, -27.0, -33.0)
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
     from sarmitsuba.commands.cost import table
     from sarmitsuba.cost.study import study_cost
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     budget = 12.0 if quick else 280.0
     scene = None if quick else harness.load_munich()

@@ -30,14 +30,16 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction import ClockTimer, peak_memory, predict
-from sarmitsuba.simulation.raw import TraceJob, simulate
-from sarmitsuba.simulation.window import diffuse_spacing, launch_window
+from sarmitsuba.simulation.prediction.prediction import peak_memory, predict
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
@@ -115,7 +117,7 @@ def kernel_table(rounds: int) -> list[dict[str, Any]]:
     scene = replace(
         scene, radar=replace(scene.radar, antenna=antenna, channels=channels), materials=materials
     )
-    window = launch_window(scene)
+    window = SamplingPlan.of(scene).window
     grid = lattice(window.half_x, window.half_y, COST_SPACING, taper=window.taper)
     built = build_trace_scene(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
     full = KernelFlags(channels=channels, polarised_diffuse=False)
@@ -124,9 +126,10 @@ def kernel_table(rounds: int) -> list[dict[str, Any]]:
     for name, off in {"everything on": {}, **SWITCHES}.items():
         flags = replace(full, **off)  # type: ignore[arg-type]
         radar = replace(scene.radar, channels=flags.channels)
-        plan = EffectsPlan(flags, 3 if flags.multi_bounce else 1)
-        job = TraceJob(replace(scene, radar=radar), plan, window, built, ClockTimer(time.process_time))
-        block = block or block_of(job)
+        sampling = SamplingPlan.of(replace(scene, radar=radar), flags)
+        depth = 3 if flags.multi_bounce else 1
+        job = Tracer(sampling, flags, built, depth, StageTimer(time.process_time))
+        block = block or block_of(sampling)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
             one_batch(job, block, grid)
@@ -144,19 +147,19 @@ def kernel_table(rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
-def block_of(job: TraceJob) -> BlockPlan:
+def block_of(sampling: SamplingPlan) -> BlockPlan:
     """The middle 64 pulses."""
-    radar = job.scene.radar
+    radar = sampling.scene.radar
     start = radar.track.n_pulses // 2 - 32
-    extra = job.extra_slant_range()
-    return plan_block(radar, start, start + 64, job.window.center, job.phase_box(), extra_slant_range=extra)
+    extra, box = sampling.extra_slant_range, sampling.phase_box
+    return plan_block(radar, start, start + 64, sampling.window.center, box, extra_slant_range=extra)
 
 
-def one_batch(job: TraceJob, block: BlockPlan, grid: Any) -> float:
+def one_batch(job: Tracer, block: BlockPlan, grid: Any) -> float:
     """Trace one key pulse; processor seconds of the kernel, adding included, synthesis not."""
-    channels = job.scene.radar.channels
-    accumulator = BlockAccumulator(block, 1, len(channels), 0, job.scene.radar.waveform.wavelength)
-    job.timer = ClockTimer(time.process_time)
+    radar = job.sampling.scene.radar
+    accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
+    job.timer = StageTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
     job.launch(grid, block.position[None], block.velocity[None], pick, accumulator, block.n_pulses)
     return job.timer.seconds["trace"]
@@ -173,7 +176,7 @@ def dense(scene: Scene, planned: EffectsPlan, factor: float) -> Scene:
     """
     if planned.flags.footprint_splitting or not planned.flags.diffuse:
         return scene
-    spacing = diffuse_spacing(scene, launch_window(scene)) / factor
+    spacing = SamplingPlan.of(scene, planned.flags).spacings.diffuse / factor
     return replace(scene, settings=replace(scene.settings, diffuse_ray_spacing=spacing))
 
 
@@ -186,8 +189,8 @@ def error_db(image: Any, reference: Any) -> float:
 def planned_row(name: str, quick: bool) -> dict[str, Any]:
     """Image error and time ratios of one scene."""
     scene = load(name)
-    plan_facts = plan_scene(scene)
-    full = everything_on(scene, plan_facts)
+    decided = plan_scene(scene)
+    full = everything_on(scene, decided)
     wall: dict[str, list[float]] = {"plan": [], "all": []}
     cpu: dict[str, list[float]] = {"plan": [], "all": []}
     images: dict[str, Any] = {}
@@ -214,18 +217,18 @@ def planned_row(name: str, quick: bool) -> dict[str, Any]:
         focus(raw)
         focusing = min(focusing, time.process_time() - before)
     reference = images["all"]
-    if dense(scene, plan_facts, IMAGE_DENSITY) is not scene:
-        reference = focus(simulate(dense(scene, plan_facts, IMAGE_DENSITY), plan=full)).data
+    if dense(scene, decided, IMAGE_DENSITY) is not scene:
+        reference = focus(simulate(dense(scene, decided, IMAGE_DENSITY), plan=full)).data
     a = images["plan"]
     cell = float(np.abs(a - reference).max() / np.sqrt(np.mean(np.square(np.abs(reference)))))
     row: dict[str, Any] = {
         "scene": name,
         "mesh": scene.geometry.n_faces > 0,
-        "plan": plan_facts.summary(),
-        "max_depth": plan_facts.max_depth,
-        "why": plan_facts.decisions[0].why,
-        "off": [d.name for d in plan_facts.decisions if not d.on and d.value is None],
-        "on": [d.name for d in plan_facts.decisions if d.on and d.value is None],
+        "plan": decided.summary(),
+        "max_depth": decided.max_depth,
+        "why": decided.decisions[0].why,
+        "off": [d.name for d in decided.decisions if not d.on and d.value is None],
+        "on": [d.name for d in decided.decisions if d.on and d.value is None],
         "error_db": error_db(a, reference),
         "worst_pixel_db": 20 * float(np.log10(max(cell, 1e-15))),
         "rays_db": error_db(images["all"], reference),
@@ -237,13 +240,13 @@ def planned_row(name: str, quick: bool) -> dict[str, Any]:
         "cpu_focus": focusing,
         "slower": (min(cpu["plan"]) + focusing) / (min(cpu["all"]) + focusing),
         "rounds": rounds - 1,
-        "pilot": bool(plan_facts.pilot),
+        "pilot": bool(decided.pilot),
         "plan_seconds": planning,
         "plan_share": planning / (min(cpu["plan"]) + focusing),
         "stages": {k: round(v, 4) for k, v in stages.items()},
     }
     if scene.geometry.n_faces and not quick:
-        row |= every_pulse(scene, plan_facts, full, images, min(cpu["plan"]))
+        row |= every_pulse(scene, decided, full, images, min(cpu["plan"]))
     return row
 
 
@@ -254,16 +257,16 @@ def every_pulse(
     raw_scene = replace(scene, settings=replace(scene.settings, method="raw"))
     _, prediction = predict(raw_scene, plan=full, clock=time.process_time)
     total = sum(v for k, v in prediction.seconds.items() if k != "focus")
-    facts: dict[str, Any] = {"every_measured": total < RUN_AT_MOST, "predicted_every": total}
-    if facts["every_measured"]:
+    row: dict[str, Any] = {"every_measured": total < RUN_AT_MOST, "predicted_every": total}
+    if row["every_measured"]:
         before = time.process_time()
         raw = simulate(raw_scene, plan=full)
         total = time.process_time() - before
         denser = dense(raw_scene, planned, PULSES_DENSITY)
         reference = focus(raw if denser is raw_scene else simulate(denser, plan=full)).data
-        facts["every_error_db"] = error_db(images["plan"], reference)
-        facts["every_all_error_db"] = error_db(images["all"], reference)
-    return facts | {"cpu_every": total, "ratio_every": total / cpu_plan}
+        row["every_error_db"] = error_db(images["plan"], reference)
+        row["every_all_error_db"] = error_db(images["all"], reference)
+    return row | {"cpu_every": total, "ratio_every": total / cpu_plan}
 
 
 # ---- predicted against measured

@@ -10,9 +10,10 @@ PIECES = {"tower": 0.6, "buildings16": 0.5, "urban_block": 0.4, "bridge": 0.5}  
 TOLERANCE = 1.5  # dB
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.loader.xml import load_scene
-    from sarmitsuba.simulation.error_bars import SHARED_DB
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.refinement.error_bars import SHARED_DB
 
     report = harness.Report(
         "error_bars",
@@ -86,24 +87,25 @@ def run(quick: bool) -> harness.Report:
 
 def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> list[dict]:  # type: ignore[no-untyped-def]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.cost.report import Rays
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image
+    from sarmitsuba.cost.trial import Setting, mean_image
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.simulation.error_bars import estimate_error
-    from sarmitsuba.simulation.image import simulate_image
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.refinement.error_bars import estimate_error
+    from sarmitsuba.simulation.render import render
+    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
-    plan, window = plan_scene(whole), launch_window(whole)
-    rays = Rays.of(whole, plan)
+    plan = plan_scene(whole)
+    sampling = SamplingPlan.of(whole, plan.flags)
+    rays = sampling.spacings
     scene = crop(whole, share, 0.1)
     grid = default_grid(scene.radar, scene.image)
     # as many bounces in all runs: their error is not the rays'
     base = Setting(
         {
             "method": method,
-            "scatterer_cell": scatterer_cell(whole, window.incidence),
+            "scatterer_cell": sampling.scatterer_cell,
             "max_depth": plan.max_depth,
         }
     )
@@ -113,7 +115,7 @@ def _rows(whole, name: str, share: float, method: str, factors, quick: bool) -> 
         changed = base.but(**rays.at(factor), keep_subsets=True).apply(scene)
         true, estimate = [], []
         for index in range(1 if quick else RUNS):
-            image = simulate_image(changed, grid=grid, pass_index=index)
+            image = render(changed, grid=grid, pass_index=index)
             estimate.append(estimate_error(image.data, image.layers, pixels=False).error_db[0])
             true.append(image_error_db(image.total(), reference))
         rows.append({"scene": name, "method": method, "factor": factor, "true": true, "estimate": estimate})

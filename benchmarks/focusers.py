@@ -2,19 +2,15 @@
 
 Usage: python benchmarks/focusers.py [--quick] [-o FOLDER]
 
-Prints the tables and writes focusers.json, focusers.md and focusers.png. Errors are against the exact float64 sum
+Errors are against the exact float64 sum
 (``backproject_numpy``: trigonometric interpolation, no kernel), never against another setting of the same code.
 """
 
-import argparse
-import json
-import os
-import platform
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
+import harness
 import numpy as np
 
 from sarmitsuba.backend import ensure_backend
@@ -187,92 +183,79 @@ def quality_table() -> list[dict[str, Any]]:
     return rows
 
 
-def markdown(rows: list[dict[str, Any]], columns: dict[str, str]) -> str:
-    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+def rows_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> list[list[str]]:
+    """Cells of a table; a column's value is ``key`` or ``key:format``."""
+    specs = [spec.partition(":") for spec in columns.values()]
+    return [["" if row[name] is None else format(row[name], form) for name, _, form in specs] for row in rows]
+
+
+@harness.benchmark
+def run(quick: bool) -> harness.Report:
+    variant = ensure_backend().variant
+    speed, methods, quality = backprojection_table(quick), method_table(quick), quality_table()
+    first = speed[0]
+    report = harness.Report(
+        "focusers",
+        "Focusers",
+        f"Backprojection by interpolation, omega-K beside it, and point targets through both; {variant}. Errors are "
+        "against the exact float64 sum over band-limited noise.",
+        data={"backprojection": speed, "methods": methods, "point_target": quality},
+    )
+    tables = (
+        (
+            f"Backprojection: {first['pixels'][0]} x {first['pixels'][1]} pixels, {first['pulses']} pulses, isotropic "
+            'antenna, median over interleaved rounds; "per busy core" divides by the processor seconds that the call '
+            "used, so that other programs on the machine matter little",
+            speed,
+            {
+                "interpolation": "interpolation",
+                "oversampling": "oversampling",
+                "error, dB": "error_db:.1f",
+                "kernel, G pixel-pulses/s": "kernel_gpps:.2f",
+                "worst": "kernel_gpps_worst:.2f",
+                "best": "kernel_gpps_best:.2f",
+                "whole call, G/s": "whole_gpps:.2f",
+                "per busy core, G/s": "whole_gpps_per_core:.2f",
+                "first call, s": "first_call_s:.2f",
+            },
+        ),
+        (
+            f"Focusers on one slant grid: {' x '.join(map(str, methods[0]['pixels']))} pixels, three points",
+            methods,
+            {
+                "method": "method",
+                "seconds": "seconds:.2f",
+                "times faster": "ratio:.1f",
+                "difference of images, dB": "difference_db:.1f",
+            },
+        ),
+        (
+            "Point target",
+            quality,
+            {
+                "method": "method",
+                "range, m": "slant_range_m:.0f",
+                "pulses": "pulses",
+                "IRW azimuth, cells": "irw_azimuth_cells:.4f",
+                "IRW range": "irw_range_cells:.4f",
+                "PSLR azimuth, dB": "pslr_azimuth_db:.2f",
+                "PSLR range": "pslr_range_db:.2f",
+                "offset azimuth, cells": "offset_azimuth_cells:.4f",
+                "offset range": "offset_range_cells:.4f",
+                "RCS error, dB": "rcs_error_db:.4f",
+            },
+        ),
+    )
+    for caption, rows, columns in tables:
+        report.table(caption, list(columns), rows_of(rows, columns))
+    report.figure("interpolation", figure(speed))
+    return report
+
+
+def figure(rows: list[dict[str, Any]]) -> Any:
+    """Error over speed of every interpolation."""
+    drawn, axes = harness.new_figure(6.0, 4.0)
     for row in rows:
-        cells = []
-        for spec in columns.values():
-            name, _, form = spec.partition(":")
-            value = row[name]
-            cells.append("" if value is None else format(value, form))
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def report(result: dict[str, Any]) -> str:
-    speed = markdown(
-        result["backprojection"],
-        {
-            "interpolation": "interpolation",
-            "oversampling": "oversampling",
-            "error, dB": "error_db:.1f",
-            "kernel, G pixel-pulses/s": "kernel_gpps:.2f",
-            "worst": "kernel_gpps_worst:.2f",
-            "best": "kernel_gpps_best:.2f",
-            "whole call, G/s": "whole_gpps:.2f",
-            "per busy core, G/s": "whole_gpps_per_core:.2f",
-            "first call, s": "first_call_s:.2f",
-        },
-    )
-    methods = markdown(
-        result["methods"],
-        {
-            "method": "method",
-            "seconds": "seconds:.2f",
-            "times faster": "ratio:.1f",
-            "difference of images, dB": "difference_db:.1f",
-        },
-    )
-    quality = markdown(
-        result["point_target"],
-        {
-            "method": "method",
-            "range, m": "slant_range_m:.0f",
-            "pulses": "pulses",
-            "IRW azimuth, cells": "irw_azimuth_cells:.4f",
-            "IRW range": "irw_range_cells:.4f",
-            "PSLR azimuth, dB": "pslr_azimuth_db:.2f",
-            "PSLR range": "pslr_range_db:.2f",
-            "offset azimuth, cells": "offset_azimuth_cells:.4f",
-            "offset range": "offset_range_cells:.4f",
-            "RCS error, dB": "rcs_error_db:.4f",
-        },
-    )
-    first = result["backprojection"][0]
-    machine = result["machine"]
-    return f"""# Focusers
-
-{machine["processor"]}, {machine["cores"]} cores, {machine["variant"]}.
-
-## Backprojection
-
-{first["pixels"][0]} x {first["pixels"][1]} pixels, {first["pulses"]} pulses, isotropic antenna.
-Median over interleaved rounds. Errors against the exact float64 sum over band-limited noise.
-"Per busy core" divides by the CPU seconds that the call
-used, so that other programs on the machine matter little.
-
-{speed}
-
-## Focusers on one slant grid
-
-{result["methods"][0]["pixels"][0]} x {result["methods"][0]["pixels"][1]} pixels, three points.
-
-{methods}
-
-## Point target
-
-{quality}
-"""
-
-
-def plot(result: dict[str, Any], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for row in result["backprojection"]:
         axes.plot(row["kernel_gpps"], row["error_db"], "o")
         label = f"{row['interpolation']}, x{row['oversampling']}"
         axes.annotate(label, (row["kernel_gpps"], row["error_db"]), xytext=(5, 3), textcoords="offset points")
@@ -280,33 +263,8 @@ def plot(result: dict[str, Any], path: Path) -> None:
     axes.set_ylabel("error against the exact sum, dB")
     axes.set_title("Backprojection: interpolation of the range profiles")
     axes.margins(x=0.3)
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="small image, two rounds")
-    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"), metavar="FOLDER")
-    args = parser.parse_args()
-    result: dict[str, Any] = {
-        "machine": {
-            "processor": platform.processor() or platform.machine(),
-            "cores": os.cpu_count(),
-            "variant": ensure_backend().variant,
-        },
-        "backprojection": backprojection_table(args.quick),
-        "methods": method_table(args.quick),
-        "point_target": quality_table(),
-    }
-    args.output.mkdir(parents=True, exist_ok=True)
-    (args.output / "focusers.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    text = report(result)
-    (args.output / "focusers.md").write_text(text, encoding="utf-8")
-    plot(result, args.output / "focusers.png")
-    print(text)
+    return drawn
 
 
 if __name__ == "__main__":
-    main()
+    harness.main(run)

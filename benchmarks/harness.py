@@ -1,6 +1,11 @@
-"""What all benchmarks share: timing in interleaved rounds, machine facts, tables, JSON, plots."""
+"""What all benchmarks share: their registry, timing in interleaved rounds, machine facts, tables, JSON, plots.
+
+A benchmark is a file with a function ``run(quick) -> Report`` under ``@harness.benchmark``; its name is the file's.
+``run_all.py`` finds those that lie in this folder and takes others by path.
+"""
 
 import argparse
+import importlib
 import json
 import os
 import platform
@@ -11,6 +16,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from sarmitsuba.errors import ExtensionError
+from sarmitsuba.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -170,6 +178,36 @@ class Report:
         print(text, flush=True)
 
 
+@dataclass(frozen=True)
+class Benchmark:
+    """A benchmark before it is run: ``run(quick)``, with small sizes and one round when quick."""
+
+    name: str
+    run: Callable[[bool], Report]
+
+
+BENCHMARKS: Registry[Benchmark] = Registry("benchmark")
+
+
+def benchmark(run: Callable[[bool], Report]) -> Callable[[bool], Report]:
+    """Register a benchmark under the name of its file; used as a decorator."""
+    path = Path(run.__code__.co_filename)
+    if path.stem in BENCHMARKS:
+        raise ExtensionError(
+            f"{path}: there is a benchmark {path.stem!r} already; give the file another name"
+        )
+    BENCHMARKS.register(Benchmark(path.stem, run))
+    return run
+
+
+def discover(folder: Path = Path(__file__).parent) -> None:
+    """Import every file of a folder that holds a benchmark."""
+    for path in sorted(folder.glob("*.py")):
+        known = {"harness", *BENCHMARKS.names}
+        if path.stem not in known and "\n@harness.benchmark\n" in path.read_text(encoding="utf-8"):
+            importlib.import_module(path.stem)
+
+
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         if value != value:
@@ -210,7 +248,7 @@ def munich() -> Path | None:
 def load_munich(**parameters: str) -> Any:
     """Munich under the airborne X-band radar: 400 m x 400 m, 512 pulses; None where it is not installed."""
     from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     path = munich()
     if path is None:

@@ -12,15 +12,17 @@ from scipy.ndimage import uniform_filter
 LITERATURE_2003 = {2: 62.0, 16: 458.0}
 # what counts as interactive, s, once kernels are compiled
 INTERACTIVE = 1.0
-# raw traces 0.8 M rays a pulse: a twentieth of the aperture keeps this benchmark under three minutes
+# raw traces 0.8 M rays per pulse: a twentieth of the aperture keeps this benchmark under three minutes
 APERTURE = 0.05
 LOOKS = 9  # pixels a side that intensities are averaged over: speckle of 1 / sqrt(81 / 4) remains
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "methods",
@@ -39,13 +41,12 @@ def run(quick: bool) -> harness.Report:
     share = 0.3 if quick else 1.0
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
-    from sarmitsuba.cost.report import Rays
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
-    window, plan = launch_window(whole), plan_scene(whole)
-    rays = Rays.of(whole, plan)
-    base = Setting({"scatterer_cell": scatterer_cell(whole, window.incidence), **rays.at(1.0)})
+    sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
+    rays = sampling.spacings
+    base = Setting({"scatterer_cell": sampling.scatterer_cell, **rays.at(1.0)})
     dense = base.but(method="raw", **rays.at(0.5**0.5))
     reference = mean_image(scene, dense, grid, 1 if quick else 2)
 
@@ -110,24 +111,26 @@ def run(quick: bool) -> harness.Report:
 def _interactive(report: harness.Report, quick: bool) -> None:
     """Seconds of the two image-domain methods on Munich, once compiled: the whole run, and one more image."""
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.simulation.image import Preview, simulate_image
+    from sarmitsuba.simulation.image import Imager
+    from sarmitsuba.simulation.render import render
+    from sarmitsuba.simulation.run import Run
 
     scene = None if quick else harness.load_munich()
     if scene is None:
         report.notes.append("Munich, once compiled: not here (quick, or sionna-rt is not installed)")
         return
     grid = default_grid(scene.radar, scene.image)
-    preview = Preview(scene, grid)
+    imager = Imager(Run(scene), grid)
     jobs = {
-        "raster": lambda: simulate_image(scene, method="raster", grid=grid),
-        "image": lambda: simulate_image(scene, method="image", grid=grid),
-        "raster again": preview.raster,
-        "image again": preview.image,
+        "raster": lambda: render(scene, method="raster", grid=grid),
+        "image": lambda: render(scene, method="image", grid=grid),
+        "raster again": imager.raster,
+        "image again": imager.image,
     }
     timing = harness.interleave(jobs, harness.ROUNDS)
     report.table(
         "Munich, once compiled: seconds from the loaded scene, and of one more image of a prepared scene "
-        "(`sarmitsuba.simulation.image.Preview`)",
+        "(`sarmitsuba.simulation.image.Imager`)",
         ["method", "whole run", "one more image"],
         [[name, str(timing[name]), str(timing[f"{name} again"])] for name in ("raster", "image")],
     )
@@ -146,8 +149,8 @@ def intensity_error_db(image: np.ndarray, reference: np.ndarray) -> float:
 
 def literature(quick: bool) -> list[tuple[str, float, float]]:
     """Seconds of hybrid, image and raster for 2 and 16 buildings on the same ground, warm."""
-    from sarmitsuba.cost.sweep import Setting, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.mesh.city import make_city
 
     out: dict[str, list[float]] = {

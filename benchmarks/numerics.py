@@ -37,10 +37,10 @@ ORDER = (
 )
 HEAD = """# Numerics
 
-Where ray-traced radar codes lie quietly, and what is done about it. Every line is a check of a test in
-`tests/numerics`, measured by `python benchmarks/numerics.py`, which writes this page: the error of the naive way where
-the test measures it too, ours, the bound that the test holds, and the remedy. A naive error of `nan` means that the
-naive way gives no number at all.
+Ray-traced radar codes can be wrong without saying so. This page lists such hard cases, and what is done about each.
+Every line is a check of a test in `tests/numerics`: the error of the naive way where the test measures it, our error,
+the bound that the test holds, and the remedy. A naive error of `nan` means that the naive way gives no number at all.
+The page is written by `python benchmarks/numerics.py`.
 """
 TAIL = """
 ## Curved surfaces: what was tried

@@ -3,10 +3,12 @@
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
+    from sarmitsuba.cost.trial import Setting, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "phase_precision",

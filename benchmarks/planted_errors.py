@@ -17,28 +17,8 @@ import numpy as np
 
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.validation.cases import canonical as validation_canonical
-from sarmitsuba.validation.cases import corners as validation_corners
-from sarmitsuba.validation.cases import diffuse as validation_diffuse
-from sarmitsuba.validation.cases import materials as validation_materials
-from sarmitsuba.validation.cases import radiometry as validation_radiometry
-from sarmitsuba.validation.cases import rough as validation_rough
-from sarmitsuba.validation.comparison import Case
-
-CASES: dict[str, Callable[[bool], Case]] = {
-    "plate": validation_canonical.plate,
-    "sphere": validation_canonical.sphere,
-    "dihedral": validation_corners.dihedral,
-    "rolled_dihedral": validation_corners.rolled_dihedral,
-    "corner_peaks": validation_corners.corner_peaks,
-    "wall_ground": validation_materials.wall_ground,
-    "fresnel_kernel": validation_materials.fresnel_kernel,
-    "coherent_loss": validation_rough.coherent_loss,
-    "canonical_building": validation_rough.canonical_building,
-    "diffuse_level": validation_diffuse.diffuse_level,
-    "traced_rcs": validation_radiometry.traced_rcs,
-    "received_power": validation_radiometry.received_power,
-}
+from sarmitsuba.validation.cases import CASES
+from sarmitsuba.validation.run import run_case
 
 
 @contextmanager
@@ -154,9 +134,10 @@ def wrong_reflection_sign() -> AbstractContextManager[None]:
 
 
 def lambert_without_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.materials import diffuse
+    from sarmitsuba.materials.laws.constant_gamma import ConstantGamma
+    from sarmitsuba.materials.laws.lambert import Lambert
 
-    return _replaced(diffuse, "lambert_sigma0", lambda f: lambda theta, albedo: 4.0 * albedo * np.cos(theta))
+    return _replaced(Lambert, "sigma0", lambda f: ConstantGamma.sigma0)
 
 
 def forgotten_loss() -> AbstractContextManager[None]:
@@ -209,7 +190,7 @@ def main() -> int:
     }
     bad = 0
     for case in sorted({c for _, cases in planted.values() for c in cases}):
-        result = CASES[case](True)
+        result = run_case(CASES[case], quick=True)
         if not result.passed:
             bad += 1
             print(f"unharmed: {result.failures()}")
@@ -221,7 +202,7 @@ def main() -> int:
         caught, missed = [], []
         for case in cases:
             with plant():
-                result = CASES[case](True)
+                result = run_case(CASES[case], quick=True)
             failed = [c for c in result.comparisons if not c.passed]
             if failed:
                 worst = max(failed, key=lambda c: c.worst / c.tolerance)

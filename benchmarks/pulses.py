@@ -3,9 +3,11 @@
 import harness
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import Setting, crop, run_trial
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "pulses",
@@ -29,7 +31,7 @@ def run(quick: bool) -> harness.Report:
         seconds = trial.seconds - trial.stages["focus"]
         direct = (raw.seconds - raw.stages["focus"]) * n / few.radar.track.n_pulses
         memory = trial.peak_bytes / 1e6
-        rows.append([n, trial.facts["statistics"]["key_pulses"], seconds, direct, memory, own])
+        rows.append([n, trial.statistics.key_pulses, seconds, direct, memory, own])
     report.table(
         "",
         ["pulses", "key pulses", "hybrid s", "raw s (scaled)", "ratio", "memory MB", "of it raw data MB"],

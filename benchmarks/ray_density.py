@@ -7,13 +7,14 @@ FACTORS = (2.83, 2.0, 1.41, 1.0, 0.71, 0.5)  # of the automatic spacing: rays do
 REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of the default, two such passes
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.report import Rays
-    from sarmitsuba.cost.sweep import Setting, crop, mean_image, run_trial
+    from sarmitsuba.cost.trial import Setting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.sampling.piece import crop
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     report = harness.Report(
         "ray_density",
@@ -29,30 +30,29 @@ def run(quick: bool) -> harness.Report:
     )
     for name, (share, pulses) in pieces.items():
         whole = load_scene(name)
-        plan = plan_scene(whole)
-        window = launch_window(whole)
-        rays = Rays.of(whole, plan)
+        sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
+        rays = sampling.spacings
         scene = crop(whole, share, pulses)
         grid = default_grid(scene.radar, scene.image)
         # in metres, from the whole aperture: a piece of it resolves less and would get larger cells
-        base = Setting({"method": "hybrid", "scatterer_cell": scatterer_cell(whole, window.incidence)})
+        base = Setting({"method": "hybrid", "scatterer_cell": sampling.scatterer_cell})
         reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else 2)
         rows = []
         for factor in FACTORS[1:4] if quick else FACTORS:
             trial = run_trial(scene, base.but(**rays.at(factor)), grid)
-            count = trial.facts["sampling"].get("rays_per_key_pulse", 0)
+            count = trial.sampling.rays_per_key_pulse if trial.sampling else 0
             seconds = trial.seconds - trial.stages["focus"]
             rows.append([factor, factor * rays.coherent, count, trial.error_db(reference), seconds])
         report.table(
             name,
-            ["factor", "spacing m", "rays a key pulse", "error dB", "seconds"],
+            ["factor", "spacing m", "rays per key pulse", "error dB", "seconds"],
             [[r[0], f"{r[1]:.4g}", r[2], f"{r[3]:.1f}", f"{r[4]:.2f}"] for r in rows],
         )
         slope = np.polyfit(10 * np.log10([r[2] for r in rows]), [r[3] for r in rows], 1)[0]
         report.notes.append(f"{name}: error falls by {-3.01 * slope:.1f} dB for twice the rays.")
         report.data[name] = rows
         axes.semilogx([r[2] for r in rows], [r[3] for r in rows], "o-", label=name)
-    axes.set(xlabel="rays a key pulse", ylabel="error of the image (dB)", title="Ray density")
+    axes.set(xlabel="rays per key pulse", ylabel="error of the image (dB)", title="Ray density")
     axes.legend()
     report.figure("error", figure)
     return report

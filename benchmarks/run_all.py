@@ -1,12 +1,12 @@
 """Run every benchmark and collect the results into docs/benchmarks.md.
 
-``python benchmarks/run_all.py [--quick] [--only NAME ...] [-o FOLDER]``; ``--quick`` runs small sizes, writes nothing
-into docs and takes under a minute.
+``python benchmarks/run_all.py [FILE ...] [--quick] [--only NAME ...] [-o FOLDER]``. Benchmarks are the files beside
+this one that hold ``@harness.benchmark``; FILE is one of your own that lies elsewhere. ``--quick`` runs small sizes,
+writes nothing into docs and takes under a minute.
 """
 
 import argparse
 import shutil
-import subprocess
 import sys
 import time
 import traceback
@@ -15,21 +15,9 @@ from pathlib import Path
 
 import harness
 
-# name, runs in this process (the others are programs of their own kind and write their own files)
-SUITE = (
-    "speed",
-    "bounce_depth",
-    "ray_density",
-    "key_pulse_interval",
-    "gridding",
-    "phase_precision",
-    "methods",
-    "buildings",
-    "pulses",
-    "error_bars",
-    "cost_check",
-)
-PROGRAMS = {"accumulators": "--out", "focusers": "-o"}
+from sarmitsuba.errors import ExtensionError
+from sarmitsuba.registry import load_extension
+
 DOCS = harness.ROOT / "docs"
 HEAD = """# Benchmarks
 
@@ -50,11 +38,20 @@ def main() -> int:
     parser.add_argument(
         "--quick", action="store_true", help="small sizes, one round, for continuous integration"
     )
-    parser.add_argument("--only", nargs="+", choices=(*SUITE, *PROGRAMS), help="these benchmarks only")
+    parser.add_argument(
+        "files", nargs="*", metavar="FILE", help="benchmarks of your own, run with the others"
+    )
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these benchmarks only")
     parser.add_argument("-o", "--output", type=Path, default=harness.RESULTS)
     parser.add_argument("--collect", action="store_true", help="only collect what was run before")
     args = parser.parse_args()
-    wanted = args.only or [*SUITE, *PROGRAMS]
+    try:
+        harness.discover()
+        for file in args.files:
+            load_extension(file)
+        wanted = [harness.BENCHMARKS[name] for name in args.only or harness.BENCHMARKS.names]
+    except ExtensionError as error:
+        parser.error(str(error))
     args.output.mkdir(parents=True, exist_ok=True)
     failed = [] if args.collect else run(wanted, args.output, args.quick)
     if not args.quick:
@@ -64,28 +61,22 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def run(wanted: list[str], output: Path, quick: bool) -> list[str]:
-    import importlib
-
+def run(wanted: list[harness.Benchmark], output: Path, quick: bool) -> list[str]:
+    """Run benchmarks one after the other; return the names of those that broke."""
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.errors import SarmitsubaWarning
 
     warnings.simplefilter("ignore", SarmitsubaWarning)
     ensure_backend()
     failed = []
-    for name in wanted:
+    for benchmark in wanted:
         start = time.perf_counter()
-        print(f"== {name}", flush=True)
-        if name in PROGRAMS:
-            command = [sys.executable, str(Path(__file__).parent / f"{name}.py"), PROGRAMS[name], str(output)]
-            if subprocess.run(command + ["--quick"] * quick, check=False).returncode:
-                failed.append(name)
-        else:
-            try:
-                importlib.import_module(name).run(quick).save(output)
-            except Exception:  # one broken benchmark must not lose the others
-                traceback.print_exc()
-                failed.append(name)
+        print(f"== {benchmark.name}", flush=True)
+        try:
+            benchmark.run(quick).save(output)
+        except Exception:  # one broken benchmark must not lose the others
+            traceback.print_exc()
+            failed.append(benchmark.name)
         print(f"   {time.perf_counter() - start:.0f} s, load {harness.load()}", flush=True)
     return failed
 
@@ -97,13 +88,11 @@ def collect(output: Path) -> None:
     facts = harness.machine()
     rows = "\n".join(f"| {k} | {v} |" for k, v in facts.items() if k != "load")
     pieces, contents = [], []
-    for name in (*SUITE, *PROGRAMS):
+    for name in harness.BENCHMARKS.names:
         path = output / f"{name}.md"
         if not path.exists():
             continue
         text = path.read_text(encoding="utf-8")
-        if not text.startswith("## "):
-            text = f"## {name.capitalize()}\n\n{text}"
         for picture in output.glob(f"{name}*.png"):
             shutil.copyfile(picture, images / picture.name)
             text = text.replace(f"({picture.name})", f"(images/benchmarks/{picture.name})")

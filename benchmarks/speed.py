@@ -6,7 +6,7 @@ from typing import Any
 
 import harness
 
-SPACING = 0.25  # m between rays: 4 a metre
+SPACING = 0.25  # m between rays: 4 per metre
 DEPTH = 3
 EVERY = 64  # raw is traced on every 64th pulse, 30 M rays: more would only repeat the same comparison
 # pulses a quarter block off their key pulses, like the average one; the reference has four times the rays
@@ -36,15 +36,16 @@ def rough(scene: Any) -> Any:
     return replace(scene, materials=materials)
 
 
+@harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.sweep import crop
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.sampling.piece import crop
 
     report = harness.Report(
         "speed",
         "Speed",
-        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays a metre, 512 pulses, "
+        f"Munich (sionna-rt) under `airborne_x`: 400 m x 400 m, {1 / SPACING:g} rays per metre, 512 pulses, "
         f"{DEPTH} bounces, one "
         "polarisation. `as shipped`: its smooth materials; `rough`: Lambert's law of -10 dB on all. Raw "
         "is traced on every "
@@ -135,9 +136,9 @@ def _raw_data(scene: Any, rounds: int) -> tuple[Any, Any, Any, Any, dict[str, ha
 
 
 def _cell(scene: Any) -> float:
-    from sarmitsuba.simulation.window import launch_window, scatterer_cell
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
-    return float(scatterer_cell(scene, launch_window(scene).incidence))
+    return SamplingPlan.of(scene).scatterer_cell
 
 
 def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None:
@@ -170,9 +171,9 @@ def _equal_error(report: harness.Report, scene: Any, raw_seconds: float) -> None
 
 
 def _denser(scene: Any, factor: float) -> dict[str, float]:
-    from sarmitsuba.simulation.window import diffuse_spacing, launch_window
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
-    own = diffuse_spacing(scene, launch_window(scene))
+    own = SamplingPlan.of(scene).spacings.diffuse
     return {"ray_spacing": factor * SPACING, "diffuse_ray_spacing": factor * max(own, SPACING)}
 
 
@@ -237,27 +238,30 @@ def _rates(scene: Any, rounds: int) -> tuple[dict[str, harness.Timing], int]:
     from sarmitsuba.backend import dr
     from sarmitsuba.echo.block import plan_block
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.raw import Timer, TraceJob
-    from sarmitsuba.simulation.window import launch_window
+    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.tracing import Tracer
+    from sarmitsuba.timing import StageTimer
     from sarmitsuba.trace.accumulators import BlockAccumulator
     from sarmitsuba.trace.geometry import build_trace_scene
     from sarmitsuba.trace.kernel import trace
     from sarmitsuba.trace.launch import PulseBatch, lattice
 
     radar = scene.radar
-    plan, window = plan_scene(scene), launch_window(scene)
+    plan = plan_scene(scene)
+    sampling = SamplingPlan.of(scene, plan.flags)
+    window = sampling.window
     flags = replace(plan.flags, antenna_pattern=False)
     geometry = build_trace_scene(scene.geometry, scene.materials, radar.waveform.wavelength)
-    job = TraceJob(scene, replace(plan, flags=flags), window, geometry, Timer())
+    tracer = Tracer(sampling, flags, geometry, plan.max_depth, StageTimer())
     grid = lattice(window.half_x, window.half_y, SPACING, taper=window.taper, seed=0)
     key = radar.track.center_index
     batch = PulseBatch(radar.track.position[key : key + 1], radar.track.velocity[key : key + 1], window.frame)
     n = radar.track.n_pulses
     start = max(0, n // 2 - 64)
-    block = plan_block(radar, start, min(n, start + 128), window.center, job.phase_box(), 4)
+    block = plan_block(radar, start, min(n, start + 128), window.center, sampling.phase_box, 4)
 
     def run(accumulator: Any) -> None:
-        counts, state = trace(geometry, grid, batch, flags, job.kernel, radar.antenna, accumulator)
+        counts, state = trace(geometry, grid, batch, flags, tracer.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, getattr(accumulator, "memory", None))
         dr.sync_thread()
 

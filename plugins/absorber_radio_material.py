@@ -1,20 +1,11 @@
 """BSDF ``absorber-radio-material``: Sionna RT's perfect absorber."""
 
-import mitsuba as mi
-from sarmitsuba_plugins.surface import RadarSurface
-
+from sarmitsuba.loader.plugins import register
 from sarmitsuba.loader.tables import ABSORBER
 
-SIONNA = True  # left to Sionna RT where it is imported
+from .surface import RadarSurface
 
 
+@register(ABSORBER, sionna=True)
 class AbsorberRadioMaterial(RadarSurface):
     """Blocks and returns nothing."""
-
-    table = ABSORBER
-
-
-def register() -> str:
-    """Make it known to Mitsuba and return its name."""
-    mi.register_bsdf(ABSORBER.plugin, lambda props: AbsorberRadioMaterial(props))
-    return ABSORBER.plugin

@@ -1,11 +1,11 @@
 """Film ``range_film``: receive window and sampling of the echoes, and the image to focus."""
 
-import mitsuba as mi
-
-from sarmitsuba.loader.plugins import describe, given_values
+from sarmitsuba.backend import mi
+from sarmitsuba.loader.plugins import describe, given_values, register
 from sarmitsuba.loader.tables import FILM
 
 
+@register(FILM)
 class RangeFilm(mi.Film):
     """Holds the parameters; echoes are stored by `sarmitsuba.simulate`."""
 
@@ -16,9 +16,3 @@ class RangeFilm(mi.Film):
     def to_string(self) -> str:
         """Return the parameters as text."""
         return describe(FILM, self.given)
-
-
-def register() -> str:
-    """Make it known to Mitsuba and return its name."""
-    mi.register_film(FILM.plugin, lambda props: RangeFilm(props))
-    return FILM.plugin

@@ -1,14 +1,13 @@
 """Integrator ``sar_path``: multi-bounce coherent ray tubes; ``mi.render`` returns the focused image."""
 
-from typing import Any
-
-import mitsuba as mi
 import numpy as np
 
-from sarmitsuba.loader.plugins import describe, given_values
+from sarmitsuba.backend import mi
+from sarmitsuba.loader.plugins import describe, given_values, register
 from sarmitsuba.loader.tables import INTEGRATOR
 
 
+@register(INTEGRATOR)
 class SarPath(mi.SamplingIntegrator):
     """Holds the parameters; the work is done by `sarmitsuba.simulate` and `sarmitsuba.focus`."""
 
@@ -24,7 +23,7 @@ class SarPath(mi.SamplingIntegrator):
         spp: int = 0,
         develop: bool = True,
         evaluate: bool = True,
-    ) -> Any:
+    ) -> mi.TensorXf:
         """Return the image (azimuth, range, 2 n_channels): real and imaginary part of every channel.
 
         ``seed`` is used unless it is 0, then the integrator's is; for ``spp`` see ``ray_spacing``.
@@ -42,9 +41,3 @@ class SarPath(mi.SamplingIntegrator):
     def to_string(self) -> str:
         """Return the parameters as text."""
         return describe(INTEGRATOR, self.given)
-
-
-def register() -> str:
-    """Make it known to Mitsuba and return its name."""
-    mi.register_integrator(INTEGRATOR.plugin, lambda props: SarPath(props))
-    return INTEGRATOR.plugin

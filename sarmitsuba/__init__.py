@@ -10,18 +10,35 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.loader.build import SceneMesh, build_scene
+    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.registry import load_extension
+    from sarmitsuba.scene.geometry import PointTarget
+    from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.scene.settings import TraceSettings
+    from sarmitsuba.simulation.prediction.explanation import explain
     from sarmitsuba.simulation.raw import simulate
+    from sarmitsuba.simulation.rcs import monostatic_rcs
+    from sarmitsuba.simulation.render import render
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "PointTarget": "sarmitsuba.scene.geometry",
     "RawData": "sarmitsuba.echo.raw",
     "SarImage": "sarmitsuba.image.sar_image",
+    "Scene": "sarmitsuba.scene.scene",
+    "SceneMesh": "sarmitsuba.loader.build",
+    "TraceSettings": "sarmitsuba.scene.settings",
+    "build_scene": "sarmitsuba.loader.build",
+    "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
-    "load_scene": "sarmitsuba.loader.xml",
+    "load_extension": "sarmitsuba.registry",
+    "load_scene": "sarmitsuba.loader.load",
+    "monostatic_rcs": "sarmitsuba.simulation.rcs",
     "register_plugins": "sarmitsuba.loader.plugins",
+    "render": "sarmitsuba.simulation.render",
     "simulate": "sarmitsuba.simulation.raw",
 }
 
@@ -39,4 +56,21 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-__all__ = ["RawData", "SarImage", "__version__", "focus", "load_scene", "register_plugins", "simulate"]
+__all__ = [
+    "PointTarget",
+    "RawData",
+    "SarImage",
+    "Scene",
+    "SceneMesh",
+    "TraceSettings",
+    "__version__",
+    "build_scene",
+    "explain",
+    "focus",
+    "load_extension",
+    "load_scene",
+    "monostatic_rcs",
+    "register_plugins",
+    "render",
+    "simulate",
+]

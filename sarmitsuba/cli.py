@@ -1,7 +1,7 @@
-"""The command line: parses, dispatches, turns errors into one line and an exit status.
+"""The command line: reads the arguments, runs a subcommand, turns errors into one line and an exit status.
 
-Exit status: 0 done, 1 something is missing (doctor) or the program is at fault, 2 the user's input is at
-fault, 130 stopped by Ctrl-C.
+Exit status: 0 done; 1 something is missing (doctor), a comparison is out of tolerance (validate) or the program
+failed; 2 the user's input is wrong; 130 stopped by Ctrl-C.
 """
 
 import argparse
@@ -14,12 +14,13 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.registry import load_extension
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
 
 
 class _Parser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line."""
+    """Argument parser that reports errors on one line."""
 
     def error(self, message: str) -> NoReturn:
         print(f"error: {message} (see {self.prog} --help)", file=sys.stderr)
@@ -27,21 +28,47 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the parser with every subcommand."""
+    """Return the parser with every subcommand; load extensions first, their names may be choices of options."""
     parser = _Parser(prog="sarmitsuba", description="Synthetic aperture radar simulator on Mitsuba 3.")
     parser.add_argument("--version", action="version", version=f"sarmitsuba {__version__}")
+    _add_extension(parser)
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
         sub = subparsers.add_parser(command.NAME, help=command.HELP, description=command.__doc__)
         command.add_arguments(sub)
+        _add_extension(sub)
         sub.add_argument("--quiet", action="store_true", help="show errors only")
         sub.add_argument("--verbose", action="store_true", help="show log messages")
         sub.set_defaults(run=command.run)
     return parser
 
 
+def _add_extension(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--extension",
+        action="append",
+        default=argparse.SUPPRESS,
+        metavar="MODULE_OR_FILE",
+        help="Python module or .py file whose modes, laws, focusers ... become known; may be given several times",
+    )
+
+
+def _load_extensions(argv: Sequence[str] | None) -> None:
+    """Import what ``--extension`` names, before or after the command."""
+    parser = _Parser(prog="sarmitsuba", add_help=False, allow_abbrev=False)
+    _add_extension(parser)
+    named, _ = parser.parse_known_args(argv)
+    for extension in getattr(named, "extension", ()):
+        load_extension(extension)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
+    try:
+        _load_extensions(argv)
+    except SarmitsubaError as error:
+        Console(quiet=False, verbose=False).complain(str(error))
+        return EXIT_USER
     args = build_parser().parse_args(argv)
     console = Console(quiet=args.quiet, verbose=args.verbose)
     try:
@@ -53,10 +80,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         console.complain(str(error))
         return EXIT_USER
     except MemoryError:
-        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser spacing")
+        console.complain("out of memory; ask for a smaller image, fewer pulses or a coarser ray_spacing")
         return EXIT_USER
     except KeyboardInterrupt:
-        console.complain("interrupted; nothing half-written was left behind")
+        console.complain("interrupted; no half-written file was left behind")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output went away, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""Look at the machine: what the program runs on, how fast it traces, and what to do about a lack."""
+"""Check the machine: what the program runs on, how fast it traces, and how to install what is missing."""
 
 import importlib.metadata
 import os
@@ -23,11 +23,11 @@ class Check:
 
     Parameters
     ----------
-    name : what was looked at
+    name : what was checked
     value : what was found
     ok : whether it is as it should be
-    essential : whether the program cannot work without
-    remedy : what to do, empty when there is nothing to do
+    essential : whether the program cannot work without it
+    remedy : what to do; empty when there is nothing to do
     """
 
     name: str
@@ -39,7 +39,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Report:
-    """All findings, and the ray rate, rays/s (0 when it could not be measured)."""
+    """All findings, and the ray rate in rays/s (0 when it could not be measured)."""
 
     checks: tuple[Check, ...]
     ray_rate: float
@@ -51,27 +51,30 @@ class Report:
 
 
 def examine(*, seconds: float = 1.0) -> Report:
-    """Examine this machine; takes ``seconds`` for the ray rate plus the start of Mitsuba."""
+    """Examine this machine. Measuring the ray rate takes ``seconds``, plus the start of Mitsuba."""
     checks = [_python(), _processor(), *_packages()]
     rate = 0.0
     try:
         backend = ensure_backend()
     except SarmitsubaError as error:
         text = str(error)
-        checks.append(Check("back end", "none works", ok=False, essential=True, remedy=text))
+        checks.append(Check("back end", "none works here", ok=False, essential=True, remedy=text))
     else:
         checks += _backend(backend)
         rate = measure_ray_rate(seconds)
         checks.append(Check("ray rate", f"{rate / 1e6:.1f} million rays/s (64 boxes on a plane)"))
     checks.append(_library())
     checks.append(
-        _optional("sionna-rt", "only for the Munich scene: pip install sionna-rt==2.2.0 (Python >= 3.11)")
+        _optional(
+            "sionna-rt",
+            "optional, only for the Munich scene: pip install sionna-rt==2.2.0 (needs Python >= 3.11)",
+        )
     )
     return Report(tuple(checks), rate)
 
 
 def measure_ray_rate(seconds: float = 1.0) -> float:
-    """Median rate of ray queries in a small scene of boxes on a plane, rays/s; compile time apart."""
+    """Return the median rate of ray queries in a small scene of boxes on a plane, rays/s, without compile time."""
     import drjit as dr
     import mitsuba as mi
 
@@ -136,7 +139,9 @@ def _backend(backend: Backend) -> list[Check]:
         where = backend.llvm_path or "found by Dr.Jit"
         checks.append(Check("LLVM", f"{backend.llvm_version} ({where})"))
     gpu = gpu_description()
-    remedy = "" if gpu else "not needed; a CUDA GPU wants the NVIDIA driver with OptiX (libnvoptix.so.1)"
+    remedy = (
+        "" if gpu else "not needed; to use an NVIDIA GPU, install its driver with OptiX (libnvoptix.so.1)"
+    )
     checks.append(Check("GPU", gpu or "none usable", True, False, remedy))
     return checks
 
@@ -149,7 +154,11 @@ def _library() -> Check:
     except SarmitsubaError as error:
         return Check("scenes", "missing", False, True, str(error))
     return Check(
-        "scenes", f"{len(names)} shipped", bool(names), True, "" if names else "install sarmitsuba again"
+        "scenes",
+        f"{len(names)} shipped",
+        bool(names),
+        True,
+        "" if names else "install sarmitsuba again; its scenes folder is empty",
     )
 
 

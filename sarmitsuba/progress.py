@@ -7,7 +7,7 @@ from typing import Protocol
 class Progress(Protocol):
     """Callback of a stage: ``progress(stage, done, total, info)``.
 
-    Call it whenever a batch is done, a few times a second at most. It may raise (KeyboardInterrupt), and the
+    Call it whenever a batch is done, a few times per second at most. It may raise (KeyboardInterrupt), and the
     stage must then leave nothing half done behind.
 
     Parameters

@@ -17,7 +17,8 @@ from urban_block import urban_block
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.mesh.city import city_mesh
-from sarmitsuba.mesh.meshes import clean_mesh, write_ply
+from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"

@@ -1,10 +1,23 @@
 """Fixtures of all tests."""
 
+import os
+
 import matplotlib
 
 from sarmitsuba.backend import prepare_llvm
 
 matplotlib.use("Agg")
 
-# Dr.Jit reads the path of LLVM when it is first imported, which a test may do before any library code runs
+
+def one_core() -> None:
+    """Keep a worker of pytest-xdist on a core of its own: Dr.Jit's and BLAS's threads then do not crowd each other."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    if worker.startswith("gw") and hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(worker[2:]) % len(cores)]})
+
+
+# both before Dr.Jit is first imported, which a test may do before any library code runs: it counts cores and reads
+# the path of LLVM then
+one_core()
 prepare_llvm()

@@ -1,8 +1,8 @@
 """Subcommands of the command line, one module each.
 
-A module has ``NAME``, ``HELP``, ``add_arguments(parser)`` and ``run(args, console) -> exit status``. It
-imports other packages only when it runs, so that ``doctor`` works where they are missing. Adding a module
-here adds it to the command line.
+A module has ``NAME``, ``HELP``, ``add_arguments(parser)`` and ``run(args, console) -> exit status``. It imports
+other packages only when it runs, so that ``doctor`` works where they are missing. A module added to
+``COMMANDS`` becomes a subcommand.
 """
 
 from sarmitsuba.commands import cost, doctor, explain, focus, render, scenes, validate

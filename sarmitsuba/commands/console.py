@@ -18,8 +18,8 @@ class Console:
 
     Parameters
     ----------
-    quiet : results, progress and warnings are not shown; errors are
-    verbose : log messages of the libraries are shown
+    quiet : hide results, progress and warnings; errors are still shown
+    verbose : show log messages of the libraries
     """
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
@@ -35,12 +35,12 @@ class Console:
             self._line(text, sys.stdout)
 
     def complain(self, text: str) -> None:
-        """Print an error, on one line whatever it holds."""
+        """Print an error on one line, even if its text has several."""
         self.end_progress()
         self._line(f"error: {' '.join(text.split())}", sys.stderr)
 
     def warn(self, text: str) -> None:
-        """Print a warning on one line, each text once, and remember it."""
+        """Print a warning on one line and remember it; the same text is printed only once."""
         line = " ".join(text.split())
         if line not in self.warnings:
             self.warnings.append(line)
@@ -48,7 +48,7 @@ class Console:
                 self._line(f"warning: {line}", sys.stderr)
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
-        """Draw the bar of a stage; the callback that library stages report to."""
+        """Draw the progress bar of a stage. Library stages call this to report progress."""
         if self.quiet or not sys.stderr.isatty():
             return
         from tqdm import tqdm
@@ -76,7 +76,7 @@ class Console:
             self.end_progress()
 
     def end_progress(self) -> None:
-        """Leave the last bar as it is and go to a new line."""
+        """Leave the last bar as it is and start a new line."""
         if self._bar is not None:
             self._bar.close()
         self._bar, self._stage = None, ""

@@ -1,4 +1,4 @@
-"""What accuracy costs on a scene: table, plot with the Pareto front, and a recommended setting."""
+"""Measure what accuracy costs on a scene. Prints a table, draws the Pareto front and recommends a setting."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -17,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
     parser.add_argument(
-        "--radar", metavar="RADAR", help="radar description (XML or shipped name) put over the scene"
+        "--radar",
+        metavar="RADAR",
+        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
     )
     parser.add_argument(
         "-D",
@@ -26,31 +28,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=definition,
         metavar="NAME=VALUE",
-        help="value of a $NAME in the scene file; may be repeated",
+        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
     parser.add_argument(
         "--target-error",
         type=float,
         default=-20.0,
         metavar="DB",
-        help="error wanted of the image, energy over energy (default -20)",
+        help="wanted error of the image: energy of the error over energy of the image (default -20)",
     )
     parser.add_argument(
-        "--budget", type=float, default=300.0, metavar="S", help="time to spend (default 300)"
+        "--budget", type=float, default=300.0, metavar="S", help="seconds to spend on measuring (default 300)"
     )
     parser.add_argument("-o", "--output", metavar="OUT", help="folder for cost.json, cost.md and cost.png")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
-    """Sweep, print, draw."""
+    """Sweep the parameters, print the table, draw the plot."""
     from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
     from sarmitsuba.loader.library import resolve_radar
-    from sarmitsuba.loader.xml import load_scene
+    from sarmitsuba.loader.load import load_scene
 
     if args.budget <= 0.0 or args.target_error >= 0.0:
         raise SceneError(
-            f"cost: --budget = {args.budget:g} s must be above 0 and --target-error = {args.target_error:g} dB below 0"
+            f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
     scene = load_scene(
         args.scene, radar=resolve_radar(args.radar) if args.radar else None, parameters=dict(args.define)
@@ -86,12 +88,13 @@ def table(report: "CostReport") -> list[str]:
 
 def _text(report: "CostReport", name: str, command: str) -> str:
     lines = [
-        f"{name}: swept {report.piece}; errors against {report.reference}, or, within a sweep, against its best value",
+        f"{name}: parameters were swept on {report.piece}; errors are relative to {report.reference}, or, within a "
+        "sweep, to its best value",
         *table(report),
         "",
-        f"plain setting on the whole scene: {report.full_seconds:.2f} s (measured)",
-        f"cheapest combinations (m: measured, errors on {report.proof.text}, against {report.estimated_against}; "
-        "the others follow from them):",
+        f"the scene's own settings on the whole scene: {report.full_seconds:.2f} s (measured)",
+        f"cheapest combinations (m: measured; errors are of {report.proof.text}, relative to "
+        f"{report.estimated_against}; the unmarked ones are estimated from the measured ones):",
     ]
     lines += [
         f"  {'m' if c.measured else ' '} {c.error_db:6.1f} dB {c.seconds:8.2f} s  {_short(c.changes)}"
@@ -106,7 +109,7 @@ def _text(report: "CostReport", name: str, command: str) -> str:
     else:
         lines.append(
             f"no single pass meets {target:g} dB; the most accurate: {best.estimate()} "
-            f"a pass; render --target-error {target:g} adds passes until it is met"
+            f"per pass; render --target-error {target:g} adds passes until it is met"
         )
     if report.cells:
         lines.append(report.cells)
@@ -117,10 +120,10 @@ def _text(report: "CostReport", name: str, command: str) -> str:
             f"{report.check.seconds:.2f} s on the whole scene"
         )
     else:
-        lines.append("not checked: the budget ended before")
+        lines.append("not checked: the time budget ran out first")
     lines.append(f"  {command} {found.options()} -o OUT")
-    lines.append("  (seconds: simulating and focusing, without starting, reading, compiling and writing)")
-    lines.append(f"({report.seconds:.0f} s)")
+    lines.append("  (seconds cover simulating and focusing, not start-up, reading, compiling and writing)")
+    lines.append(f"this study took {report.seconds:.0f} s")
     return "\n".join(lines)
 
 
@@ -137,7 +140,7 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
     from sarmitsuba.view.cost import cost_figure, save_figure
 
     folder = make_folder(Path(output))
-    facts = {
+    record = {
         "scene": name,
         "rows": report.rows,
         "front": report.front,
@@ -157,7 +160,7 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "plain_seconds": report.full_seconds,
         "seconds": report.seconds,
     }
-    parameters.write(folder / "cost.json", facts)
+    parameters.write(folder / "cost.json", record)
     with atomic_path(folder / "cost.md") as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     points = [(c.seconds, c.error_db) for c in report.candidates]

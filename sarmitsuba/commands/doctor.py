@@ -1,4 +1,4 @@
-"""Report back ends, LLVM, threads, GPU, versions and the ray rate, with the remedy for what is missing."""
+"""Report the back end, LLVM, threads, GPU, versions and the ray rate, and how to install what is missing."""
 
 import argparse
 import dataclasses
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         console.say(f"{check.name:<{width}}  {mark:<8}{check.value}")
         if check.remedy:
             console.say(f"{'':<{width}}  {'':<8}-> {check.remedy}")
-    console.say("ready" if report.ok else "not ready: see the lines marked MISSING")
+    console.say("ready" if report.ok else "not ready: follow the advice at the lines marked MISSING")
     return 0 if report.ok else 1
 
 

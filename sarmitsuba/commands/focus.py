@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.settings import ImageRequest
 
@@ -125,26 +125,26 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.io import read_raw
 
     check_focus_arguments(args)
-    watch = results.Stopwatch()
+    watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         with watch.stage("read raw"):
             raw = read_raw(args.raw)
         request = _request(raw, args)
         results.clear_results(folder, keep=Path(args.raw))
-        facts: dict[str, Any] = {
+        record: dict[str, object] = {
             "command": "focus",
             "raw_file": args.raw,
             "versions": results.versions(),
-            "radar": results.radar_facts(raw.radar),
+            "radar": results.radar_record(raw.radar),
             "raw_domain": raw.domain,
             "simulation": raw.metadata,
         }
         if request is not None:
-            facts["image_request"] = request
-        picture = focus_into(folder, raw, args, console, watch, facts, request)
-        facts["warnings"] = console.warnings
-        facts["seconds"] = {**watch.seconds, "total": watch.total}
-        results.save_facts(folder, facts)
+            record["image_request"] = request
+        picture = focus_into(folder, raw, args, console, watch, record, request)
+        record["warnings"] = console.warnings
+        record["seconds"] = {**watch.seconds, "total": watch.total}
+        results.save_record(folder, record)
         console.say(f"{picture} ({watch.total:.1f} s)")
     return 0
 
@@ -175,11 +175,11 @@ def focus_into(
     raw: "RawData",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
-    facts: dict[str, Any],
+    watch: StageTimer,
+    record: dict[str, object],
     request: "ImageRequest | None" = None,
 ) -> Path:
-    """Focus, write the image and its pictures into the folder, add to the facts. Return the picture's path."""
+    """Focus, write the image and its pictures into the folder, add to the record. Return the picture's path."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import focus
 
@@ -192,8 +192,8 @@ def focus_into(
             azimuth_window=args.window,
             progress=console.progress,
         )
-    facts["focus"] = {"method": args.focuser, "window": args.window}
-    return results.store_image(folder, image, watch, facts, console)
+    record["focus"] = {"method": args.focuser, "window": args.window}
+    return results.store_image(folder, image, watch, record, console)
 
 
 __all__ = [

@@ -1,16 +1,16 @@
-"""Simulate a scene and focus it: raw data, calibrated complex image, quick-look, record of parameters."""
+"""Simulate a scene and focus it. Writes raw data, a calibrated complex image, pictures and the parameters."""
 
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
 from sarmitsuba.errors import DataError
+from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.commands.results import Stopwatch
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
 
@@ -26,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(
-        "--radar", metavar="RADAR", help="radar description (XML or shipped name) put over the scene"
+        "--radar",
+        metavar="RADAR",
+        help="radar to use in place of the scene's own: an XML file or a shipped radar's name",
     )
     parser.add_argument(
         "-D",
@@ -35,42 +37,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=_definition,
         metavar="NAME=VALUE",
-        help="value of a $NAME in the scene file; may be repeated",
+        help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
     parser.add_argument(
         "--method",
         choices=_METHODS,
-        help="how to simulate: raw and hybrid make raw data, image and raster only an image (the scene's)",
+        help="how to simulate (default: the scene's); raw and hybrid make raw data, image and raster only an image",
     )
     parser.add_argument(
-        "--seed", type=int, help="of all random numbers (the scene's); same seed, same result"
+        "--seed", type=int, help="random seed (default: the scene's); the same seed gives the same result"
     )
     parser.add_argument(
         "--raw",
         choices=("compressed", "chirped"),
         default="compressed",
-        help="what raw.h5 holds: range-compressed profiles, or LFM echoes that must be compressed",
+        help="what raw.h5 holds: range-compressed profiles (default), or chirped echoes as a receiver records them",
     )
     parser.add_argument(
         "--target-error",
         type=float,
         metavar="DB",
-        help="add passes of rays until the sampling error of the image is below this, e.g. -30 (the scene's)",
+        help="add passes of rays until the image's sampling error is below this, e.g. -30 (default: the scene's)",
     )
     parser.add_argument(
         "--time-limit",
         type=float,
         metavar="S",
-        help="add passes of rays until this many seconds have gone (the scene's); an interrupted run goes on when "
+        help="keep adding passes of rays for this many seconds (default: the scene's); an interrupted run resumes when "
         "started again",
     )
     parser.add_argument(
         "--no-error-bars",
         action="store_true",
-        help="do not keep two ray subsets apart: half the data and the focusing, no estimate of the error",
+        help="keep one set of rays instead of two: half the data and half the focusing, but no error estimate",
     )
-    parser.add_argument("--no-focus", action="store_true", help="stop after the raw data")
-    parser.add_argument("--force", action="store_true", help="overwrite results in OUT")
+    parser.add_argument("--no-focus", action="store_true", help="write the raw data and stop")
+    parser.add_argument("--force", action="store_true", help="overwrite the results in OUT")
     add_focus_arguments(parser)
 
 
@@ -79,10 +81,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands import results
 
     check_focus_arguments(args)
-    watch = results.Stopwatch()
+    watch = StageTimer()
     with results.output_folder(args.output, force=args.force) as folder:
         from sarmitsuba.backend import ensure_backend
-        from sarmitsuba.loader.xml import load_scene
+        from sarmitsuba.loader.load import load_scene
 
         with watch.stage("start"):
             backend = ensure_backend()
@@ -101,7 +103,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         scene = dataclasses.replace(scene, settings=settings)
         for note in scene.notes:
             console.warn(note)
-        facts: dict[str, Any] = {
+        record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
             "radar_file": args.radar,
@@ -111,15 +113,15 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "backend": backend,
             "settings": settings,
             "image_request": scene.image,
-            "radar": results.radar_facts(scene.radar),
+            "radar": results.radar_record(scene.radar),
         }
         if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, facts)
+            done = _image_only(folder, scene, args, console, watch, record)
         else:
-            done = _raw_and_image(folder, scene, args, console, watch, facts)
-        facts["warnings"] = console.warnings
-        facts["seconds"] = {**watch.seconds, "total": watch.total}
-        results.save_facts(folder, facts)
+            done = _raw_and_image(folder, scene, args, console, watch, record)
+        record["warnings"] = console.warnings
+        record["seconds"] = {**watch.seconds, "total": watch.total}
+        results.save_record(folder, record)
         console.say(f"{done} ({watch.total:.1f} s)")
     return 0
 
@@ -129,17 +131,16 @@ def _raw_and_image(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
-    facts: dict[str, Any],
+    watch: StageTimer,
+    record: dict[str, object],
 ) -> Path:
-    """Simulate raw data, write them, focus them; return the file to look at."""
+    """Simulate raw data, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
 
     raw = _simulate(folder, scene, args, console, watch)
     known = {
         "scene": scene.name,
         "look_side": raw.radar.look_side,
-        "image_request": dataclasses.asdict(scene.image),  # so that raw.h5 alone focuses to the same image
     }
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
     console.say(f"plan: {raw.metadata['plan']}")
@@ -153,16 +154,16 @@ def _raw_and_image(
     results.clear_results(folder)
     with watch.stage("write raw"):
         results.save_raw(folder, raw)
-    facts |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
+    record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder / results.RAW
-    return focus_into(folder, raw, args, console, watch, facts)
+    return focus_into(folder, raw, args, console, watch, record)
 
 
 def _simulate(
-    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: "Stopwatch"
+    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
 ) -> "RawData":
-    """Raw data of one pass, or of as many as the wanted error or the time limit asks for."""
+    """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.raw import simulate
 
@@ -170,7 +171,7 @@ def _simulate(
     if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
-    from sarmitsuba.simulation.passes import refine
+    from sarmitsuba.simulation.refinement.passes import refine
 
     with watch.stage("simulate"):
         refined = refine(
@@ -182,8 +183,9 @@ def _simulate(
         )
     if settings.target_error_db < 0.0 and not refined.met:
         console.warn(
-            f"{scene.name}: sampling error {refined.error_db:.1f} dB after {refined.passes} passes; time_limit = "
-            f"{settings.time_limit:g} s ended before {settings.target_error_db:g} dB; run again to add passes"
+            f"{scene.name}: the sampling error is {refined.error_db:.1f} dB after {refined.passes} passes. The time "
+            f"limit of {settings.time_limit:g} s ended before {settings.target_error_db:g} dB was reached; run the "
+            "command again to add passes"
         )
     return refined.raw
 
@@ -193,42 +195,40 @@ def _image_only(
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
-    watch: "Stopwatch",
-    facts: dict[str, Any],
+    watch: StageTimer,
+    record: dict[str, object],
 ) -> Path:
-    """Simulate the image without raw data and write it; return the picture's path."""
+    """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
-    from sarmitsuba.simulation.image import simulate_image
+    from sarmitsuba.simulation.render import render
 
     method = scene.settings.method
     if args.no_focus or args.raw != "compressed":
         raise DataError(
             f"method {method} makes an image without raw data; leave out --no-focus and --raw, "
-            "or take --method hybrid"
+            "or use --method hybrid"
         )
     if scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0:
         raise DataError(
-            f"method {method} makes one pass; leave out target_error_db and time_limit (--target-error, "
-            "--time-limit), or take --method hybrid"
+            f"method {method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
+            "--time-limit), or use --method hybrid"
         )
     with watch.stage("simulate"):
-        image = simulate_image(
-            scene, range_window=args.window, azimuth_window=args.window, progress=console.progress
-        )
+        image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     results.clear_results(folder)
-    facts |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, watch, facts, console)
+    record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
+    return results.store_image(folder, image, watch, record, console)
 
 
 def _definition(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
 
 

@@ -1,13 +1,11 @@
-"""The output folder of ``render`` and ``focus``: which files there are and what parameters.json says."""
+"""The output folder of ``render`` and ``focus``: its files, and the contents of parameters.json."""
 
 import dataclasses
 import importlib.metadata
 import platform
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,40 +17,19 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import parameters, write_image, write_raw
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.simulation.error_bars import with_error_bars
+from sarmitsuba.simulation.refinement.error_bars import with_error_bars
+from sarmitsuba.timing import StageTimer
 
 RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
-PICTURE, PICTURE_ORDERS, FACTS = "quicklook.png", "quicklook_order.png", "parameters.json"
+PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
-_ALL = (RAW, IMAGE, EXR, PICTURE, FACTS)
+_ALL = (RAW, IMAGE, EXR, PICTURE, RECORD)
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
-
-
-class Stopwatch:
-    """Seconds by stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._start = time.perf_counter()
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Book the block's time on a stage."""
-        before = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
-
-    @property
-    def total(self) -> float:
-        """Seconds since the watch was made."""
-        return time.perf_counter() - self._start
 
 
 @contextmanager
 def output_folder(path: str, *, force: bool) -> Iterator[Path]:
-    """Yield the folder, made if need be; removed again if nothing was put into it.
+    """Yield the folder. It is made if needed, and removed again if nothing was put into it.
 
     Raises
     ------
@@ -61,17 +38,21 @@ def output_folder(path: str, *, force: bool) -> Iterator[Path]:
     """
     folder = Path(path)
     if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: is a file, not a folder; choose another -o")
+        raise OutputError(f"{folder}: this is a file, not a folder; choose another -o")
     existed = folder.is_dir()
     if existed and not force and any(path.name != PASSES for path in folder.iterdir()):
-        raise OutputError(f"{folder}: is not empty; choose another -o, or overwrite its results with --force")
+        raise OutputError(
+            f"{folder}: this folder is not empty; choose another -o, or use --force to overwrite its results"
+        )
     make_folder(folder)
     probe = folder / ".sarmitsuba.part"
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise OutputError(f"{folder}: cannot write into the folder: {error.strerror}") from error
+        raise OutputError(
+            f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
+        ) from error
     try:
         yield folder
     finally:
@@ -92,14 +73,14 @@ def save_raw(folder: Path, raw: RawData) -> None:
 
 
 def store_image(
-    folder: Path, image: SarImage, watch: Stopwatch, facts: dict[str, Any], console: Console
+    folder: Path, image: SarImage, watch: StageTimer, record: dict[str, object], console: Console
 ) -> Path:
-    """Write the image as HDF5, OpenEXR and pictures, add to the facts; return the first picture's path."""
+    """Write the image as HDF5, OpenEXR and pictures, and add to the record. Return the first picture's path."""
     with watch.stage("error bars"):
         image = with_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
     if errors:
-        facts["sampling_error"] = errors
+        record["sampling_error"] = errors
         text = ", ".join(f"{channel} {bar['error_db']:.1f} dB" for channel, bar in errors.items())
         console.say(f"sampling error of the image: {text}")
     with watch.stage("write image"):
@@ -107,7 +88,7 @@ def store_image(
         write_image(image, folder / EXR)
     with watch.stage("picture"):
         picture = save_pictures(folder, image)
-    facts["image"] = {
+    record["image"] = {
         "grid": image.grid.kind,
         "channels": image.channels,
         "shape": image.grid.shape,
@@ -120,7 +101,7 @@ def store_image(
 
 
 def save_pictures(folder: Path, image: SarImage) -> Path:
-    """Write quick-looks of every channel and of the bounce orders; return the first channel's."""
+    """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
     from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
 
     save(quicklook(image), folder / PICTURE)
@@ -131,13 +112,13 @@ def save_pictures(folder: Path, image: SarImage) -> Path:
     return folder / PICTURE
 
 
-def save_facts(folder: Path, facts: Mapping[str, Any]) -> None:
+def save_record(folder: Path, record: Mapping[str, object]) -> None:
     """Write parameters.json."""
-    parameters.write(folder / FACTS, facts)
+    parameters.write(folder / RECORD, record)
 
 
 def versions() -> dict[str, str]:
-    """Versions of this program, Python and the packages that the result depends on."""
+    """Return the versions of this program, Python and the packages that the result depends on."""
     found = {"sarmitsuba": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -147,8 +128,8 @@ def versions() -> dict[str, str]:
     return found
 
 
-def radar_facts(radar: Radar) -> dict[str, Any]:
-    """Parameters of the radar, with units in their names; the track in short (raw.h5 has every pulse)."""
+def radar_record(radar: Radar) -> dict[str, object]:
+    """Return the radar's parameters, with units in their names. The track is summarised; raw.h5 has every pulse."""
     track, window = radar.track, radar.window
     span = float(track.time[-1] - track.time[0])
     return {
@@ -177,19 +158,18 @@ def radar_facts(radar: Radar) -> dict[str, Any]:
 
 __all__ = [
     "EXR",
-    "FACTS",
     "IMAGE",
     "PASSES",
     "PICTURE",
     "PICTURE_ORDERS",
     "RAW",
-    "Stopwatch",
+    "RECORD",
     "clear_results",
     "output_folder",
-    "radar_facts",
-    "save_facts",
+    "radar_record",
     "save_pictures",
     "save_raw",
+    "save_record",
     "store_image",
     "versions",
 ]

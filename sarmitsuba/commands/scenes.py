@@ -1,4 +1,4 @@
-"""List the shipped scenes and radars, or copy one with everything it needs to start a scene of your own."""
+"""List the shipped scenes and radars, or copy a scene with all its files to start one of your own."""
 
 import argparse
 import shutil
@@ -16,7 +16,10 @@ HELP = "list or copy the shipped scenes"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument(
-        "--copy", nargs=2, metavar=("NAME", "DIR"), help="copy a scene and its meshes into DIR"
+        "--copy",
+        nargs=2,
+        metavar=("NAME", "DIR"),
+        help="copy a shipped scene and its meshes into the folder DIR",
     )
 
 
@@ -54,9 +57,11 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     sources = list(dict.fromkeys(_with_references(scene)))
     for source in sources:
         if not source.is_file():
-            raise SceneError(f"{scene}: refers to {source}, which does not exist")
+            raise SceneError(
+                f"{scene}: refers to {source}, which does not exist; restore the file or correct the reference"
+            )
         if (target / source.relative_to(root)).exists():
-            raise OutputError(f"{target / source.relative_to(root)}: exists; choose another folder")
+            raise OutputError(f"{target / source.relative_to(root)}: already exists; choose another folder")
     written = []
     for source in sources:
         path = target / source.relative_to(root)

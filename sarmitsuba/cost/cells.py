@@ -1,12 +1,11 @@
 """Rays through the scatterer cells in a cost study: what leaving all ray spacings out gives on bare level ground."""
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from sarmitsuba.cost.proof import Proof
 from sarmitsuba.cost.report import Candidate
+from sarmitsuba.cost.trial import Changes
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
@@ -22,11 +21,9 @@ def has_cells(scene: Scene, plan: EffectsPlan) -> bool:
     return plan.flags.diffuse and not plan.flags.footprint_splitting
 
 
-def measure_cells(
-    proof: Proof, changes: Mapping[str, Any], seconds: float, deadline: float
-) -> list[Candidate]:
+def measure_cells(proof: Proof, changes: Changes, seconds: float, deadline: float) -> list[Candidate]:
     """Run a combination without its spacings if there is time; ``seconds``: about what it takes."""
-    if time.perf_counter() + proof.cost(seconds) > deadline:
+    if proof.clock.now() + proof.cost(seconds) > deadline:
         return []
     own = {k: v for k, v in changes.items() if k not in LEFT_OUT}
     check = proof.measure(own)

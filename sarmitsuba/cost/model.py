@@ -3,12 +3,13 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from sarmitsuba.cost.proof import Check
-from sarmitsuba.cost.report import Candidate, Rays
+from sarmitsuba.cost.report import Candidate
+from sarmitsuba.cost.trial import Changes, Value
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0
@@ -22,52 +23,36 @@ AFFECTS = {
 }
 
 
-def split_stages(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
-    """Seconds by stage, tracing split into what goes by launches and what goes by rays.
-
-    Parameters
-    ----------
-    full, sparse : of two runs that differ in their rays
-    fewer : rays of ``full`` over those of ``sparse``
-    """
-    out = {k: v for k, v in full.items() if k != "trace"}
-    seconds = full.get("trace", 0.0)
-    rays = (seconds - sparse.get("trace", 0.0)) / (1.0 - 1.0 / fewer)
-    out["rays"] = min(max(rays, 0.05 * seconds), seconds)
-    out["launches"] = seconds - out["rays"]
-    return out
-
-
 @dataclass
 class CostModel:
     """What the sweeps found, and what follows for combinations.
 
     Parameters
     ----------
-    rays : automatic spacings
+    spacings : automatic distances between rays
     full : seconds by stage of the plain setting on the whole scene, for ``hybrid`` and ``image``
     plain : values of the plain setting
     errors : dB, of every (parameter, value)
     ratios : seconds by stage of every (parameter, value) over those of the plain setting; ray spacings go by their rays
     """
 
-    rays: Rays
+    spacings: RaySpacings
     full: Mapping[str, Mapping[str, float]]
-    plain: Mapping[str, Any]
-    errors: dict[tuple[str, Any], float] = field(default_factory=dict)
-    ratios: dict[tuple[str, Any], dict[str, float]] = field(default_factory=dict)
+    plain: Changes
+    errors: dict[tuple[str, Value], float] = field(default_factory=dict)
+    ratios: dict[tuple[str, Value], dict[str, float]] = field(default_factory=dict)
 
-    def values(self, parameter: str) -> list[Any]:
+    def values(self, parameter: str) -> list[Value]:
         """Swept values of a parameter; its plain one where it was not swept, and for key pulses always."""
         swept = [v for p, v in self.errors if p == parameter]
         missing = not swept or (parameter == "key_pulse_interval" and self.plain[parameter] not in swept)
         return [*swept, self.plain[parameter]] if missing else swept
 
-    def energy(self, parameter: str, value: Any) -> float:
+    def energy(self, parameter: str, value: Value) -> float:
         """Of the error, over that of the image."""
         return float(10.0 ** (self.errors.get((parameter, value), FLOOR_DB) / 10.0))
 
-    def seconds(self, method: str, picks: Mapping[str, Any]) -> float:
+    def seconds(self, method: str, picks: Changes) -> float:
         """Of the whole scene: each stage times the ratios of the parameters that change it."""
         total = 0.0
         for stage, seconds in self.full[method].items():
@@ -77,10 +62,10 @@ class CostModel:
             total += seconds
         return total
 
-    def _ratio(self, parameter: str, value: Any, stage: str) -> float:
+    def _ratio(self, parameter: str, value: Value, stage: str) -> float:
         """Seconds of a stage with this value over those with the plain one."""
         if parameter == "ray_spacing":  # as the number of rays
-            return float((self.plain[parameter] / value) ** 2)
+            return (float(self.plain[parameter]) / float(value)) ** 2
         own = self.ratios.get((parameter, value), {}).get(stage, 1.0)
         plain = self.ratios.get((parameter, self.plain[parameter]), {}).get(stage, 1.0)
         # key pulses are counted against the whole scene's own already
@@ -96,19 +81,25 @@ class CostModel:
             total = sum(self.energy(k, picks[k]) for k in ("ray_spacing", "max_depth", "focuser"))
             for key in ("gridding_width", "key_pulse_interval"):
                 total += max(0.0, self.energy(key, picks[key]) - self.energy(key, self.plain[key]))
-            changes = {**picks, **self.rays.at(picks["ray_spacing"] / self.rays.coherent), "method": "hybrid"}
+            changes = {
+                **picks,
+                **self.spacings.at(float(picks["ray_spacing"]) / self.spacings.coherent),
+                "method": "hybrid",
+            }
             out.append(self._candidate("hybrid", picks, changes, total))
         spacings = [v for p, v in self.errors if p == "image"]
         for spacing, depth in itertools.product(spacings, self.values("max_depth")):
             picks = {"ray_spacing": spacing, "max_depth": depth}
             total = self.energy("image", spacing) + self.energy("max_depth", depth)
-            changes = {**picks, **self.rays.at(spacing / self.rays.coherent), "method": "image"}
+            changes = {
+                **picks,
+                **self.spacings.at(float(spacing) / self.spacings.coherent),
+                "method": "image",
+            }
             out.append(self._candidate("image", picks, changes, total))
         return out
 
-    def _candidate(
-        self, method: str, picks: Mapping[str, Any], changes: Mapping[str, Any], energy: float
-    ) -> Candidate:
+    def _candidate(self, method: str, picks: Changes, changes: Changes, energy: float) -> Candidate:
         return Candidate(changes, 10.0 * float(np.log10(energy)), self.seconds(method, picks))
 
 
@@ -140,17 +131,17 @@ def corrected(predicted: Sequence[Candidate], measured: Mapping[int, Check]) -> 
     return out
 
 
-def _distance(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
+def _distance(a: Changes, b: Changes) -> float:
     """Octaves of ray spacing and key-pulse interval, steps of what is counted, one for another focuser."""
     total = 0.0
     for key, value in a.items():
         if key in ("ray_spacing", "key_pulse_interval"):
-            total += abs(float(np.log2(value / b[key])))
+            total += abs(float(np.log2(float(value) / float(b[key]))))
         elif key in ("max_depth", "gridding_width"):
-            total += abs(value - b[key])
+            total += abs(float(value) - float(b[key]))
         elif key == "focuser":
             total += value != b[key]
     return total
 
 
-__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected", "split_stages"]
+__all__ = ["AFFECTS", "FLOOR_DB", "CostModel", "corrected"]

@@ -1,15 +1,16 @@
 """Where a cost study's estimates are measured and checked: a reference, error and seconds of a setting against it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.cost.sweep import Setting, run_trial
+from sarmitsuba.cost.clock import StudyClock
+from sarmitsuba.cost.trial import Changes, Setting, run_trial
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
+
+Image = NDArray[np.complex64] | NDArray[np.complex128]
 
 # runs shorter than this are made again, s, and the faster one counts: what disturbs a run only makes it longer
 STEADY = 3.0
@@ -31,13 +32,16 @@ class Reference:
     noise: float
 
     @staticmethod
-    def of(scene: Scene, setting: Setting, grid: ImageGrid) -> "Reference":
+    def of(scene: Scene, setting: Setting, grid: ImageGrid, clock: StudyClock) -> "Reference":
         """Trace it."""
-        a, b = (run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i).image for i in range(2))
+        a, b = (
+            run_trial(scene, setting, grid, pass_index=REFERENCE_PASS + i, clock=clock).image
+            for i in range(2)
+        )
         mean = 0.5 * (a.astype(np.complex128) + b)
         return Reference(mean.astype(np.complex64), _energy(a - b) / (4.0 * _energy(mean)))
 
-    def error_db(self, image: NDArray[Any]) -> float:
+    def error_db(self, image: Image) -> float:
         """Energy of an image's error over that of the reference, dB, less the reference's own noise.
 
         At most half of the difference is taken to be the reference's.
@@ -46,7 +50,7 @@ class Reference:
         return 10.0 * float(np.log10(max(ratio - self.noise, 0.5 * ratio, 1e-12)))
 
 
-def _energy(image: NDArray[Any]) -> float:
+def _energy(image: Image) -> float:
     return float(np.sum(np.abs(image.astype(np.complex128)) ** 2))
 
 
@@ -71,6 +75,7 @@ class Proof:
     reference : image of the field
     factor : ray spacing of the reference, in automatic ones
     text : which part the field is
+    clock : of the seconds
     """
 
     scene: Scene
@@ -80,21 +85,24 @@ class Proof:
     reference: Reference
     factor: float
     text: str
+    clock: StudyClock
 
     def cost(self, seconds: float) -> float:
         """Seconds that :meth:`measure` takes for a setting that takes the whole scene so many."""
         return seconds * ((2.0 if seconds < STEADY else 1.0) + (self.field is not self.scene))
 
-    def measure(self, changes: Mapping[str, Any], pass_index: int = 0) -> Check:
+    def measure(self, changes: Changes, pass_index: int = 0) -> Check:
         """Error on the field and seconds on the whole scene, with these lattices."""
         setting = self.base.but(**changes)
-        trial = run_trial(self.field, setting, self.grid, pass_index=pass_index)
+        trial = run_trial(self.field, setting, self.grid, pass_index=pass_index, clock=self.clock)
         error = self.reference.error_db(trial.image)
         if self.field is not self.scene:
-            trial = run_trial(self.scene, setting, pass_index=pass_index)
+            trial = run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock)
         seconds = trial.seconds
         if seconds < STEADY:
-            seconds = min(seconds, run_trial(self.scene, setting, pass_index=pass_index).seconds)
+            seconds = min(
+                seconds, run_trial(self.scene, setting, pass_index=pass_index, clock=self.clock).seconds
+            )
         return Check(error, seconds)
 
 

@@ -1,13 +1,11 @@
 """What a cost study reports: table rows, combinations, recommendations as options of ``render``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sarmitsuba.cost.proof import Check, Proof
-from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing
+from sarmitsuba.cost.trial import Changes
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 # a smaller gain in error is not worth a line of its own, nor any time
 STEP_DB = 0.5
@@ -15,26 +13,6 @@ STEP_DB = 0.5
 SPARE_DB = 3.0
 # lattices of the check: no sweep and no estimate uses them
 CHECK_PASS = 7
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Automatic distances between rays, m; ``diffuse`` is 0 where nothing scatters diffusely."""
-
-    coherent: float
-    diffuse: float
-
-    @staticmethod
-    def of(scene: Scene, plan: EffectsPlan) -> "Rays":
-        """What the whole scene would be sampled with."""
-        window = launch_window(scene)
-        diffuse = diffuse_spacing(scene, window) if plan.flags.diffuse else 0.0
-        return Rays(ray_spacing(scene, window, not plan.flags.coherent, plan.flags.coherent), diffuse)
-
-    def at(self, factor: float) -> dict[str, float]:
-        """Settings of this many times the automatic distances."""
-        out = {"ray_spacing": factor * self.coherent}
-        return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
 
 
 @dataclass(frozen=True)
@@ -72,7 +50,7 @@ class Candidate:
     measured : the estimate is from a run of this very combination, not from those of its neighbours
     """
 
-    changes: Mapping[str, Any]
+    changes: Changes
     error_db: float
     seconds: float
     measured: bool = False
@@ -175,15 +153,15 @@ def pareto(candidates: Sequence[Candidate]) -> list[Candidate]:
     return front
 
 
-def reference_text(rays: Rays, factor: float, depth: int) -> str:
+def reference_text(spacings: RaySpacings, factor: float, depth: int) -> str:
     """What a reference is, whose rays are ``factor`` automatic distances apart."""
     return (
-        f"the mean of 2 runs with lattices of their own, ray_spacing {factor * rays.coherent:.3g} m ({factor:g} of "
+        f"the mean of 2 runs with lattices of their own, ray_spacing {factor * spacings.coherent:.3g} m ({factor:g} of "
         f"the automatic one), {depth} bounces, gridding_width 6"
     )
 
 
-def options_of(changes: Mapping[str, Any]) -> str:
+def options_of(changes: Changes) -> str:
     """Options of ``render`` that make these settings: ``-D sar_path.max_depth=3 ... --method hybrid``.
 
     One set of rays, as in the study: two subsets for error bars would take more launches and twice the focusing.
@@ -202,7 +180,6 @@ def options_of(changes: Mapping[str, Any]) -> str:
 __all__ = [
     "Candidate",
     "CostReport",
-    "Rays",
     "Recommendation",
     "Row",
     "options_of",

@@ -19,7 +19,10 @@ F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
 
-_ROLL = (0.256, 0.32)  # cycles a cell: flat to just past the band's edge at 1/4, then down, so that the inner
+_ROLL = (
+    0.256,
+    0.32,
+)  # cycles per cell: flat to just past the band's edge at 1/4, then down, so that the inner
 # response stays within 40 cells
 _GUARD = 48
 _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer

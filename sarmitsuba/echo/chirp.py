@@ -71,7 +71,7 @@ def to_chirped(raw: RawData) -> RawData:
     Echoes from outside the window whose pulses reach into it are not in the profile and so not in the record.
     """
     if raw.domain != "compressed":
-        raise DataError(f"to_chirped: the raw data are {raw.domain}; it needs compressed ones")
+        raise DataError(f"to_chirped needs range-compressed raw data, but these are {raw.domain}")
     radar = raw.radar
     n_fast = n_fast_chirped(radar)
     n_fft = int(scipy.fft.next_fast_len(n_fast + 1))

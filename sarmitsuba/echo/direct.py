@@ -15,7 +15,7 @@ C64 = NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class DirectPlan:
-    r"""Range grids of the pulses ``start:stop``, one a pulse.
+    r"""Range grids of the pulses ``start:stop``, one per pulse.
 
     A path of slant range h(t) and amplitude a is added at pulse t (k counts from ``start``) as::
 
@@ -26,7 +26,7 @@ class DirectPlan:
     ----------
     start, stop : first pulse and one past the last
     range0 : (stop - start,) float64, slant range of cell 0 at each pulse, m
-    n_range : cells a pulse
+    n_range : cells per pulse
     width : of the spreading kernel
     fine : how the grid becomes the window's samples
     """

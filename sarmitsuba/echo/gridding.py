@@ -29,7 +29,7 @@ F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
 OVERSAMPLING = 2.0
-"""Grid cells per critical cell the kernels are tuned for: frequencies used stay below 1/4 cycle a cell."""
+"""Grid cells per critical cell the kernels are tuned for: frequencies used stay below 1/4 cycle per cell."""
 
 # Shape parameter beta / width of the exponential of semicircle with the least rms aliasing over
 # |nu| <= 1/4, from a scan in steps of 0.02 of the exact error (error_db below).
@@ -300,7 +300,7 @@ def _band_weight(
     response = np.zeros(n)
     response[index % n] = np.sinc(x / range_cell) * np.cos(0.5 * np.pi * beyond) ** 2
     spectrum = scipy.fft.fft(response)
-    # the band ends at step / (2 range_cell) <= 1/4 cycle a cell; past 0.32 the taper's skirt is below 1e-7
+    # the band ends at step / (2 range_cell) <= 1/4 cycle per cell; past 0.32 the taper's skirt is below 1e-7
     count = min(int(0.32 * n), grid.n_out - 1)
     m = np.arange(-count, count + 1)
     weight = spectrum[m % n]

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 
@@ -113,7 +113,7 @@ def _ratio_db(power: float, reference: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Context:
+class SceneContext:
     """All that an effect may look at.
 
     Parameters
@@ -127,7 +127,7 @@ class Context:
     scene: Scene
     sampling: Sampling | None = None
     pilot: PilotResult | None = None
-    known_shape: ShapeFacts | None = None
+    known_shape: ShapeAnalysis | None = None
 
     @property
     def tolerance_db(self) -> float:
@@ -146,17 +146,17 @@ class Context:
         return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
 
     @cached_property
-    def shape(self) -> ShapeFacts:
+    def shape(self) -> ShapeAnalysis:
         """What the visible geometry proves."""
         if self.known_shape is not None:
             return self.known_shape
         return self.shape_within(np.inf)
 
-    def shape_within(self, seconds: float) -> ShapeFacts:
+    def shape_within(self, seconds: float) -> ShapeAnalysis:
         """The same, without proofs where they would take longer than that."""
         visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
         thorough = PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
-        return ShapeFacts(self.scene.geometry, visible, self.antenna, thorough=thorough)
+        return ShapeAnalysis(self.scene.geometry, visible, self.antenna, thorough=thorough)
 
     @cached_property
     def antenna(self) -> F64:
@@ -198,4 +198,4 @@ class Context:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "Context", "PilotResult", "Sampling"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PilotResult", "Sampling", "SceneContext"]

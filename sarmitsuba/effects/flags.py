@@ -1,32 +1,25 @@
-"""What the trace kernel is asked to do: one switch an effect. A switch that is off leaves no instruction behind."""
+"""What the trace kernel is asked to do: one switch per effect. A switch that is off leaves no instruction behind."""
 
 from dataclasses import dataclass
+
+# on or off, or the polarisation channels
+FlagValue = bool | tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class KernelFlags:
     """Effects compiled into the trace kernel, and the polarisation channels it records.
 
+    Every field is declared and explained by the effect that sets it (`Effect.kernel_flags`) but for these three and
+    ``extra``:
+
     Parameters
     ----------
     channels : ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
-    fresnel : Fresnel coefficients; off treats every surface as a perfect conductor
-    roughness : coherent loss of rough surfaces
-    coherent : physical-optics return of the smooth part of the surfaces
-    diffuse : persistent diffuse scatterers
-    diffuse_double : reciprocal and retro paths of diffuse hits behind a mirror chain
-    footprint_splitting : share each tube among the scatterer cells that it overlaps; off gives it to the cell of its
-        middle
-    speckle : complex Gaussian scatterers; off gives each cell the same modulus and a random phase
-    depolarisation : cross-polar diffuse return
-    polarised_diffuse : diffuse laws that differ between h and v
-    antenna_pattern : gain over direction
-    spreading : spherical spreading inside the scene; off uses the reference point's range for all
-    visibility : shadow rays from the second hit on
-    tube_phase : the phase integral over a ray's footprint
     double_phase : lengths and phases in float64; off is for showing what float32 does
     taper : fade the rays out at the edge of the launch window
-    multi_bounce : more than one hit; off leaves the loop and the reflection out
+    extra : flags that are on and that only an extension knows: of effects of a user's own, for kernel code of a
+        user's own; the built-in kernel looks at none of them
     """
 
     channels: tuple[str, ...] = ("VV",)
@@ -46,6 +39,7 @@ class KernelFlags:
     double_phase: bool = True
     taper: bool = True
     multi_bounce: bool = True
+    extra: frozenset[str] = frozenset()
 
     @property
     def tracked(self) -> tuple[str, ...]:
@@ -56,4 +50,4 @@ class KernelFlags:
         return tuple(sorted(letters))
 
 
-__all__ = ["KernelFlags"]
+__all__ = ["FlagValue", "KernelFlags"]

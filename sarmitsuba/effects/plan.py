@@ -2,17 +2,17 @@
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
-from sarmitsuba.effects.context import Context, PilotResult, Sampling
-from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.registry import Assessment, Decision, effects
-from sarmitsuba.effects.shape import ShapeFacts
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.effects.context import PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
+from sarmitsuba.effects.flags import FlagValue, KernelFlags
+from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.errors import ExtensionError, SarmitsubaWarning, SceneError
 from sarmitsuba.scene.scene import Scene
 
 
@@ -24,7 +24,7 @@ class EffectsPlan:
     ----------
     flags : what is compiled into the kernel
     max_depth : most bounces
-    decisions : one an effect
+    decisions : one per effect
     notes : one line each: explicit choices that cost accuracy, and what the pilot could not see
     pilot : what the pilot trace did, as plain figures; empty without one
     """
@@ -118,7 +118,7 @@ def plan_effects(
     sampling: Sampling | None = None,
     pilot: PilotResult | None = None,
     *,
-    shape: ShapeFacts | None = None,
+    shape: ShapeAnalysis | None = None,
     warn: bool = True,
     up_to: int | None = None,
 ) -> EffectsPlan:
@@ -133,10 +133,11 @@ def plan_effects(
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
     up_to : last rank to decide, None for all; what is not decided stays on
     """
-    context = Context(scene, sampling, pilot, shape)
+    context = SceneContext(scene, sampling, pilot, shape)
     wanted = scene.settings.effects
+    _check_switches(scene)
     decided: dict[str, Decision] = {}
-    fields: dict[str, Any] = {
+    chosen: dict[str, FlagValue] = {
         "channels": scene.radar.channels,
         "double_phase": scene.settings.phase_precision == "double",
     }
@@ -147,11 +148,11 @@ def plan_effects(
         assessment = effect.assess(context, decided)
         decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
-        fields.update(effect.flags(decision.on, context, decided))
+        chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
         if loses and assessment.error_db > context.tolerance_db:
             notes.append(
-                f"{scene.name}: {effect.name} is off as asked; predicted error {assessment.error_db:.0f} dB "
+                f"{scene.name}: {effect.name} is switched off; predicted error {assessment.error_db:.0f} dB "
                 f"({assessment.why})"
             )
     depth = decided["max_depth"].value or DEFAULT_DEPTH
@@ -162,12 +163,40 @@ def plan_effects(
         for note in notes:
             warnings.warn(note, SarmitsubaWarning, stacklevel=2)
     return EffectsPlan(
-        KernelFlags(**fields),
+        _kernel_flags(chosen),
         depth,
         tuple(decided.values()),
         tuple(notes),
         {} if pilot is None else _figures(context, pilot),
     )
+
+
+def _check_switches(scene: Scene) -> None:
+    """Refuse a switch that no effect has: it would have no effect."""
+    known = [effect.name for effect in switchable_effects()]
+    for name in scene.settings.effects:
+        if name not in known:
+            raise SceneError(
+                f"{scene.name}: there is no effect {name!r} to switch; choose of {', '.join(known)}"
+            )
+
+
+def _declared(effect: Effect, values: Mapping[str, FlagValue]) -> Mapping[str, FlagValue]:
+    """Kernel flags of an effect, if it has declared them all."""
+    for name in values:
+        if name not in effect.kernel_flags:
+            raise ExtensionError(
+                f"effect {effect.name!r} sets the kernel flag {name!r}; declare it in kernel_flags"
+            )
+    return values
+
+
+def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
+    """Flags that the kernel knows as fields, the others by name where they are on."""
+    known = {f.name for f in fields(KernelFlags)}
+    extra = frozenset(name for name, value in chosen.items() if name not in known and value)
+    fitting: dict[str, Any] = {name: value for name, value in chosen.items() if name in known}
+    return KernelFlags(**fitting, extra=extra)
 
 
 def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:
@@ -177,7 +206,7 @@ def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Deci
             name, assessment.on, assessment.why, assessment.value, assessment.error_db, cost, source
         )
     on = switch == "on"
-    # asked for what the context say too: the error of the other way stays; asked against them: nothing is known better
+    # asked for what the context says too: the error of the other way stays; asked against them: nothing is known better
     return Decision(
         name,
         on,
@@ -189,7 +218,7 @@ def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Deci
     )
 
 
-def _depth_note(context: Context, depth: int) -> str:
+def _depth_note(context: SceneContext, depth: int) -> str:
     asked, pilot = context.scene.settings.max_depth, context.pilot
     if pilot is None or depth >= pilot.n_orders:
         return ""
@@ -197,13 +226,13 @@ def _depth_note(context: Context, depth: int) -> str:
     if asked and (lost > context.tolerance_db or cell > pilot.cell_limit_db(context.tolerance_db)):
         over = "clutter" if pilot.clutter > 0 else "peak"
         return (
-            f"{context.scene.name}: max_depth = {depth} as asked leaves out returns of {lost:.0f} dB of the image's "
+            f"{context.scene.name}: max_depth = {depth} leaves out returns of {lost:.0f} dB of the image's "
             f"energy, strongest cell {cell:.0f} dB over the {over}; raise max_depth or set it to auto"
         )
     return ""
 
 
-def _figures(context: Context, pilot: PilotResult) -> dict[str, Any]:
+def _figures(context: SceneContext, pilot: PilotResult) -> dict[str, Any]:
     def clean(value: float) -> float | None:
         return round(float(value), 1) if np.isfinite(value) else None
 

@@ -19,8 +19,8 @@ _MAX_PRODUCTS = 50_000_000
 _MAX_FACES = 200_000
 
 
-class ShapeFacts:
-    """Geometric context, each worked out when it is asked for.
+class ShapeAnalysis:
+    """Properties of the visible geometry, each worked out when it is asked for.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class ShapeFacts:
         return one_sided(self.normals, self.vertices[self.faces[:, 0]], self.points, self.slack)
 
     @cached_property
-    def _sides(self) -> tuple[F64, F64, F64, F64] | None:
+    def _plane_heights(self) -> tuple[F64, F64, F64, F64] | None:
         """Least and greatest height of the vertices and of the antenna over every plane; None when useless or dear."""
         if not self._one_sided:
             return None
@@ -135,8 +135,10 @@ class ShapeFacts:
     @cached_property
     def flat(self) -> bool:
         """All of it lies in one plane."""
-        sides = self._sides
-        return sides is not None and bool((sides[0] >= -self.slack).all() and (sides[1] <= self.slack).all())
+        heights = self._plane_heights
+        return heights is not None and bool(
+            (heights[0] >= -self.slack).all() and (heights[1] <= self.slack).all()
+        )
 
     @property
     def level(self) -> bool:
@@ -176,12 +178,12 @@ class ShapeFacts:
             return "no mesh to bounce off"
         if self.convex_body:
             return "one closed convex body"
-        sides = self._sides
-        if sides is None:
+        heights = self._plane_heights
+        if heights is None:
             return ""
         if self.flat:
             return "one flat surface cannot reflect onto itself"
-        low, high, a_low, a_high = sides
+        low, high, a_low, a_high = heights
         empty_above, empty_below = high <= self.slack, low >= -self.slack
         if not (empty_above | empty_below).all():
             return ""
@@ -218,10 +220,10 @@ class ShapeFacts:
         For every face, scene and antenna lie on one and the same side of its plane, so no straight line between
         the two crosses it.
         """
-        sides = self._sides
-        if sides is None:
+        heights = self._plane_heights
+        if heights is None:
             return self.n_faces == 0
-        low, high, a_low, a_high = sides
+        low, high, a_low, a_high = heights
         above = (low >= -self.slack) & (a_low >= 0.0)
         below = (high <= self.slack) & (a_high <= 0.0)
         return bool((above | below).all())
@@ -340,4 +342,4 @@ def _first_nonzero(rows: F64) -> F64:
     return np.asarray(rows[np.arange(len(rows)), np.argmax(big, axis=1)])
 
 
-__all__ = ["ShapeFacts"]
+__all__ = ["ShapeAnalysis"]

@@ -86,8 +86,8 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
         turn = np.abs(u[:, 0] * np.gradient(u[:, 1]) - u[:, 1] * np.gradient(u[:, 0]))
     if not seen.any() or turn[seen].min() < 1e-15:
         raise DataError(
-            "focus: the line of sight to the image's centre does not turn, or no pulse illuminates it; "
-            "move the image into the beam and off the flight line"
+            "focus: the line of sight to the image's centre does not change its direction, or no pulse illuminates it; "
+            "move the image into the beam and away from the flight line"
         )
     wave = radar.waveform
     v = (np.arange(1024) + 0.5) / 1024 - 0.5

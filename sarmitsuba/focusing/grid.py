@@ -105,7 +105,8 @@ def default_grid(
     ground = float((center - origin) @ across)
     if ground <= 0.0:
         raise DataError(
-            f"image grid: its centre lies {-ground:g} m on the far side of the ground track; set look_side or the "
+            f"image grid: its centre lies {-ground:g} m behind the radar, on the side it does not look to; change "
+            "look_side or the "
             "image's centre"
         )
     drop = float(origin[2] - request.height)

@@ -1,14 +1,13 @@
 """Ideal data with a known answer: a plain radar, and the exact range-compressed echoes of point scatterers."""
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing.aperture import direction_gain
-from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
@@ -29,7 +28,7 @@ def ideal_radar(
     sampling_factor: float = 1.2,
     pulse_width: float = 10e-6,
     antenna: Antenna | None = None,
-    mode: Literal["stripmap", "spotlight"] = "spotlight",
+    mode: str = "spotlight",
 ) -> Radar:
     """Right-looking radar on a level straight track towards +y that aims at the origin.
 
@@ -44,7 +43,7 @@ def ideal_radar(
     sampling_factor : sampling rate over the bandwidth
     pulse_width : s
     antenna : default isotropic
-    mode : ``stripmap`` fixes the beam, ``spotlight`` holds it on the origin
+    mode : one of `sarmitsuba.radar.mode.MODES`, with its defaults
     """
     waveform = Waveform(center_frequency, bandwidth, pulse_width)
     cos = np.cos(squint_angle)
@@ -57,12 +56,9 @@ def ideal_radar(
     )
 
     distance = np.linalg.norm(track.position, axis=1)
-    boresight = -track.position / distance[:, None]
-    if mode == "stripmap":
-        boresight = np.broadcast_to(look, boresight.shape).copy()
-    azimuth_axis = np.array([0.0, 1.0, 0.0]) - boresight * boresight[:, 1:2]
-    azimuth_axis /= np.linalg.norm(azimuth_axis, axis=1)[:, None]
-    pointing = Pointing(boresight, azimuth_axis, np.cross(boresight, azimuth_axis))
+    geometry = AimGeometry(
+        np.zeros(3), -slant_range * look, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    )
 
     sample = SPEED_OF_LIGHT / (2.0 * sampling_factor * bandwidth)
     start = (np.floor(distance / sample) - n_samples // 2) * sample
@@ -71,7 +67,7 @@ def ideal_radar(
         track=track,
         waveform=waveform,
         antenna=antenna or Antenna(),
-        pointing=pointing,
+        pointing=MODES[mode].pointing(track, geometry),
         window=ReceiveWindow(start, sample, n_samples),
     )
 

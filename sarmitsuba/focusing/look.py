@@ -79,7 +79,7 @@ def plan_look(
     weights, time, position, velocity = _centroid(radar, image, azimuth_window)
     # a beam fixed to the track passes over every pixel in turn: each has an aperture of its own
     zero_doppler = (
-        radar.mode == "stripmap" and radar.antenna.pattern != "isotropic" and radar.track.is_straight
+        radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic" and radar.track.is_straight
     )
     leg = image.positions() - position
     distance = np.linalg.norm(leg, axis=-1)
@@ -94,7 +94,9 @@ def plan_look(
     reach = float(np.abs(edges).max())
     highest = wave.center_frequency + 0.5 * wave.bandwidth
     range_step = 0.5 * wave.range_cell
-    range_rate_step = SPEED_OF_LIGHT / (8.0 * highest * reach)  # 1/4 cycle a cell at the end of the aperture
+    range_rate_step = SPEED_OF_LIGHT / (
+        8.0 * highest * reach
+    )  # 1/4 cycle per cell at the end of the aperture
     bare = LookGrid(position, velocity, zero_doppler, 0.0, 0.0, range_step, 1, 0.0, range_rate_step, 1, width)
     r, s = bare.coordinates(distance, range_rate)
     margin_r, margin_s = 2.0 * _MARGIN * range_step, 2.0 * _MARGIN * range_rate_step

@@ -69,7 +69,8 @@ def range_compress(raw: RawData, *, method: str = "matched") -> RawData:
     n_fast = n_fast_chirped(radar)
     if raw.data.shape[2] != n_fast:
         raise DataError(
-            f"raw data: {raw.data.shape[2]} samples a pulse, but the window of {radar.window.n_samples} and the pulse "
+            f"raw data: {raw.data.shape[2]} samples per pulse, but the window of {radar.window.n_samples} and the "
+            "pulse "
             f"width of {radar.waveform.pulse_width:g} s need {n_fast}"
         )
     n_fft = int(scipy.fft.next_fast_len(n_fast + 1))

@@ -148,7 +148,7 @@ def point_target(
     Notes
     -----
     Assumes one dominant point in the chip. Widths and positions come from the Fourier series of the chip, sampled 32
-    times a pixel, not from a fit.
+    times per pixel, not from a fit.
     """
     data = np.asarray(data)
     if near is None:
@@ -166,7 +166,9 @@ def point_target(
     row, column = _start(int(i), data.shape[0], chip), _start(int(j), data.shape[1], chip)
     piece = Chip(data[row : row + chip, column : column + chip], row, column)
     if min(piece.data.shape) < 8 or not np.abs(piece.data).max() > 0.0:
-        raise DataError("point target: the image around it is smaller than 8 pixels or empty")
+        raise DataError(
+            "point target: the image around it is smaller than 8 pixels or empty; choose a point farther inside"
+        )
     top, left = piece.peak(float(i), float(j))
     value = complex(piece.at([top], [left])[0])
     spacing = np.array([azimuth_spacing, range_spacing])

@@ -1,24 +1,25 @@
 """Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
 
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
-from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.notes import warn_once
+from sarmitsuba.loader.radar_builder import build_radar
+from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.convexity import is_convex_body
-from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups
+from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import EFFECT_NAMES, ImageRequest, TraceSettings
+from sarmitsuba.scene.settings import ImageRequest, TraceSettings
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -125,20 +126,6 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
         )
 
 
-def trace_settings(integrator: Mapping[str, Any], film: Mapping[str, Any]) -> TraceSettings:
-    """Settings of validated ``sar_path`` parameters; the film's gridding width holds unless they give one."""
-    values = {name: value for name, value in integrator.items() if name not in EFFECT_NAMES}
-    values["gridding_width"] = values["gridding_width"] or film["gridding_width"]
-    return TraceSettings(**values, effects={name: integrator[name] for name in EFFECT_NAMES})
-
-
-def warn_once(notes: list[str], text: str) -> None:
-    """Add a note and give it as a warning, unless it is there already."""
-    if text not in notes:
-        notes.append(text)
-        warnings.warn(text, SarmitsubaWarning, stacklevel=4)
-
-
 def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
@@ -204,4 +191,4 @@ def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
     return np.asarray(np.round(center))
 
 
-__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "trace_settings", "warn_once"]
+__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble"]

@@ -1,10 +1,14 @@
-"""Tables of the scene format page, generated from the tables that validate the files."""
+"""Tables of the pages on scene files and effects, generated from what the program itself goes by."""
 
 import re
 
+from sarmitsuba.effects.effect import effects
 from sarmitsuba.loader.shapes import SHAPE_PARAMETERS
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.materials.library import ADAPTER_BSDFS, ITU_BANDS, ORDINARY_BSDFS
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS, ORDINARY_BSDFS
+from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.radar.mode import MODES
 
 _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -12,9 +16,9 @@ _BLOCK = re.compile(r"(<!-- table: (?P<name>[\w-]+) -->\n).*?(<!-- end -->)", re
 def fill_tables(page: str) -> str:
     """Return a page with the text between ``<!-- table: NAME -->`` and ``<!-- end -->`` made anew.
 
-    NAME is a plugin, ``itu``, ``bsdfs`` or ``shapes``. To bring the page up to date::
+    NAME is a plugin, ``effects``, ``laws``, ``modes``, ``itu``, ``bsdfs`` or ``shapes``. To bring pages up to date::
 
-        python -m sarmitsuba.loader.format_doc docs/scene_format.md
+        python -m sarmitsuba.loader.format_doc docs/scene_format.md docs/effects.md
     """
     return _BLOCK.sub(lambda match: f"{match[1]}{_table(match['name'])}\n{match[3]}", page)
 
@@ -22,8 +26,37 @@ def fill_tables(page: str) -> str:
 def _table(name: str) -> str:
     if name in TABLES:
         table = TABLES[name]
-        return f"{table.doc}\n\n{table.markdown()}" if table.params else table.doc
-    return {"itu": _itu, "bsdfs": _bsdfs, "shapes": _shapes}[name]()
+        return f"{table.doc}\n\n{table.markdown()}" if table.rows else table.doc
+    tables = {
+        "effects": _effects,
+        "laws": _laws,
+        "modes": _modes,
+        "itu": _itu,
+        "bsdfs": _bsdfs,
+        "shapes": _shapes,
+    }
+    return tables[name]()
+
+
+def _modes() -> str:
+    rows = ["| mode | beam | parameters of its own |", "|---|---|---|"]
+    for mode in sorted(MODES, key=lambda mode: mode.name):
+        rows.append(f"| `{mode.name}` | {mode.doc} | {', '.join(f'`{p.name}`' for p in mode.parameters)} |")
+    return "\n".join(rows)
+
+
+def _effects() -> str:
+    rows = ["| effect | off when | off means |", "|---|---|---|"]
+    rows += [f"| `{effect.name}` | {effect.off_when} | {effect.off_means} |" for effect in effects()]
+    return "\n".join(rows)
+
+
+def _laws() -> str:
+    rows = ["| diffuse_law | return | diffuse_level_db is | needs |", "|---|---|---|---|"]
+    for law in sorted(LAWS, key=lambda law: law.name):
+        needs = ", ".join(f"`{name}`" for name in (*law.needs, *(p.name for p in law.parameters)))
+        rows.append(f"| `{law.name}` | {law.title} | {law.level or 'not taken'} | {needs} |")
+    return "\n".join(rows)
 
 
 def _itu() -> str:

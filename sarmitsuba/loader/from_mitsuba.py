@@ -2,19 +2,20 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.backend import mi
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.assemble import Surface, assemble, trace_settings
-from sarmitsuba.loader.properties import Element, Overrides
-from sarmitsuba.loader.shapes import MeshReader, Placed
-from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH, MaterialBook, point_target, radar_input
-from sarmitsuba.materials.library import ADAPTER_BSDFS
+from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.collect import Collector
+from sarmitsuba.loader.describe import describe
+from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.loader.shapes import Placed
+from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
 from sarmitsuba.scene.scene import Scene
 
 _NAME = "scene"
@@ -30,14 +31,23 @@ _BSDF_CLASSES = {
 _SHAPES = ("sphere", "disk", "cylinder", "rectangle")
 
 
-def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -> Scene:
+def scene_from_mitsuba(
+    mi_scene: "mi.Scene",
+    sensor: "int | mi.Sensor" = 0,
+    integrator: "mi.Integrator | None" = None,
+    *,
+    radar_root: Element | None = None,
+    overrides: Overrides | None = None,
+) -> Scene:
     """Read geometry, materials and radar out of a loaded Mitsuba scene.
 
     Parameters
     ----------
-    mi_scene : ``mi.Scene``
-    sensor : ``mi.Sensor`` or its index in the scene
-    integrator : ``mi.Integrator``; None takes the scene's
+    mi_scene : what ``mi.load_file`` or ``mi.load_dict`` returns
+    sensor : a sensor or its index in the scene
+    integrator : None takes the scene's
+    radar_root : of a radar file that replaces sensor, film and integrator
+    overrides : of plugin parameters
 
     Raises
     ------
@@ -46,54 +56,51 @@ def scene_from_mitsuba(mi_scene: Any, sensor: Any = 0, integrator: Any = None) -
     Notes
     -----
     Mitsuba has merged meshes by material and holds vertices in float32, good to 1e-7 of their distance from
-    the origin; `load_scene` keeps both. Instances keep their shape group to themselves and are refused.
+    the origin; a file or a dict given to `load_scene` keeps both. Instances keep their shape group to themselves
+    and are refused.
     """
-    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
-    if isinstance(antenna, int) or not hasattr(antenna, "given"):
-        found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
-        raise RadarError(f"{_NAME}: the sensor is no sar_antenna ({found}); add one, pass it to mi.render")
-    none = Overrides()
-    sensor_element = _own(antenna, tables.SENSOR.plugin, "sensor")
-    film = antenna.film()
-    film_element = _own(film, tables.FILM.plugin, "film") if hasattr(film, "given") else None
-    radar = radar_input(sensor_element, film_element, none)
+    overrides = overrides or Overrides()
+    root = Element("scene", "scene", "", _NAME, Path(), {})
+    if radar_root is None:
+        root.children.append(("sensor", _sensor(mi_scene, sensor)))
     tracer = integrator if integrator is not None else mi_scene.integrator()
     if hasattr(tracer, "given"):
-        integrator_element = _own(tracer, tables.INTEGRATOR.plugin, "integrator")
-    else:
-        integrator_element = Element("integrator", tables.INTEGRATOR.plugin, "", _NAME, Path(), {})
-    settings = trace_settings(none.read(integrator_element, tables.INTEGRATOR)[0], radar.film)
-
-    frequency = float(radar.sensor["center_frequency"])
-    notes: list[str] = []
-    book = MaterialBook(frequency, none, notes, settings.default_rms_height)
-    reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, notes)
-    surfaces, points = [], []
+        root.children.append(("integrator", _own(tracer, tables.INTEGRATOR.plugin, "integrator")))
+    collector = Collector(_NAME, None, describe(root, radar_root, overrides, _NAME), overrides)
     bsdfs: dict[int, Element] = {}
     for number, shape in enumerate(mi_scene.shapes()):
         bsdf = shape.bsdf()
         element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
         name = shape.id() or f"shape_{number}"
-        if element.plugin == tables.POINT_SCATTERER.plugin:
-            placed = _placed(shape, name)
-            points.append(point_target(placed.element, name, placed.to_world, element, none))
-            continue
-        curved = not shape.is_mesh()
-        known = _placed(shape, name) if curved else None
-        vertices, faces = reader.triangles(known) if known else _mesh(shape)
-        material = book.index(element, f'{_NAME}: shape "{name}"')
-        convex = known is not None and known.is_convex
-        surfaces.append(Surface(name, vertices, faces, material, curved, convex))
-    return assemble(_NAME, None, surfaces, book.materials, points, radar, settings, notes)
+        if shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
+            material = collector.book.index(element, f'{_NAME}: shape "{name}"')
+            vertices, faces = _mesh(shape)
+            collector.surfaces.append(Surface(name, vertices, faces, material))
+        else:
+            collector.add_shape(_placed(shape, name), element)
+    return collector.scene()
 
 
-def _own(plugin: Any, name: str, kind: str) -> Element:
+def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor") -> Element:
+    """Element of the radar and its film."""
+    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
+    if isinstance(antenna, int) or not hasattr(antenna, "given"):
+        found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
+        raise RadarError(f"{_NAME}: the sensor is not a sar_antenna ({found}); add one, pass it to mi.render")
+    element = _own(antenna, tables.SENSOR.plugin, "sensor")
+    film = antenna.film()
+    if hasattr(film, "given"):
+        element.children.append(("film", _own(film, tables.FILM.plugin, "film")))
+    return element
+
+
+def _own(plugin: "mi.Object", name: str, kind: str) -> Element:
     """Element of one of our own plugin objects."""
     label = f'{kind} "{plugin.id()}"' if plugin.id() else f"{kind} {name}"
     return Element(kind, name, plugin.id(), f"{_NAME}: {label}", Path(), dict(plugin.given))
 
 
-def _bsdf(bsdf: Any) -> Element:
+def _bsdf(bsdf: "mi.BSDF | None") -> Element:
     """Element of a BSDF: ours, Sionna RT's or Mitsuba's."""
     if bsdf is None:
         return Element("bsdf", "diffuse", "", _NAME, Path(), {})
@@ -138,20 +145,18 @@ def _plugin(class_name: str) -> str:
     return class_name if class_name in tables.TABLES else _BSDF_CLASSES.get(lower, lower)
 
 
-def _scalar(value: Any) -> float:
+def _scalar(value: "mi.Float") -> float:
     return float(np.asarray(value).ravel()[0])
 
 
-def _mesh(shape: Any) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def _mesh(shape: "mi.Shape") -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     vertices = np.array(shape.vertex_positions_buffer(), dtype=np.float64).reshape(-1, 3)
     faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3).astype(np.int32)
     return vertices, faces
 
 
-def _placed(shape: Any, name: str) -> Placed:
+def _placed(shape: "mi.Shape", name: str) -> Placed:
     """Shape without triangles of its own; its matrix maps the unit shape to the world."""
-    import mitsuba as mi
-
     plugin = shape.class_name().lower()
     where = f'{_NAME}: shape "{name}"'
     if plugin not in _SHAPES:

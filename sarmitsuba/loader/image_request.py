@@ -1,12 +1,10 @@
 """Which image to focus when the scene file does not say: about the aim point, as large as the geometry."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.loader.radar_parameters import FilmDescription
 from sarmitsuba.radar.swath import Box
 from sarmitsuba.scene.settings import ImageRequest
 
@@ -18,8 +16,7 @@ _MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
 
 
 def build_image_request(
-    film: Mapping[str, Any],
-    given: frozenset[str],
+    film: FilmDescription,
     where: str,
     scene: Box,
     antenna: F64,
@@ -30,7 +27,7 @@ def build_image_request(
 
     Parameters
     ----------
-    film, given, where : validated parameters, the names that the file sets, start of every error
+    film, where : description, start of every error
     scene : bounds of all geometry about the aim point, in the axes along, across and up
     antenna : (3,) float64, m, mid-aperture position in the scene frame
     cells : azimuth cell and slant-range cell, m
@@ -43,11 +40,11 @@ def build_image_request(
     aim = scene.origin
     center = np.array(
         [
-            film["image_center_x"] - offset[0] if "image_center_x" in given else aim[0],
-            film["image_center_y"] - offset[1] if "image_center_y" in given else aim[1],
+            aim[0] if film.image_center_x is None else film.image_center_x - offset[0],
+            aim[1] if film.image_center_y is None else film.image_center_y - offset[1],
         ]
     )
-    height = film["image_height"] - offset[2] if "image_height" in given else aim[2]
+    height = aim[2] if film.image_height is None else film.image_height - offset[2]
     if antenna[2] <= height:
         raise RadarError(
             f"{where}: image_height = {height + offset[2]:g} m is not below the antenna at "
@@ -59,8 +56,8 @@ def build_image_request(
     reach = float((center - antenna[:2]) @ across)  # from the track's ground trace to the image centre
     if reach <= 0.0:
         raise RadarError(
-            f"{where}: the image centre lies {-reach:g} m on the far side of the ground track; "
-            "set look_side or image_center_x, image_center_y"
+            f"{where}: the image centre lies {-reach:g} m behind the radar, on the side it does not look to; "
+            "change look_side or image_center_x, image_center_y"
         )
     drop = float(antenna[2] - height)
     slant = float(np.hypot(reach, drop))
@@ -73,7 +70,7 @@ def build_image_request(
         return min(wanted, MAX_CELLS * cell), wanted > MAX_CELLS * cell
 
     notes = []
-    extent_azimuth, extent_range = film["image_extent_azimuth"], film["image_extent_range"]
+    extent_azimuth, extent_range = film.image_extent_azimuth, film.image_extent_range
     if extent_azimuth == 0.0:
         extent_azimuth, cut = automatic(0, cells[0], 0.0)
         if cut:
@@ -89,18 +86,18 @@ def build_image_request(
             )
     elif 0.5 * extent_range >= reach:
         raise RadarError(
-            f"{where}: image_extent_range = {extent_range:g} m reaches across the ground track, which is "
+            f"{where}: image_extent_range = {extent_range:g} m reaches past the ground track of the radar, which is "
             f"{reach:g} m from the image centre; give less than {2 * reach:g} m"
         )
     request = ImageRequest(
-        grid=film["image_grid"],
+        grid=film.image_grid,
         center_x=float(center[0]),
         center_y=float(center[1]),
         height=float(height),
         extent_azimuth=float(extent_azimuth),
         extent_range=float(extent_range),
-        spacing_azimuth=film["pixel_spacing_azimuth"],
-        spacing_range=film["pixel_spacing_range"],
+        spacing_azimuth=film.pixel_spacing_azimuth,
+        spacing_range=film.pixel_spacing_range,
     )
     _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
     return request, tuple(notes)

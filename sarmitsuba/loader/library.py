@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.parameters import did_you_mean
+from sarmitsuba.parameters import did_you_mean
 
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
 

@@ -1,10 +1,18 @@
 """The parameters of the material plugins."""
 
-from sarmitsuba.loader.parameters import Param, ParamTable
-from sarmitsuba.materials.library import ITU_BANDS
-from sarmitsuba.materials.material import DIFFUSE_LAWS
+from dataclasses import replace
 
-_ITU_NAMES = tuple(ITU_BANDS)
+from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
+from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.parameters import Param, ParamTable
+
+
+def _law_parameters() -> tuple[Param, ...]:
+    """Numbers that only one diffuse law needs, as the laws declare them."""
+    takers = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
+    return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
+
 
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
@@ -15,8 +23,11 @@ RADAR_MATERIAL = ParamTable(
         "type": 'did you mean "material"?',
         "roughness": 'did you mean "rms_height"?',
     },
+    more=_law_parameters,
     params=(
-        Param("material", "string", "", "pec, or a material of ITU-R P.2040-3", choices=("pec", *_ITU_NAMES)),
+        Param(
+            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
+        ),
         Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
         Param(
             "permittivity_imag",
@@ -27,30 +38,30 @@ RADAR_MATERIAL = ParamTable(
             0.0,
             1e12,
         ),
-        Param("conductivity", "float", 0.0, "in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
             "string",
             "none",
             "angular law of the incoherent return",
-            choices=tuple(DIFFUSE_LAWS),
+            choices=lambda: tuple(sorted(LAWS.names)),
         ),
         Param(
             "diffuse_level_db",
             "float",
             -20.0,
-            "sigma0 (constant), gamma (constant_gamma) or sigma0 at normal incidence (lambert)",
+            "level of the empirical laws; what it is the level of depends on diffuse_law",
             "dB",
             -200.0,
             60.0,
         ),
-        Param("correlation_length", "float", 0.0, "of the surface height", "m", 0.0, 1e3),
+        Param("correlation_length", "float", 0.0, "correlation length of the surface height", "m", 0.0, 1e3),
         Param(
             "cross_polar_ratio_db",
             "float",
             -300.0,
-            "cross- over co-polar diffuse power; -300 = none",
+            "ratio of cross-polar to co-polar diffuse power; -300 = none",
             "dB",
             -300.0,
             0.0,
@@ -64,7 +75,7 @@ POINT_SCATTERER = ParamTable(
     doc="On a `sphere` shape: its centre becomes an ideal isotropic scatterer; the sphere is not traced.",
     params=(
         Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
-        Param("phase_deg", "float", 0.0, "of its reflectivity", "deg", -360.0, 360.0),
+        Param("phase_deg", "float", 0.0, "phase of its reflectivity", "deg", -360.0, 360.0),
     ),
 )
 
@@ -73,7 +84,7 @@ _COLORS = tuple(
     for name in ("color", "reflectance", "base_color")
 )
 _SCATTERING = (
-    Param("thickness", "float", 0.1, "accepted; surfaces are half spaces here", "m", 0.0, 1e9),
+    Param("thickness", "float", 0.1, "read but not used: surfaces are half spaces here", "m", 0.0, 1e9),
     Param(
         "scattering_coefficient",
         "float",
@@ -95,7 +106,7 @@ ITU_RADIO_MATERIAL = ParamTable(
     plugin="itu-radio-material",
     element="bsdf",
     doc="Sionna RT's ITU material.",
-    params=(Param("type", "string", "", "material of ITU-R P.2040", choices=_ITU_NAMES), *_SCATTERING),
+    params=(Param("type", "string", "", "material of ITU-R P.2040", choices=tuple(ITU_BANDS)), *_SCATTERING),
 )
 
 RADIO_MATERIAL = ParamTable(

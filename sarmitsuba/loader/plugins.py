@@ -5,16 +5,19 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
+from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.parameters import ParamTable
-from sarmitsuba.loader.properties import plain_value
+from sarmitsuba.loader.elements import Property, plain_value
+from sarmitsuba.parameters import ParamTable
 
 _PACKAGE = "sarmitsuba_plugins"
+_NAME = "registered_name"  # attribute of a plugin class that Mitsuba knows
+
+Plugin = TypeVar("Plugin", bound="type[mi.Object]")
 
 
 def plugins_dir() -> Path:
@@ -51,44 +54,67 @@ def register_plugins() -> tuple[str, ...]:
     package.__path__ = [str(folder)]
     sys.modules[_PACKAGE] = package
     names = []
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.glob("[!_]*.py")):
         module = importlib.import_module(f"{_PACKAGE}.{path.stem}")
-        register: Callable[[], str] | None = getattr(module, "register", None)
-        if register is None or (getattr(module, "SIONNA", False) and "sionna.rt" in sys.modules):
-            continue
-        names.append(register())
+        names += [
+            vars(cls)[_NAME] for cls in vars(module).values() if isinstance(cls, type) and _NAME in vars(cls)
+        ]
     return tuple(names)
 
 
-def given_values(props: Any, table: ParamTable) -> dict[str, Any]:
-    """Values that a Mitsuba object is created with, validated; nested objects are left out.
+def register(table: ParamTable, *, sionna: bool = False) -> Callable[[Plugin], Plugin]:
+    """Class decorator: make a plugin known to Mitsuba under its table's name, as what the table says it is.
 
     Parameters
     ----------
-    props : ``mi.Properties``
+    table : its parameters; becomes the attribute ``table`` of the class
+    sionna : left to Sionna RT where that is imported
+    """
+
+    def decorate(cls: Plugin) -> Plugin:
+        cls.table = table
+        if not (sionna and "sionna.rt" in sys.modules):
+            add = getattr(mi, f"register_{table.element}")
+            add(table.plugin, lambda props: cls(props))
+            setattr(cls, _NAME, table.plugin)
+        return cls
+
+    return decorate
+
+
+def given_values(props: "mi.Properties", table: ParamTable) -> dict[str, Property]:
+    """Values that a Mitsuba object is created with, validated; nested objects under other names are left out.
+
+    Parameters
+    ----------
+    props : of the object
     table : of the plugin
 
     Raises
     ------
     SceneError, RadarError : one line; Mitsuba wraps it into a RuntimeError
     """
-    keys = list(props.keys())
-    given = {key: plain_value(props[key]) for key in keys if not key.startswith("_arg_")}
+    values = {key: props[key] for key in props.keys()}
+    given = {
+        key: plain_value(value)
+        for key, value in values.items()
+        if key in table.names or not isinstance(value, mi.Object)
+    }
     identifier = props.id()
     where = f'{table.element} "{identifier}"' if identifier else f"{table.element} {table.plugin}"
     table.read(given, where)
     return given
 
 
-def describe(table: ParamTable, given: Mapping[str, Any]) -> str:
+def describe(table: ParamTable, given: Mapping[str, Property]) -> str:
     """Text of a plugin for ``print``: its parameters, defaults included, as Mitsuba writes its own."""
     values = {**table.defaults(), **given}
     lines = ",\n".join(f"  {name} = {_text(value)}" for name, value in values.items() if value != "")
     return f"{table.plugin}[\n{lines}\n]"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return np.array2string(value) if isinstance(value, np.ndarray) else str(value)
 
 
-__all__ = ["describe", "given_values", "plugins_dir", "register_plugins"]
+__all__ = ["describe", "given_values", "plugins_dir", "register", "register_plugins"]

@@ -1,19 +1,17 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.parameters import did_you_mean, one_line
-from sarmitsuba.loader.properties import Element, Opaque
+from sarmitsuba.loader.elements import Element, Opaque
+from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
+from sarmitsuba.parameters import did_you_mean, one_line
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -38,22 +36,9 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "instance": ("to_world",),
     "merge": (),
 }
+_OBJECTS = ("bsdf", "shape", "emitter", "medium", "texture", "sensor", "volume")
 _MAX_NESTING = 16
 _MAX_POINT = 1e15  # beyond, distances between points overflow
-# what a reader that meets arbitrary bytes raises
-_READER_ERRORS = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RuntimeError,
-    AssertionError,
-    EOFError,
-    ImportError,
-    MemoryError,
-    struct.error,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +146,10 @@ class MeshReader:
         index = element.values.get("shape_index", 0)
         key = (path, int(index) if isinstance(index, int) else 0)
         if key not in self._files:
-            reader = _read_serialized if element.plugin == "serialized" else _read_mesh
-            self._files[key] = reader(path, key[1], element.where)
+            if element.plugin == "serialized":
+                self._files[key] = read_serialized(path, key[1], element.where)
+            else:
+                self._files[key] = read_mesh(path, element.where)
         return self._files[key]
 
 
@@ -208,7 +195,7 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
             f'{element.where}: shape type "{plugin}" is not supported{guess or f"; use one of {known}"}'
         )
     for name, value in element.given().items():
-        if name not in (*SHAPE_PARAMETERS[plugin], "bsdf") and not _is_object(value):
+        if name not in SHAPE_PARAMETERS[plugin] and not _is_object(value):
             guess = did_you_mean(name, SHAPE_PARAMETERS[plugin])
             known = ", ".join(SHAPE_PARAMETERS[plugin]) or "no parameters"
             raise SceneError(
@@ -236,9 +223,9 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
         yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix)
 
 
-def _is_object(value: Any) -> bool:
-    """True for nested emitters, media and textures, which have no meaning here."""
-    return isinstance(value, Opaque) and value.kind in ("emitter", "medium", "texture", "sensor", "volume")
+def _is_object(value: object) -> bool:
+    """True for nested objects, which may have any name; only BSDFs and shapes have a meaning here."""
+    return isinstance(value, Opaque) and value.kind in _OBJECTS
 
 
 def _matrix(element: Element) -> F64:
@@ -270,50 +257,6 @@ def _radius(element: Element) -> float:
             "radius"
         )
     return float(value)
-
-
-def _read_mesh(path: Path, index: int, where: str) -> tuple[F64, I32]:
-    """Triangles of a ply, obj or stl file, vertices as they are."""
-    import trimesh
-
-    options = {"skip_materials": True, "maintain_order": True} if path.suffix.lower() == ".obj" else {}
-    try:
-        mesh = trimesh.load_mesh(path, process=False, **options)
-        if isinstance(mesh, trimesh.Scene):
-            mesh = mesh.to_mesh()
-        vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(mesh.faces, dtype=np.int64)
-    except OSError as error:
-        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror or error}") from error
-    except _READER_ERRORS as error:
-        what = one_line(error) or type(error).__name__
-        raise SceneError(
-            f"{where}: mesh file {path.name} is malformed: {what}; export it again as ply or obj"
-        ) from error
-    if faces.ndim != 2 or faces.shape[0] == 0:
-        raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")
-    if faces.min() < 0 or faces.max() >= vertices.shape[0]:
-        raise SceneError(
-            f"{where}: mesh file {path.name} refers to vertex {faces.max()} of {vertices.shape[0]}; export "
-            "it again"
-        )
-    return vertices, faces.astype(np.int32)
-
-
-def _read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
-    """Triangles of Mitsuba's own binary format, through Mitsuba (float32 vertices)."""
-    ensure_backend()
-    import mitsuba as mi
-
-    try:
-        mesh = mi.load_dict({"type": "serialized", "filename": str(path), "shape_index": index})
-        parameters = mi.traverse(mesh)
-        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-        faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3).astype(np.int32)
-    except (RuntimeError, KeyError, ValueError) as error:
-        what = one_line(str(error).rpartition(f'{path.name}": ')[2] or "unreadable", 120)
-        raise SceneError(f"{where}: cannot read mesh file {path.name}: {what}; export it as ply") from None
-    return vertices, faces
 
 
 __all__ = [

@@ -1,1 +1,1 @@
-"""Triangle meshes: reading, cleaning, tessellation, boundary edges, curvature, convexity."""
+"""Triangle meshes: cleaning, welding, smooth groups, boundary edges, curvature, convexity, tessellation."""

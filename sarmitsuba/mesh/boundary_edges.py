@@ -1,4 +1,4 @@
-"""Where flat facets end: the sharp sides that limit a ray tube on each triangle."""
+"""Where flat facets end: the boundary edges that limit a ray tube on each triangle."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from sarmitsuba.mesh.meshes import weld
+from sarmitsuba.mesh.welding import weld
 
 F64 = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ SMOOTH_BEND = np.radians(20.0)
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_EDGES = 4
-# triangles of the same facet so many edges away lend their sides
+# triangles of the same facet so many edges away lend their boundary edges
 RINGS = 3
 # pairs of triangles that are compared at a time; bounds the memory
 PAIRS = 200_000
@@ -24,31 +24,32 @@ PAIRS = 200_000
 SLAB = 20_000
 # rounding of a coordinate in a file of float32, over the coordinate
 FLOAT32 = 2.0**-23
-# share of a triangle, seen across a side, that the side must cover to limit it
+# share of a triangle, seen across a boundary edge, that the edge must cover to limit it
 FACING = 0.5
 
 
-def boundary_edges(corners: F64, place: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-    """Sharp sides of the flat facet that each triangle belongs to.
+def boundary_edges(corners: F64, vertex: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+    """Boundary edges of the flat facet that each triangle belongs to.
 
-    A side is sharp where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles of a convex facet
-    with up to four straight sides have these. In other facets a triangle has its own sharp sides, and of the
-    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first: the sides
+    An edge of a triangle is a boundary where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles
+    of a convex facet with up to four straight boundary edges have these. In other facets a triangle has its own, and of
+    the triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first: the edges
     of the arm of an L.
 
     Parameters
     ----------
     corners : (n_faces, 3, 3) float64, m
-    place : (3 n_faces,) labels of the corners' places, None to work them out
+    vertex : (3 n_faces,) welded vertex of every corner, None to work it out
 
     Returns
     -------
-    (n_faces, 4, 4) float32 : up to four sides ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the plane, into
-        the facet, and ``m . (p - corner 0) - c`` the distance from the side in m; unused ones are ``(0, 0, 0, -1)``
+    (n_faces, 4, 4) float32 : up to four boundary edges ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the plane,
+        into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
 
     Notes
     -----
-    Ignores T-junctions (their sides count as sharp), a fifth side, and that a side may limit part of a triangle only.
+    Ignores T-junctions (the edges there count as boundaries), a fifth boundary edge, and that one may limit part of a
+    triangle only.
     """
     n = corners.shape[0]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -59,8 +60,8 @@ def boundary_edges(corners: F64, place: NDArray[np.int64] | None = None) -> NDAr
     along /= np.maximum(length, 1e-300)[:, :, None]
     inward = np.cross(normal[:, None, :], along)
 
-    place = weld(corners.reshape(-1, 3)) if place is None else place
-    mate, mates_inward = _neighbours(place, inward)
+    vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
+    mate, mates_inward = _neighbours(vertex, inward)
     bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
     alone = mate < 0
     smooth = ~alone & (bend < -np.cos(SMOOTH_BEND))
@@ -73,15 +74,15 @@ def boundary_edges(corners: F64, place: NDArray[np.int64] | None = None) -> NDAr
     flat = smooth & (off_plane < FLAT_BEND + (rounding / np.maximum(height, 1e-300))[:, None])
 
     sharp = ~smooth
-    sides = _unused(n)
+    boundary = _unused(n)
     offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
-    sides[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
+    boundary[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
-    ids = place.reshape(n, 3)
+    ids = vertex.reshape(n, 3)
     edges = _Edges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
     shared = np.flatnonzero(flat.any(axis=1))
     if shared.size:
-        shared = shared[~_simple_facets(edges, shared, sides)]
+        shared = shared[~_simple_facets(edges, shared, boundary)]
     for slab in np.array_split(shared, 1 + shared.size // SLAB):
         near = _around(edges.mate, slab)
         near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
@@ -89,8 +90,8 @@ def boundary_edges(corners: F64, place: NDArray[np.int64] | None = None) -> NDAr
         for most in np.unique(count[count > 0]):
             rows = np.flatnonzero(count == most)
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
-                sides[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
-    return sides.astype(np.float32)
+                boundary[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
+    return boundary.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +101,7 @@ class _Edges:
     Parameters
     ----------
     corners : (n, 3, 3), m
-    ids : (n, 3) labels of the corners' places
+    ids : (n, 3) welded vertices of the corners
     along, inward : (n, 3, 3) unit vectors of edge k from corner k to the next
     length : (n, 3), m
     rounding : (n,), m, of the corners
@@ -118,8 +119,8 @@ class _Edges:
     mate: NDArray[np.int64]
 
 
-def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArray[np.bool_]:
-    """Fill in the sides of ``faces`` whose whole facet is convex with at most ``N_EDGES`` straight sides; which are."""
+def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:
+    """Fill in the rows of ``faces`` whose whole facet is convex with at most ``N_EDGES`` boundary edges; which are."""
     n = len(edges.corners)
     row, k = np.nonzero(edges.mate >= 0)
     links = coo_matrix((np.ones(row.size), (row, edges.mate[row, k])), shape=(n, n))
@@ -147,11 +148,11 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     of = facet[own[first]]
     order = np.argsort(of, kind="stable")
     lines = np.bincount(of, minlength=count)
-    place = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
+    column = np.arange(order.size) - np.repeat(np.cumsum(lines) - lines, lines)
     few = (lines <= N_EDGES)[of[order]]
     table = _unused(count)
     kept = order[few]
-    table[of[kept], place[few]] = np.column_stack([inward[kept], offset[kept]])
+    table[of[kept], column[few]] = np.column_stack([inward[kept], offset[kept]])
 
     mine = table[facet]
     height = np.einsum("fsi,fpi->fsp", mine[:, :, :3], points) - mine[:, :, 3:]
@@ -160,7 +161,7 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], sides: F64) -> NDArr
     simple = ((lines <= N_EDGES) & ~outside)[facet]
     used = (mine[:, :, :3] != 0.0).any(axis=2)
     mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
-    sides[faces[simple]] = mine[simple]
+    boundary[faces[simple]] = mine[simple]
     return np.asarray(simple)
 
 
@@ -171,7 +172,7 @@ def _straight(
     own: NDArray[np.int64],
     k: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Number of the straight side that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
+    """Number of the straight boundary edge that each sharp edge (``k`` of ``faces[own]``) is a piece of."""
     n = own.size
     face = faces[own]
     ends = np.concatenate([edges.ids[face, k], edges.ids[face, (k + 1) % 3]])
@@ -194,7 +195,7 @@ def _sums(group: NDArray[np.int64], rows: F64) -> F64:
 
 
 def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) -> F64:
-    """(len(faces), N_EDGES, 4) sides that limit each triangle, out of those of ``near`` (n, m), nearest first."""
+    """(len(faces), N_EDGES, 4) boundary edges of each triangle, out of those of ``near`` (n, m), nearest first."""
     n = len(faces)
     valid = edges.sharp[near].reshape(n, -1)
     inward = edges.inward[near].reshape(n, -1, 3)
@@ -209,9 +210,9 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
     height = np.einsum("nsi,npi->nsp", inward, points) - offset[:, :, None]
     valid &= (height > -slack[:, None, None]).all(axis=2)
     lowest = height.min(axis=2)
-    # how much of the triangle, seen across the side, the side covers; pieces of one straight side together
-    place = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
-    low, high = place.min(axis=2), place.max(axis=2)
+    # how much of the triangle, seen across the edge, the edge covers; pieces of one straight edge together
+    position = np.einsum("nsi,npi->nsp", along, points) - np.einsum("nsi,nsi->ns", along, start)[:, :, None]
+    low, high = position.min(axis=2), position.max(axis=2)
     cover = np.clip(np.minimum(high, length) - np.maximum(low, 0.0), 0.0, None) / np.maximum(
         high - low, 1e-300
     )
@@ -225,8 +226,8 @@ def _limits(edges: _Edges, faces: NDArray[np.int64], near: NDArray[np.int64]) ->
     for k in range(N_EDGES):
         best = np.where(valid, lowest, np.inf).argmin(axis=1)
         found = valid[row, best]
-        side = np.concatenate([inward[row, best], offset[row, best][:, None]], axis=1)
-        out[found, k] = side[found]
+        nearest = np.concatenate([inward[row, best], offset[row, best][:, None]], axis=1)
+        out[found, k] = nearest[found]
         valid &= ~same[row, best]
         valid[row, best] = False
     return out
@@ -244,10 +245,10 @@ def _around(mate: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int
     return found
 
 
-def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
-    """Face across each side (-1: none, or more than one) and that face's inward vector at the common edge."""
+def _neighbours(vertex: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64], F64]:
+    """Face across each edge (-1: none, or more than one) and that face's inward vector at the common edge."""
     n = inward.shape[0]
-    ids = place.reshape(n, 3)
+    ids = vertex.reshape(n, 3)
     start, end = ids, np.roll(ids, -1, axis=1)
     key = (np.minimum(start, end) * (ids.max() + 1) + np.maximum(start, end)).ravel()
     a, b = _twins(key)
@@ -260,7 +261,7 @@ def _neighbours(place: NDArray[np.int64], inward: F64) -> tuple[NDArray[np.int64
 
 
 def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and second place of every value that occurs just twice; values are not negative."""
+    """First and second index of every value that occurs just twice; values are not negative."""
     order = np.argsort(key, kind="stable")
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
     pair = first[np.diff(first, append=len(key)) == 2]
@@ -268,7 +269,7 @@ def _twins(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 def _unused(n: int) -> F64:
-    """(n, N_EDGES, 4) sides that limit nothing."""
+    """(n, N_EDGES, 4) boundary edges that limit nothing."""
     return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
 

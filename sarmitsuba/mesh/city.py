@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
-from sarmitsuba.mesh.meshes import write_ply
+from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import cube
 
 _XML = """<!--

@@ -2,10 +2,16 @@
 
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from sarmitsuba.backend import mi
+
+# the same formula outside and inside a kernel
+Samples = TypeVar("Samples", NDArray[np.float64], "mi.Float")
 
 PatternKind = Literal["isotropic", "gaussian", "rectangular"]
 
@@ -33,7 +39,7 @@ class Antenna:
     azimuth_beamwidth: float = np.pi
     elevation_beamwidth: float = np.pi
 
-    def two_way_amplitude(self, sin_azimuth: Any, sin_elevation: Any, xp: ModuleType = np) -> Any:
+    def two_way_amplitude(self, sin_azimuth: Samples, sin_elevation: Samples, xp: ModuleType = np) -> Samples:
         """Relative two-way amplitude (= one-way relative power gain), 1 at boresight, without ``gain``.
 
         ``sin_azimuth`` and ``sin_elevation`` are the components of the unit direction along the aperture's
@@ -46,16 +52,21 @@ class Antenna:
         se = float(np.sin(0.5 * self.elevation_beamwidth))
         if self.pattern == "gaussian":
             ln2 = float(np.log(2.0))
-            return xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
+            gain: Samples = xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
+            return gain
         # uniform aperture: voltage sinc(pi u) one way, so sinc^2 is the two-way amplitude
         scale = np.pi * _SINC_HALF_POWER
-        return _sinc(scale / sa * sin_azimuth, xp) ** 2 * _sinc(scale / se * sin_elevation, xp) ** 2
+        product: Samples = (
+            _sinc(scale / sa * sin_azimuth, xp) ** 2 * _sinc(scale / se * sin_elevation, xp) ** 2
+        )
+        return product
 
 
-def _sinc(x: Any, xp: ModuleType) -> Any:
+def _sinc(x: Samples, xp: ModuleType) -> Samples:
     if xp is np:
         return np.sinc(np.asarray(x) / np.pi)
-    return xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
+    value: Samples = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
+    return value
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
     if shared is None:
         raise RadarError(
             f"{film_where}: the image covers {_span(box, 0)} along and {_span(box, 1)} across the "
-            f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: nothing to see; "
+            f"track from the aim point, the scene {_span(scene, 0)} and {_span(scene, 1)}: they do not overlap; "
             "move the aim point or image_center_x, image_center_y"
         )
     seen = replace(box, low=shared[0], high=shared[1])
@@ -79,7 +79,7 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     lam = radar.waveform.wavelength
-    at_once = radar.mode == "spotlight" or not track.is_straight
+    at_once = radar.mode_law.instantaneous_doppler or not track.is_straight
     needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
     speed = float(np.linalg.norm(velocity, axis=1).max())
     beam = beam_bandwidth(radar.antenna, speed, lam)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -44,7 +45,7 @@ class Radar:
 
     Parameters
     ----------
-    mode : ``stripmap`` (beam fixed to the track) or ``spotlight`` (beam held on ``aim_point``)
+    mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
     channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
     look_side : ``left`` or ``right`` of the flight direction
@@ -54,7 +55,7 @@ class Radar:
     losses : two-way system losses, linear power >= 1
     """
 
-    mode: Literal["stripmap", "spotlight"]
+    mode: str
     track: Track
     waveform: Waveform
     antenna: Antenna
@@ -66,6 +67,17 @@ class Radar:
     transmit_power: float = 1.0
     noise_temperature: float = 0.0
     losses: float = 1.0
+
+    @property
+    def mode_law(self) -> RadarMode:
+        """The mode itself.
+
+        Raises
+        ------
+        ExtensionError
+            The radar came from a file and its mode is defined by a module that is not loaded.
+        """
+        return MODES[self.mode]
 
     @property
     def amplitude_constant(self) -> float:

@@ -100,7 +100,7 @@ class Track:
 
     @staticmethod
     def from_csv(path: Path | str) -> "Track":
-        """Read one pulse a line: ``time_s, x_m, y_m, z_m``, comma separated, ``#`` comments, one optional header.
+        """Read one pulse per line: ``time_s, x_m, y_m, z_m``, comma separated, ``#`` comments, one optional header.
 
         Velocities come from a cubic spline through the positions.
         """

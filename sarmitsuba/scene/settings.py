@@ -9,23 +9,6 @@ Switch = Literal["auto", "on", "off"]
 METHODS: tuple[Method, ...] = ("raw", "hybrid", "image", "raster")
 # an effect whose absence changes the image by less than this is left out, dB of the image's clutter or peak
 TOLERANCE_DB = -40.0
-EFFECT_NAMES: tuple[str, ...] = (
-    "fresnel",
-    "roughness",
-    "coherent",
-    "diffuse",
-    "speckle",
-    "cross_polarisation",
-    "antenna_pattern",
-    "spreading",
-    "visibility",
-    "tube_phase",
-    "diffuse_double",
-    "footprint_splitting",
-    "noise",
-    "depolarisation",
-    "trajectory",
-)
 
 
 @dataclass(frozen=True)
@@ -50,7 +33,7 @@ class TraceSettings:
     target_error_db : dB of the image's clutter or peak; 0 = off
     time_limit : s; 0 = off
     default_rms_height : m, roughness of materials that state none; used while loading
-    effects : every name of ``EFFECT_NAMES`` to ``auto``, ``on`` or ``off``
+    effects : name of an effect to ``auto``, ``on`` or ``off``; what is not named is ``auto``
     """
 
     method: Method = "hybrid"
@@ -68,7 +51,7 @@ class TraceSettings:
     target_error_db: float = 0.0
     time_limit: float = 0.0
     default_rms_height: float = 1e-3
-    effects: Mapping[str, Switch] = field(default_factory=lambda: dict.fromkeys(EFFECT_NAMES, "auto"))
+    effects: Mapping[str, Switch] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -94,4 +77,4 @@ class ImageRequest:
     spacing_range: float = 0.0
 
 
-__all__ = ["EFFECT_NAMES", "METHODS", "TOLERANCE_DB", "ImageRequest", "Method", "Switch", "TraceSettings"]
+__all__ = ["METHODS", "TOLERANCE_DB", "ImageRequest", "Method", "Switch", "TraceSettings"]

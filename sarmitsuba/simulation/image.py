@@ -1,12 +1,4 @@
-"""The ladder of methods: one scene, one image grid, four ways to fill it, from interactive to exact.
-
-``raster``: one bounce by projection, incoherent; ``image``: coherent multi-bounce paths of one look;
-``hybrid``: raw data with paths shared by neighbouring pulses, focused; ``raw``: the same with every pulse traced.
-"""
-
-import time
-from dataclasses import replace
-from typing import Any
+"""Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,143 +7,58 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
-from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.focusing import azimuth_cell, default_grid, focus
+from sarmitsuba.errors import RadarError
+from sarmitsuba.focusing import azimuth_cell, default_grid
 from sarmitsuba.focusing.aperture import CellPolynomial, incidence_angle, matched_weights
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import METHODS
-from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
-from sarmitsuba.simulation.raw import Timer, TraceJob, TraceStatistics, simulate
-from sarmitsuba.simulation.window import (
-    RAYS_PER_WAVELENGTH,
-    LaunchWindow,
-    diffuse_spacing,
-    launch_window,
-    ray_lattices,
-    ray_spacing,
-)
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
 C64 = NDArray[np.complex64]
 
-# automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
-# (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
-LOOK_SPACING = 2.0**0.75
 
-
-def simulate_image(
-    scene: Scene,
-    *,
-    method: str | None = None,
-    grid: ImageGrid | None = None,
-    range_window: str = "rectangular",
-    azimuth_window: str = "rectangular",
-    seed: int | None = None,
-    plan: EffectsPlan | None = None,
-    pass_index: int = 0,
-    progress: Progress | None = None,
-) -> SarImage:
-    """Simulate the calibrated image of a scene with any method of the ladder.
+class Imager:
+    """The image-domain methods of a run; each further image takes a fraction of the first one's time.
 
     Parameters
     ----------
-    scene : as loaded
-    method : ``raster``, ``image``, ``hybrid`` or ``raw``; default: the scene's
+    run : made ready
     grid : pixels; default: those that the scene asks for, the same for every method
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
-    seed : overrides the scene's
-    plan : overrides the automatic effects plan
-    pass_index : other values shift the ray lattices and nothing else
-    progress : called after every batch
-
-    Returns
-    -------
-    SarImage : the same grid, units and, but for ``raster``, phase from every method
-
-    Raises
-    ------
-    RadarError
-        When nothing comes back.
 
     Notes
     -----
-    ``image`` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls); ``raster`` also ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle
-    is a random field of the right statistics, not the scene's.
-    """
-    name = method or scene.settings.method
-    if name not in METHODS:
-        raise SceneError(f"{scene.name}: method {name!r} is unknown; choose one of {', '.join(METHODS)}")
-    settings = replace(scene.settings, method=name)
-    if seed is not None:
-        settings = replace(settings, seed=seed)
-    scene = replace(scene, settings=settings)
-    grid = grid or default_grid(scene.radar, scene.image)
-    windows: dict[str, Any] = {"range_window": range_window, "azimuth_window": azimuth_window}
-    if name in ("image", "raster"):
-        report = progress or silent
-        preview = Preview(scene, grid, plan=plan, **windows)
-        image = preview.image(pass_index) if name == "image" else preview.raster()
-        report(name, 1.0, 1.0, {})
-        return image
-    raw = simulate(scene, plan=plan, pass_index=pass_index, progress=progress)
-    start = time.perf_counter()
-    image = focus(raw, grid, progress=progress or silent, **windows)
-    seconds = {**raw.metadata["seconds"], "focus": time.perf_counter() - start}
-    return replace(image, metadata={**image.metadata, "method": name, "seconds": seconds})
-
-
-class Preview:
-    """A scene made ready for the image-domain methods; each further image then takes a fraction of a second.
-
-    Parameters
-    ----------
-    scene, grid, plan, range_window, azimuth_window : as for :func:`simulate_image`
+    :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
+    walls); :meth:`raster` also ignores every bounce after the first, the smooth part of surfaces, and phase: its
+    speckle is a random field of the right statistics, not the scene's.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        run: Run,
         grid: ImageGrid | None = None,
         *,
-        plan: EffectsPlan | None = None,
         range_window: str = "rectangular",
         azimuth_window: str = "rectangular",
     ) -> None:
-        self.timer = Timer()
-        self.trace_scene: TraceScene | None = None
-        self.job: TraceJob | None = None
-        if scene.geometry.n_faces:
-            self.trace_scene = build_trace_scene(
-                scene.geometry, scene.materials, scene.radar.waveform.wavelength
-            )
-            self.timer.lap("build")
-        self.plan = plan or plan_scene(scene, self.trace_scene)
-        self.scene = scene = self.plan.apply(scene)
-        self.grid = grid or default_grid(scene.radar, scene.image)
+        self.run = run
+        self.grid = grid or default_grid(run.scene.radar, run.scene.image)
         self.windows = (range_window, azimuth_window)
-        self.notes: list[str] = list(self.plan.notes)
-        self.timer.lap("plan")
-        if self.trace_scene is not None:
-            window = launch_window(scene)
-            # the image is calibrated for the pattern, so the look is taken without it
-            flags = replace(
-                self.plan.flags, antenna_pattern=False, taper=self.plan.flags.taper and window.taper > 0
-            )
-            self.plan = replace(self.plan, flags=flags)
-            self.job = TraceJob(scene, self.plan, window, self.trace_scene, self.timer)
+        self.sampling = run.sampling.of_one_look() if run.sampling else None
+        self._tracer: Tracer | None = None
         self._look: Look | None = None
         self._raster: Raster | None = None
-        self._rays: dict[int, tuple[LaunchGrid, ...]] = {}
+        self._lattices: dict[int, list[tuple[LaunchGrid, ...]]] = {}
 
     @property
     def look(self) -> Look:
@@ -159,97 +66,113 @@ class Preview:
         if self._look is None:
             # a cell less each way than raw data want: adding is most of the time, and -44 dB is below what one look
             # leaves out
-            width = max(2, self.scene.settings.gridding_width - 1)
+            width = max(2, self.run.scene.settings.gridding_width - 1)
             self._look = plan_look(
-                self.scene.radar,
+                self.run.scene.radar,
                 self.grid,
                 range_window=self.windows[0],
                 azimuth_window=self.windows[1],
                 width=width,
             )
-            self.timer.lap("plan")
+            self.run.timer.lap("plan")
         return self._look
 
     def image(self, pass_index: int = 0) -> SarImage:
-        """Trace one look and form the image; see :func:`simulate_image`."""
-        radar, settings, look = self.scene.radar, self.scene.settings, self.look
-        orders = tuple(range(1, self.plan.max_depth + 1)) if settings.keep_orders else (0,)
-        subsets = (1, 2) if settings.keep_subsets else (0,)
-        channels = radar.channels
-        layers = tuple(Layer(c, o, s) for s in subsets for o in orders for c in channels)
+        """Trace one look and form the image.
+
+        Parameters
+        ----------
+        pass_index : other values shift the ray lattices and nothing else
+
+        Raises
+        ------
+        RadarError
+            When nothing comes back.
+        """
+        run, look = self.run, self.look
+        radar, layers = run.scene.radar, run.layers
+        run.statistics = TraceStatistics()
         planes: list[C64] = []
-        stats = TraceStatistics()
-        max_order = len(orders) if settings.keep_orders else 0
-        for subset in subsets:
-            cells = np.zeros(
-                (len(orders) * len(channels), look.grid.n_range, look.grid.n_range_rate), np.complex64
-            )
-            if self.job is not None:
-                accumulator = ImageAccumulator(
-                    look.grid, len(orders), len(channels), max_order, radar.waveform.wavelength
-                )
-                stats = stats.plus(self._trace(accumulator, subset + 2 * pass_index, subset))
-                cells = accumulator.grid()
-            if self.scene.points:
-                cells = cells + self._points(layers[: cells.shape[0]])
+        for i, subset in enumerate(layers.subsets):
+            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_range_rate), np.complex64)
+            if self.sampling is not None:
+                cells = self._traced(self._rays(pass_index)[i])
+            if run.scene.points:
+                cells = cells + self._points(layers.layers[: layers.per_subset])
             planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
-            self.timer.lap("form image")
+            run.timer.lap("form image")
         data = np.concatenate(planes)
         if not data.any():
             raise RadarError(
-                f"{self.scene.name}: no echo of {stats.rays} rays falls into the image; check its centre and extents"
+                f"{run.scene.name}: none of {run.statistics.rays} rays returns an echo inside the image; check its "
+                "centre and "
+                "extents"
             )
-        if self.plan.on("noise"):
-            self._add_noise(data, layers)
-            self.timer.lap("noise")
-        return self._package(data, layers, "image", stats)
+        if run.plan.on("noise"):
+            self._add_noise(data, layers.layers)
+            run.timer.lap("noise")
+        return self._package(data, layers.layers, "image")
 
     def raster(self) -> SarImage:
-        """Project the scene once; see :func:`simulate_image`."""
-        if self.trace_scene is None or self.job is None:
+        """Project the scene once.
+
+        Raises
+        ------
+        RadarError
+            Where there is no mesh.
+        """
+        run = self.run
+        if run.trace_scene is None or run.sampling is None:
             raise RadarError(
-                f"{self.scene.name}: method raster needs a mesh; use method image for ideal points"
+                f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
             )
         if self._raster is None:
-            self._raster = Raster(self.scene, self.trace_scene, self.grid, self.job.window, *self.windows)
-        cell = azimuth_cell_of(self.scene, self.grid, *self.windows)[0]
-        self.timer.lap("plan")
-        data = self._raster.run(self.plan.flags, cell)
-        self.timer.lap("raster")
-        layers = tuple(Layer(c) for c in self.scene.radar.channels)
-        stats = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
-        return self._package(data, layers, "raster", stats)
+            self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
+        cell = azimuth_cell_of(run.scene, self.grid, *self.windows)[0]
+        run.timer.lap("plan")
+        data = self._raster.run(run.plan.flags, cell)
+        run.timer.lap("raster")
+        layers = tuple(Layer(c) for c in run.scene.radar.channels)
+        run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
+        return self._package(data, layers, "raster")
 
-    def _trace(self, accumulator: ImageAccumulator, draw: int, subset: int) -> TraceStatistics:
-        job, scene = self.job, self.scene
-        assert job is not None
-        if draw not in self._rays:
-            self._rays[draw] = ray_lattices(
-                look_sampling(scene, job.window, self.plan),
-                job.window,
-                self.plan.flags,
-                draw=draw,
-                subset=subset,
+    def _rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
+        assert self.sampling is not None
+        if pass_index not in self._lattices:
+            self._lattices[pass_index] = self.run.lattices(self.sampling, pass_index)
+        return self._lattices[pass_index]
+
+    def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:
+        """Contributions of one ray subset on the look's grid."""
+        run, grid = self.run, self.look.grid
+        if self._tracer is None:
+            assert self.sampling is not None
+            # the image is calibrated for the pattern, so the look is taken without it
+            self._tracer = run.tracer(self.sampling, antenna_pattern=False)
+        accumulator = ImageAccumulator(
+            grid,
+            len(run.layers.orders),
+            len(run.layers.channels),
+            run.layers.max_order,
+            run.scene.radar.waveform.wavelength,
+        )
+        for lattice in rays:
+            batch = self._tracer.launch(
+                lattice, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1
             )
-            self.timer.lap("launch grid")
-        look = accumulator.look
-        total = TraceStatistics()
-        for rays in self._rays[draw]:
-            total = total.plus(
-                job.launch(rays, look.position[None], look.velocity[None], slice(0, 1), accumulator, 1)
-            )
-        return total
+            run.statistics = run.statistics.plus(batch)
+        return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""
-        radar, grid = self.scene.radar, self.look.grid
-        position = np.array([p.position for p in self.scene.points])
+        radar, grid = self.run.scene.radar, self.look.grid
+        position = np.array([p.position for p in self.run.scene.points])
         leg = position - grid.position
         distance = np.linalg.norm(leg, axis=1)
-        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in self.scene.points])
+        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in self.run.scene.points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
-        if self.trace_scene is not None:
-            amplitude = amplitude * visible(self.trace_scene, position, leg, distance)
+        if self.run.trace_scene is not None:
+            amplitude = amplitude * visible(self.run.trace_scene, position, leg, distance)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         plane = spread_points(
             grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength
@@ -261,13 +184,13 @@ class Preview:
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
         """Receiver noise as it comes out of the focuser: flat over the response's band."""
-        radar, look = self.scene.radar, self.look
+        radar, look = self.run.scene.radar, self.look
         power = noise_power(radar, "compressed")
         for index, channel in enumerate(radar.channels):
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = np.random.default_rng([self.scene.settings.seed, 0x6E6F697365, index])
+            rng = np.random.default_rng([self.run.scene.settings.seed, 0x6E6F697365, index])
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
@@ -277,31 +200,24 @@ class Preview:
             for i in targets:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
-    def _package(self, data: C64, layers: tuple[Layer, ...], method: str, stats: TraceStatistics) -> SarImage:
-        radar = self.scene.radar
-        cell, polynomial = azimuth_cell_of(self.scene, self.grid, *self.windows)
+    def _package(self, data: C64, layers: tuple[Layer, ...], method: str) -> SarImage:
+        run = self.run
+        radar = run.scene.radar
+        cell, polynomial = azimuth_cell_of(run.scene, self.grid, *self.windows)
         broadening = parse_window(self.windows[0]).broadening
         middle = self.grid.positions_on_line(self.grid.azimuth.size // 2)
-        self.timer.lap("calibrate")
-        seconds, self.timer.seconds = self.timer.seconds, {}
-        metadata: dict[str, Any] = {
-            "scene": self.scene.name,
+        run.timer.lap("calibrate")
+        focus = {
             "method": method,
-            "settings": {k: v for k, v in vars(self.scene.settings).items() if k != "effects"},
-            "effects": dict(self.plan.as_dict()),
-            "plan": self.plan.summary(),
-            "statistics": vars(stats),
-            "image_request": dict(vars(self.scene.image)),
-            "seconds": seconds,
-            "focus": {
-                "method": method,
-                "range_window": self.windows[0],
-                "azimuth_window": self.windows[1],
-                "azimuth_cell_polynomial": polynomial,
-                "center_position": [float(v) for v in radar.track.center_position],
-            },
-            "notes": [*self.scene.notes, *self.notes],
+            "range_window": self.windows[0],
+            "azimuth_window": self.windows[1],
+            "azimuth_cell_polynomial": polynomial,
+            "center_position": [float(v) for v in radar.track.center_position],
         }
+        metadata = image_metadata(run, method, focus)
+        run.timer = StageTimer(run.timer.clock)  # the next image's
+        if self._tracer is not None:
+            self._tracer.timer = run.timer
         return SarImage(
             data=data,
             layers=layers,
@@ -312,23 +228,6 @@ class Preview:
             incidence_angle=incidence_angle(radar, middle),
             metadata=metadata,
         )
-
-
-def look_sampling(scene: Scene, window: LaunchWindow, plan: EffectsPlan) -> Scene:
-    """The scene with the distance between one look's coherent rays where it does not set its own.
-
-    Scenes small enough for several rays a wavelength keep them, and diffuse rays are as for raw data: wider ones would
-    leave scatterer cells out.
-    """
-    if scene.settings.ray_spacing > 0.0 or not plan.flags.coherent:
-        return scene
-    spacing = ray_spacing(scene, window, False, True)
-    if spacing <= 1.001 * scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH:
-        return scene
-    settings = replace(scene.settings, ray_spacing=LOOK_SPACING * spacing)
-    if plan.flags.diffuse:
-        settings = replace(settings, diffuse_ray_spacing=diffuse_spacing(scene, window))
-    return replace(scene, settings=settings)
 
 
 def azimuth_cell_of(
@@ -373,4 +272,4 @@ def spread_points(
     return out.astype(np.complex64)
 
 
-__all__ = ["Preview", "azimuth_cell_of", "look_sampling", "simulate_image", "spread_points"]
+__all__ = ["Imager", "azimuth_cell_of", "spread_points"]

@@ -165,7 +165,7 @@ def coherent_flags(
     materials: tuple[Material, ...], channels: tuple[str, ...], max_depth: int, **changes: bool
 ) -> KernelFlags:
     """Effects that coherent returns of these materials need."""
-    switches = {
+    switches: dict[str, Any] = {
         "fresnel": not all(m.pec for m in materials),
         "roughness": any(m.rms_height > 0 for m in materials),
         "diffuse": False,

@@ -15,23 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.context import KINDS, Context, PilotResult, Sampling
+from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.window import (
-    LaunchWindow,
-    diffuse_spacing,
-    launch_window,
-    ray_spacing,
-    scatterer_cell,
-)
+from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
+from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, PulseBatch, project
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
 from sarmitsuba.trace.state import Contribution
 
 F64 = NDArray[np.float64]
@@ -46,18 +43,12 @@ RAY_SHARE = 0.006
 MAX_RAYS = 300_000
 # patches of a pulse, whatever the run: recording and launching take longer than tracing these
 LEAST_PATCHES = 128
-# a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s; seconds
-# predicted with the rates below, which are those of two cores
+# a run shorter than this is not worth a pilot: recording and launching its kernels takes about 0.1 s
 SHORTEST_RUN = 2.0
-RAYS_PER_SECOND = 5e6
-SAMPLES_PER_SECOND = 2e6  # range-compressed samples synthesised
-PIXEL_PULSES_PER_SECOND = 4e8
 # share of a run that proofs from the geometry may take
 PROOF_SHARE = 0.05
 # effects up to this rank decide which kinds of return there are, all that the sampling depends on
 KINDS_RANK = 20
-# key pulses share about this many pulses when nothing else is known
-USUAL_INTERVAL = 100
 # a feature that so many random patches meet needs none of its own
 ENOUGH_PATCHES = 8.0
 
@@ -67,7 +58,8 @@ def plan_scene(
     trace_scene: TraceScene | None = None,
     *,
     pilot: bool | None = None,
-    window: LaunchWindow | None = None,
+    sampling: SamplingPlan | None = None,
+    clock: Clock = time.perf_counter,
 ) -> EffectsPlan:
     """Decide the effects of a scene: by static context, and by a pilot trace where they are not enough.
 
@@ -76,77 +68,29 @@ def plan_scene(
     scene : as loaded
     trace_scene : built already, or None to build it when a pilot needs it
     pilot : force or forbid the pilot; None lets the size of the run decide
-    window : of this scene, None to work it out
+    sampling : of this scene with all returns there may be, None to work it out
+    clock : that the pilot is timed with
     """
     if scene.geometry.n_faces == 0:
         return plan_effects(scene)
-    window = window or launch_window(scene)
-    sampling = sampling_of(scene, None, window)
-    seconds = run_seconds(scene, sampling)
-    shape = Context(scene).shape_within(PROOF_SHARE * seconds)
+    sampling = sampling or SamplingPlan.of(scene)
+    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(sampling))
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
-    if _kinds(scene, draft) != _kinds(scene, None):
-        sampling = sampling_of(scene, draft, window)
+    sampling = sampling.obeying(scene, draft.flags)
     depth = draft.decision("max_depth")
     decided = depth is not None and depth.source == "fact" and not depth.on
-    wanted = pilot if pilot is not None else worth_a_pilot(scene, sampling)
+    wanted = pilot if pilot is not None else worth_a_pilot(sampling)
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not wanted or not returns:
-        return plan_effects(scene, sampling, shape=shape)
+        return plan_effects(scene, sampling.for_effects(), shape=shape)
     draft = plan_effects(scene, shape=shape, warn=False)
-    result = run_pilot(scene, draft, sampling, window, trace_scene, shape=shape)
-    return plan_effects(scene, sampling, result, shape=shape)
+    result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock)
+    return plan_effects(scene, sampling.for_effects(), result, shape=shape)
 
 
-def sampling_of(scene: Scene, draft: EffectsPlan | None, window: LaunchWindow) -> Sampling:
-    """How the full run will sample the scene if the draft stands, or with all returns where there is none yet."""
-    settings = scene.settings
-    diffuse, coherent = _kinds(scene, draft)
-    spacing = ray_spacing(scene, window, diffuse and not coherent, coherent)
-    n = scene.radar.track.n_pulses
-    interval = {"raw": 1, "image": n, "raster": n}.get(
-        settings.method, settings.key_pulse_interval or USUAL_INTERVAL
-    )
-    return Sampling(
-        ray_spacing=spacing,
-        n_rays=_rays_a_pulse(scene, window, diffuse and coherent, spacing),
-        cell=float(scatterer_cell(scene, window.incidence)),
-        box=window.box,
-        key_pulses=-(-n // interval),
-    )
-
-
-def _kinds(scene: Scene, draft: EffectsPlan | None) -> tuple[bool, bool]:
-    """Whether there are diffuse and coherent returns: by the draft, or for all that there may be."""
-    if draft is None:
-        return any(m.diffuse_law != "none" for m in scene.materials), True
-    return draft.flags.diffuse, draft.flags.coherent
-
-
-def _rays_a_pulse(scene: Scene, window: LaunchWindow, both: bool, spacing: float) -> int:
-    """Rays of all lattices of one pulse; ``both``: diffuse and coherent returns."""
-    rays = window.area / spacing**2
-    if both and scene.settings.diffuse_ray_spacing == 0:
-        rays = window.area / ray_spacing(scene, window, False, True) ** 2
-        rays += window.area / diffuse_spacing(scene, window) ** 2
-    return int(rays)
-
-
-def run_seconds(scene: Scene, sampling: Sampling) -> float:
-    """About what simulating and focusing takes on two cores, s; `explain` predicts it properly."""
-    radar, image = scene.radar, scene.image
-    pixel = sampling.cell * radar.waveform.range_cell
-    pixels = image.extent_azimuth * image.extent_range / max(pixel, 1e-9) * 2.0
-    return float(
-        sampling.n_rays * sampling.key_pulses / RAYS_PER_SECOND
-        + radar.track.n_pulses * radar.window.n_samples * len(radar.channels) / SAMPLES_PER_SECOND
-        + pixels * radar.track.n_pulses * len(radar.channels) / PIXEL_PULSES_PER_SECOND
-    )
-
-
-def worth_a_pilot(scene: Scene, sampling: Sampling) -> bool:
+def worth_a_pilot(sampling: SamplingPlan) -> bool:
     """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
-    return run_seconds(scene, sampling) >= SHORTEST_RUN or scene.settings.keep_orders
+    return run_seconds(sampling) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,25 +103,24 @@ class _Patches:
 
 
 def run_pilot(
-    scene: Scene,
     draft: EffectsPlan,
-    sampling: Sampling,
-    window: LaunchWindow,
+    sampling: SamplingPlan,
     trace_scene: TraceScene | None = None,
     *,
     pulses: Sequence[int] | None = None,
-    shape: ShapeFacts | None = None,
+    shape: ShapeAnalysis | None = None,
+    clock: Clock = time.perf_counter,
 ) -> PilotResult:
     """Trace the pilot.
 
     Parameters
     ----------
-    scene : as loaded
-    draft : plan from static facts; effects that the user switched off stay off
-    sampling, window : of the full run
+    draft : plan from the static context; effects that the user switched off stay off
+    sampling : of the full run, with the scene as loaded
     trace_scene : built already, or None
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
     shape : of the geometry, None to work it out
+    clock : of the seconds in the result
 
     Notes
     -----
@@ -185,7 +128,8 @@ def run_pilot(
     spans the gap, as it is for returns of single resolution cells.
     """
     ensure_backend()
-    start = time.perf_counter()
+    start = clock()
+    scene = sampling.scene
     n = scene.radar.track.n_pulses
     chosen = (
         tuple(pulses)
@@ -195,19 +139,19 @@ def run_pilot(
     trace_scene = trace_scene or build_trace_scene(
         scene.geometry, scene.materials, scene.radar.waveform.wavelength
     )
-    budget = min(MAX_RAYS, RAY_SHARE * sampling.n_rays * sampling.key_pulses)
+    budget = min(MAX_RAYS, RAY_SHARE * sampling.rays_per_pulse * sampling.expected_key_pulses)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
-    shape = shape or Context(scene).shape
-    points, sizes = _features(scene, shape, sampling, window, per_pulse * len(chosen))
+    shape = shape or SceneContext(scene).shape
+    points, sizes = _features(shape, sampling, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
     features = 0
     flags = _flags(scene, draft)
     for pulse in chosen:
-        patches = _place(scene, sampling, window, pulse, per_pulse, points, sizes, rng)
-        before = time.perf_counter()
-        powers.append(_trace(scene, trace_scene, window, sampling, flags, pulse, patches))
-        seconds += time.perf_counter() - before
+        patches = _place(sampling, pulse, per_pulse, points, sizes, rng)
+        before = clock()
+        powers.append(_trace(trace_scene, sampling, flags, pulse, patches))
+        seconds += clock() - before
         randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
         features += patches.n_features
     power = np.concatenate(powers, axis=1)  # (4, patches, orders)
@@ -225,12 +169,12 @@ def run_pilot(
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
-        seconds=time.perf_counter() - start,
+        seconds=clock() - start,
     )
 
 
 def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
-    """All on but what the user switched off: one kernel for nearly all scenes, compiled once a machine."""
+    """All on but what the user switched off: one kernel for nearly all scenes, compiled once per machine."""
     off = {name for name, switch in scene.settings.effects.items() if switch == "off"}
     return KernelFlags(
         channels=CHANNELS,
@@ -249,40 +193,38 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
     )
 
 
-def _features(
-    scene: Scene, shape: ShapeFacts, sampling: Sampling, window: LaunchWindow, n_patches: int
-) -> tuple[F64, F64]:
+def _features(shape: ShapeAnalysis, sampling: SamplingPlan, n_patches: int) -> tuple[F64, F64]:
     """Small features that random patches would not meet often enough, strongest first: points, sizes."""
     points, sizes = shape.features
     if not len(points):
         return points, sizes
-    middle = scene.radar.track.center_position
+    window, spacing = sampling.window, sampling.spacings.coherent
+    middle = sampling.scene.radar.track.center_position
     met = n_patches * sizes**2 / (4.0 * window.half_x * window.half_y)
     xy = project(points, middle, window.frame)
     inside = (np.abs(xy) <= [window.half_x, window.half_y]).all(axis=1)
-    keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * sampling.ray_spacing)
+    keep = inside & (met < ENOUGH_PATCHES) & (sizes > 0.5 * spacing)
     points, sizes = points[keep], sizes[keep]
     # features larger than a patch get several
-    repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * sampling.ray_spacing)), 1, 4).astype(int)
+    repeat = np.clip(np.ceil(sizes / (0.5 * SIDE * spacing)), 1, 4).astype(int)
     return np.repeat(points, repeat, axis=0), np.repeat(sizes, repeat)
 
 
 def _place(
-    scene: Scene,
-    sampling: Sampling,
-    window: LaunchWindow,
+    sampling: SamplingPlan,
     pulse: int,
     per_pulse: int,
     points: F64,
     sizes: F64,
     rng: np.random.Generator,
 ) -> _Patches:
+    window, spacing = sampling.window, sampling.spacings.coherent
     n_features = min(len(points), per_pulse // 2)
     n_random = per_pulse - n_features
     half = np.array([window.half_x, window.half_y])
     centre = rng.uniform(-half, half, (n_random, 2))
     if n_features:
-        aim = project(points[:n_features], scene.radar.track.position[pulse], window.frame)
+        aim = project(points[:n_features], sampling.scene.radar.track.position[pulse], window.frame)
         # the first patch of a feature sits on it; what covers the rest of a larger one is spread over it
         first = np.ones(n_features, dtype=bool)
         first[1:] = (np.diff(points[:n_features], axis=0) != 0).any(axis=1)
@@ -290,14 +232,14 @@ def _place(
         aim = np.clip(aim + rng.uniform(-1.0, 1.0, aim.shape) * spread, -half, half)
         centre = np.concatenate([centre, aim])
     turn = 0.15 + (LATTICE_TURN % (0.25 * np.pi - 0.3))
-    step = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * sampling.ray_spacing
+    step = (np.arange(SIDE) - 0.5 * (SIDE - 1)) * spacing
     i, j = (a.ravel() for a in np.meshgrid(step, step, indexing="ij"))
     x = centre[:, :1] + (i * np.cos(turn) - j * np.sin(turn))
     y = centre[:, 1:] + (i * np.sin(turn) + j * np.cos(turn))
     grid = LaunchGrid(
         x.astype(np.float32).ravel(),
         y.astype(np.float32).ravel(),
-        sampling.ray_spacing,
+        spacing,
         turn,
         window.half_x,
         window.half_y,
@@ -335,37 +277,22 @@ class _PatchAccumulator:
 
 
 def _trace(
-    scene: Scene,
-    trace_scene: TraceScene,
-    window: LaunchWindow,
-    sampling: Sampling,
-    flags: KernelFlags,
-    pulse: int,
-    patches: _Patches,
+    trace_scene: TraceScene, sampling: SamplingPlan, flags: KernelFlags, pulse: int, patches: _Patches
 ) -> F64:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
-    radar = scene.radar
+    radar, window = sampling.scene.radar, sampling.window
     pick = slice(pulse, pulse + 1)
-    patterned = flags.antenna_pattern
-    batch = PulseBatch(
-        position=radar.track.position[pick],
-        velocity=radar.track.velocity[pick],
-        frame=window.frame,
-        boresight=radar.pointing.boresight[pick] if patterned else None,
-        azimuth_axis=radar.pointing.azimuth_axis[pick] if patterned else None,
-        elevation_axis=radar.pointing.elevation_axis[pick] if patterned else None,
-    )
-    reference = float(np.linalg.norm(window.center - radar.track.position[pulse]))
-    look = (window.center - radar.track.position[pulse]) / reference
-    up = radar.across if abs(look[2]) > 0.9998 else np.array([0.0, 0.0, 1.0])
+    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
+    batch = pulse_batch(radar, pick, position, velocity, window.frame, patterned=flags.antenna_pattern)
+    reference = float(np.linalg.norm(window.center - position[0]))
     settings = KernelSettings(
         wavelength=radar.waveform.wavelength,
         max_depth=ORDERS,
-        cell=sampling.cell,
-        seed=scene.settings.seed,
+        cell=sampling.scatterer_cell,
+        seed=sampling.scene.settings.seed,
         amplitude=reference**2,
         reference_range=reference,
-        up=(float(up[0]), float(up[1]), float(up[2])),
+        up=polarisation_up(radar, window.center, position[0]),
     )
     n = patches.n_random + patches.n_features
     accumulator = _PatchAccumulator(n, radar.waveform.wavelength, reference)
@@ -382,4 +309,4 @@ def _trace(
     return power
 
 
-__all__ = ["ORDERS", "plan_scene", "run_pilot", "sampling_of", "worth_a_pilot"]
+__all__ = ["ORDERS", "plan_scene", "run_pilot", "worth_a_pilot"]

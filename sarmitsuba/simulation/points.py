@@ -1,7 +1,6 @@
 """Ideal point scatterers: analytic echoes, hidden where a mesh stands in the way."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ def visible(
     d = (-leg / distance[:, None]).astype(np.float32)
     n = d.shape[0]
     origin = np.broadcast_to(position.astype(np.float32), (n, 3))
-    ray: Any = mi.Ray3f(
+    ray = mi.Ray3f(
         mi.Point3f(np.ascontiguousarray(origin.T)),
         mi.Vector3f(np.ascontiguousarray(d.T)),
         mi.Float(distance.astype(np.float32)),

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.window import LaunchWindow, azimuth_cell
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
 
 F32 = NDArray[np.float32]
 
-# screen samples a resolution cell, per axis
+# screen samples per resolution cell and axis
 _SAMPLES_PER_CELL = 2.0
 # sigma0 at normal incidence of surfaces in scenes where nothing scatters diffusely, dB
 STAND_IN_DB = -15.0
@@ -29,10 +28,9 @@ class Raster:
 
     Parameters
     ----------
-    scene : gives radar and seed
+    sampling : plan of the run; gives the scene, its lit part and its resolution
     trace_scene : what is visible
     grid : pixels
-    window : lit part of the scene
     range_window, azimuth_window : set the impulse response
 
     Notes
@@ -45,17 +43,16 @@ class Raster:
 
     def __init__(
         self,
-        scene: Scene,
+        sampling: SamplingPlan,
         trace_scene: TraceScene,
         grid: ImageGrid,
-        window: LaunchWindow,
         range_window: str = "rectangular",
         azimuth_window: str = "rectangular",
     ) -> None:
+        scene, window = sampling.scene, sampling.window
         self.scene, self.trace_scene, self.grid, self.window = scene, trace_scene, grid, window
         self.windows = (parse_window(range_window), parse_window(azimuth_window))
-        radar = scene.radar
-        finest = min(radar.waveform.range_cell, azimuth_cell(scene)) / _SAMPLES_PER_CELL
+        finest = min(sampling.range_cell, sampling.azimuth_cell) / _SAMPLES_PER_CELL
         self.spacing = max(scene.settings.ray_spacing, finest)
         half_x, half_y = window.half_x + window.taper, window.half_y + window.taper
         self.columns = int(np.ceil(2.0 * half_x / self.spacing))
@@ -63,7 +60,7 @@ class Raster:
         self.notes: list[str] = []
         self.table = trace_scene.diffuse_table
         used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
-        if all(m.diffuse_law == "none" for m in used if not m.invisible):
+        if not any(m.scatters for m in used if not m.invisible):
             self.table = self._stand_in()
         self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
 
@@ -72,11 +69,11 @@ class Raster:
         """Samples of the screen."""
         return self.columns * self.rows
 
-    def _stand_in(self) -> Any:
+    def _stand_in(self) -> "mi.Float":
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
-            f"{self.scene.name}: method raster: no material scatters diffusely; every surface stands in with Lambert's "
-            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or take method image"
+            f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
+            f"law of {STAND_IN_DB:g} dB; give materials a diffuse_law, or use method image"
         )
         self.notes.append(text)
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)
@@ -131,7 +128,7 @@ class Raster:
         look = window.center - antenna
         look = look / np.linalg.norm(look)
         axis_x, axis_y, center, d = (
-            _constant(v, mi.Vector3f, f32, dr)
+            _constant(v, mi.Vector3f, f32)
             for v in (window.frame.axis_x[0], window.frame.axis_y[0], window.center, look)
         )
         back = dr.opaque(f32, 4.0 * scene.extent + float(np.linalg.norm(window.center)))
@@ -158,22 +155,7 @@ class Raster:
         area = dr.square(dr.opaque(f32, self.spacing)) / cosine
 
         # ---- pixel of its range and along-track position, shared by four pixels
-        leg = mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64, dr)
-        along = dr.dot(leg, _constant(grid.along, mi.Vector3d, mi.Float64, dr))
-        closest2 = dr.squared_norm(leg) - dr.square(along)
-        offset = grid.origin - antenna
-        drop = float(antenna[2] - grid.height)
-        if grid.kind == "slant":
-            across = dr.sqrt(closest2)
-        else:
-            across = dr.sqrt(dr.maximum(closest2 - dr.opaque(mi.Float64, drop**2), 0.0))
-            across -= dr.opaque(mi.Float64, float(offset @ grid.across))
-        x = (along - dr.opaque(mi.Float64, float(offset @ grid.along + grid.azimuth[0]))) * dr.opaque(
-            mi.Float64, 1.0 / grid.azimuth_spacing
-        )
-        y = (across - dr.opaque(mi.Float64, float(grid.range[0]))) * dr.opaque(
-            mi.Float64, 1.0 / grid.range_spacing
-        )
+        x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64), antenna)
         n_azimuth, n_range = grid.shape
         inside = seen & (x >= 0.0) & (x < dr.opaque(mi.Float64, n_azimuth - 1))
         inside &= (y >= 0.0) & (y < dr.opaque(mi.Float64, n_range - 1))
@@ -198,12 +180,30 @@ class Raster:
         dr.eval(planes)
         return np.stack([plane.numpy().reshape(grid.shape) for plane in planes])
 
+    def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
+        """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
+        grid, f64 = self.grid, mi.Float64
+        along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
+        closest2 = dr.squared_norm(leg) - dr.square(along)
+        offset = grid.origin - antenna
+        drop = float(antenna[2] - grid.height)
+        if grid.kind == "slant":
+            across = dr.sqrt(closest2)
+        else:
+            across = dr.sqrt(dr.maximum(closest2 - dr.opaque(f64, drop**2), 0.0))
+            across -= dr.opaque(f64, float(offset @ grid.across))
+        x = (along - dr.opaque(f64, float(offset @ grid.along + grid.azimuth[0]))) * dr.opaque(
+            f64, 1.0 / grid.azimuth_spacing
+        )
+        y = (across - dr.opaque(f64, float(grid.range[0]))) * dr.opaque(f64, 1.0 / grid.range_spacing)
+        return x, y
 
-def _constant(value: NDArray[np.float64], vector: Any, scalar: Any, dr: Any) -> Any:
+
+def _constant(value: NDArray[np.float64], vector: Any, scalar: Any) -> Any:
     return vector(*(dr.opaque(scalar, float(v)) for v in value))
 
 
-def _band(n: int, share: float, window: Any) -> NDArray[np.float64]:
+def _band(n: int, share: float, window: Window) -> NDArray[np.float64]:
     """Window over the band on n FFT bins; ``share`` is the pixel spacing over the cell."""
     bins = scipy.fft.fftfreq(n) / share  # of the band, -1/2 ... 1/2
     return np.asarray(window(bins), dtype=np.float64)

@@ -1,7 +1,6 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +13,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.accumulators import SumAccumulator
+from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice, window_of
@@ -81,7 +81,7 @@ def monostatic_rcs(
     wavelength = SPEED_OF_LIGHT / frequency
     look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
-        raise RadarError(f"directions: shape {look.shape}, need (n, 3) finite unit vectors")
+        raise RadarError(f"directions have the shape {look.shape}; (n, 3) finite vectors are needed")
     look = look / np.linalg.norm(look, axis=1, keepdims=True)
     low, high = geometry.bounds
     center, radius = 0.5 * (low + high), 0.5 * geometry.diameter
@@ -127,7 +127,7 @@ def monostatic_rcs(
             velocity=np.zeros_like(position[pick]),
             frame=type(frame)(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
         )
-        reference = mi.Float64(np.full(batch.n_pulses, far))
+        reference = device_array(mi.Float64, np.full(batch.n_pulses, far))
         accumulator = SumAccumulator(wavelength, reference, len(channels), max_depth if keep_orders else 0)
         _, sums = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
         # lanes of one direction lie together
@@ -141,7 +141,7 @@ def monostatic_rcs(
     return RcsResult(amplitude, channels, grid.n_rays)
 
 
-def _sum_lanes(values: Any, block: int) -> NDArray[np.float64]:
+def _sum_lanes(values: "mi.Float", block: int) -> NDArray[np.float64]:
     return np.asarray(dr.block_sum(mi.Float64(values), block), dtype=np.float64)
 
 

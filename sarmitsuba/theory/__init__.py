@@ -1,7 +1,7 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
-from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
     BuildingReturns,
@@ -22,6 +22,11 @@ from sarmitsuba.theory.rcs import (
     rolled_dihedral,
     trihedral_rcs,
     wall_ground_amplitude,
+)
+from sarmitsuba.theory.rough_surface import (
+    integral_equation_sigma0,
+    shared_energy_sigma0,
+    small_perturbation_sigma0,
 )
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
@@ -49,16 +54,19 @@ __all__ = [
     "equivalent_number_of_looks",
     "foreshortening",
     "fresnel",
+    "integral_equation_sigma0",
     "intensity_test",
     "kirchhoff_sigma0",
+    "normal_wavenumber",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
     "received_power",
-    "refracted_cosine",
     "rolled_dihedral",
+    "shared_energy_sigma0",
     "single_pulse_snr",
     "slant_offset",
+    "small_perturbation_sigma0",
     "speckle_cdf",
     "sphere_mie",
     "sphere_po",

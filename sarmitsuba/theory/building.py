@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln
 
-from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.theory.fresnel import fresnel
 
 GroundModel = Literal["geometrical_optics", "physical_optics"]
 

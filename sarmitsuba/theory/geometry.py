@@ -101,7 +101,7 @@ def bridge_returns(
 
     with w the number of reflections in the water: 0 (single), 1 (double), 2 (triple), and 4, 6 ... for a point
     under the deck seen out and back through the same 2, 3 ... reflections in the water (7, 11 ... bounces in
-    all). There the underside has been a mirror too, so y is at least ``2 h tan(theta)`` behind the edge a time.
+    all). There the underside has been a mirror too, so y is at least ``2 h tan(theta)`` behind the edge each time.
 
     Parameters
     ----------

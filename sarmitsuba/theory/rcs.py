@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1, struve
 
-from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.theory.fresnel import fresnel
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -115,7 +115,7 @@ def cylinder_rcs(
 
 @dataclass(frozen=True, eq=False)
 class DihedralAmplitudes:
-    """Sqrt(sigma) of a 90-degree dihedral, m, phase about the corner line, one value an azimuth.
+    """Sqrt(sigma) of a 90-degree dihedral, m, phase about the corner line, one value per azimuth.
 
     Parameters
     ----------

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Contribution
 
 
-# numbers in the smallest grid (0.5 MB), and in the largest of those that are doubled rather than grown by half
+# numbers in the smallest grid (0.5 MB), and up to which sizes double (8 MB) and grow by halves (64 MB)
 SMALLEST_GRID = 1 << 16
-LARGEST_POWER_OF_TWO = 1 << 20
+DOUBLED_UP_TO = 1 << 20
+HALVES_UP_TO = 1 << 23
 
 
 class SumAccumulator:
@@ -156,10 +157,12 @@ class GridAccumulator:
 def rounded_size(n: int) -> int:
     """Numbers to allocate for ``n``: the size is compiled into an expanding scatter-add, few sizes mean few kernels.
 
-    Powers of two, and where memory counts also one and a half times those.
+    Powers of two; where memory begins to count also one and a half times those, and where it counts more than the
+    time to compile, steps of at most an eighth.
     """
-    size = max(1 << (n - 1).bit_length(), SMALLEST_GRID)
-    return 3 * size // 4 if n <= 3 * size // 4 and size > LARGEST_POWER_OF_TWO else size
+    bits = 0 if n <= DOUBLED_UP_TO else 1 if n <= HALVES_UP_TO else 3
+    step = max(1 << max((n - 1).bit_length() - 1 - bits, 0), SMALLEST_GRID)
+    return -(-n // step) * step
 
 
 class BlockAccumulator(GridAccumulator):

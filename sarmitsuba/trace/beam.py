@@ -1,4 +1,4 @@
-"""Weight of a ray by direction and place: the antenna pattern and the launch window's fade-out."""
+"""Weight of a ray by its direction and by where it starts: the antenna pattern and the launch window's fade-out."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ class Receiver:
 
 def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
     """How the antenna receives what comes from a hit."""
-    h, v = field.polarisation_basis(-hit.home, kernel.constants.up)
-    gain = lane.pattern.one_way(-hit.home) if lane.pattern is not None else mi.Float(1.0)
+    h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
+    gain = lane.pattern.one_way(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     return Receiver({"H": h, "V": v}, gain)
 
 
@@ -48,12 +48,12 @@ def close_coherent(
 ) -> Contribution:
     """Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch."""
     flags, constants = kernel.flags, kernel.constants
-    patch, n, s = tube_here.patch, hit.normal, hit.home
+    patch, n, s = tube_here.patch, hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range = _mean_leg(kernel, hit)
     range_rate = 0.5 * (
-        dr.dot(hit.home64, lane.velocity) - dr.dot(hit.direction64, ray.virtual_velocity)
+        dr.dot(hit.to_antenna64, lane.velocity) - dr.dot(hit.direction64, ray.virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
@@ -68,7 +68,7 @@ def close_coherent(
     else:
         filled = patch.area()
     if flags.roughness:
-        factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.row.z))
+        factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     amplitudes = []
     for channel in flags.channels:
         i = flags.tracked.index(channel[0])
@@ -138,7 +138,7 @@ class DiffuseReturns:
         centre, key = self.lattice.scatterer(
             slot if self.retro is None else slot >> 1, self.kernel.constants.seed
         )
-        random = speckle_coefficients(key, hit.row.w, flags)
+        random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, ray.virtual_velocity) / length
@@ -184,7 +184,7 @@ def close_diffuse(
     flags, constants = kernel.flags, kernel.constants
     both_ways = flags.diffuse_double and flags.multi_bounce
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    matrix = ScatteringMatrix(kernel.scene, hit.material, hit.normal, hit.direction, hit.home, flags)
+    matrix = ScatteringMatrix(kernel.scene, hit.material, hit.normal, hit.direction, hit.to_antenna, flags)
     straight, retro = [], None
     for channel in flags.channels:
         sent, received = channel[0], channel[1]

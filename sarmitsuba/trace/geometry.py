@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges
-from sarmitsuba.mesh.meshes import weld
+from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import piece_of, piece_sizes, ray_needs
+from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
-from sarmitsuba.trace.curvature import facet_curvature
 
 DIFFUSE_NODES = 256
 # diffuse scatterers on the smallest piece of surface: what it returns then follows its area to a few per cent
@@ -25,7 +26,7 @@ LEAST_SCATTERERS = 36
 
 @dataclass(frozen=True, eq=False)
 class TraceScene:
-    """Intersection structure and tables; one row a face or a material.
+    """Intersection structure and tables; one row per face or a material.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ class TraceScene:
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
     curvature_table : (8 n_faces,) float32 of how the smooth surfaces bend, see
-        :func:`sarmitsuba.trace.curvature.facet_curvature`; None in a flat scene
+        :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
@@ -75,8 +76,7 @@ class TraceScene:
 # within 2e-6 of +1 down to 0.01 degrees of grazing, and |eps c + q|^2 = 1e36 still fits float32
 PEC_CHI = (0.0, -1e18)
 
-# laws of tilted facets: the scattered level depends on the direction halfway between both rays
-HALF_VECTOR_LAWS = ("kirchhoff",)
+# marks laws of tilted facets: the scattered level depends on the direction halfway between both rays
 HALF_VECTOR_BIT = 31
 
 
@@ -95,7 +95,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if not visible.any():
-        raise SceneError("scene: no visible face to trace; every mesh is empty or of an invisible material")
+        raise SceneError(
+            "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
+        )
     rows_kept = np.flatnonzero(visible)[_canonical_order(geometry, visible)]
     faces = geometry.faces[rows_kept]
     v0, v1, v2 = (geometry.vertices[faces[:, i]] for i in range(3))
@@ -123,7 +125,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
         table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
-    halfway = np.array([m.diffuse_law in HALF_VECTOR_LAWS for m in materials], dtype=np.uint32)
+    halfway = np.array([LAWS[m.diffuse_law].half_vector for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
     triangles = np.stack([v0, v1, v2], axis=1)
     vertex = weld(triangles.reshape(-1, 3))

@@ -113,12 +113,12 @@ def _spread_bits(v: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return v
 
 
-def morton(x: F64, y: F64, reach: float) -> NDArray[np.uint32]:
-    """Keys that sort points of the square ``|x|, |y| <= reach`` so that neighbours in memory are near in space."""
-    side = 2.0 * reach / 65535.0
+def morton(x: F64, y: F64, half: float) -> NDArray[np.uint32]:
+    """Keys that sort points of the square ``|x|, |y| <= half`` so that neighbours in memory are near in space."""
+    cell = 2.0 * half / 65535.0
     return np.asarray(
-        _spread_bits(((x + reach) / side).astype(np.uint32))
-        | (_spread_bits(((y + reach) / side).astype(np.uint32)) << np.uint32(1))
+        _spread_bits(((x + half) / cell).astype(np.uint32))
+        | (_spread_bits(((y + half) / cell).astype(np.uint32)) << np.uint32(1))
     )
 
 
@@ -150,8 +150,8 @@ def lattice(
     # keep away from the axes and diagonals of the window
     turn = 0.15 + (turn % (0.25 * np.pi - 0.3))
     hx, hy = half_x + taper, half_y + taper
-    reach = np.hypot(hx, hy)
-    n = int(np.ceil(reach / spacing)) + 1
+    radius = np.hypot(hx, hy)
+    n = int(np.ceil(radius / spacing)) + 1
     c, s = np.cos(turn), np.sin(turn)
     xs, ys, keys = [], [], []
     rows = np.arange(-n, n + 1)
@@ -165,7 +165,7 @@ def lattice(
         x, y = x[keep], y[keep]
         xs.append(x.astype(np.float32))
         ys.append(y.astype(np.float32))
-        keys.append(morton(x, y, reach))
+        keys.append(morton(x, y, radius))
     order = np.argsort(
         np.concatenate(keys), kind="stable"
     )  # Morton order: neighbours share cache lines of the BVH

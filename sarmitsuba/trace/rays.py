@@ -87,14 +87,14 @@ def _lattice_edges(
 ) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Cross-section of a tube at the launch plane: the lattice's two steps, across the ray, m."""
     constants = kernel.constants
-    c, s = dr.cos(constants.rotation) * constants.spacing, dr.sin(constants.rotation) * constants.spacing
+    c, s = dr.cos(constants.turn) * constants.spacing, dr.sin(constants.turn) * constants.spacing
     a = mi.Vector3f(axis_x * c + axis_y * s)
     b = mi.Vector3f(axis_y * c - axis_x * s)
     return a - d * dr.dot(a, d), b - d * dr.dot(b, d)
 
 
 def _launch_weight(kernel: Kernel, ray: mi.UInt32, gx: mi.Float, gy: mi.Float) -> mi.Float:
-    """Amplitude of a ray by its place in the launch window."""
+    """Amplitude of a ray by where in the launch window it starts."""
     grid = kernel.grid
     if grid.weight is not None:
         return dr.gather(mi.Float, device_array(mi.Float, grid.weight), ray)
@@ -130,7 +130,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     scene, clearance = kernel.scene, kernel.constants.clearance
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
-    landed, n64, corner, centroid = _hit_point(scene, face, uv, active)
+    landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
     active &= ~first | _served(kernel.grid, info)
 
@@ -146,13 +146,13 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
 
     leg_back = lane.antenna - p
     length_back = dr.norm(leg_back)
-    home64 = leg_back / length_back
-    home = mi.Vector3f(home64)
-    leave = _leave(mi.Vector3f(landed), n, d, clearance)
-    sees = active & (dr.dot(home, n) > 1e-7)
+    to_antenna64 = leg_back / length_back
+    to_antenna = mi.Vector3f(to_antenna64)
+    departure = _departure(mi.Vector3f(landed), n, d, clearance)
+    sees = active & (dr.dot(to_antenna, n) > 1e-7)
     if kernel.flags.visibility and kernel.flags.multi_bounce:
         # no farther than the antenna, which may hang within the scene
-        shadow_ray = mi.Ray3f(leave, home, mi.Float(length_back), 0.0, [])
+        shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
         blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
         sees &= first | ~blocked
     material = info.x & 0x7FFFFFFF
@@ -164,9 +164,9 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         material=info.x,
         largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
-        corner=corner,
+        vertex0=vertex0,
         centroid=centroid,
-        leave=leave,
+        departure=departure,
         direction64=d64,
         direction=d,
         normal64=n64,
@@ -175,10 +175,10 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         cos_incidence=dr.maximum(-dr.dot(d, n), 1e-7),
         length=length,
         length_back=length_back,
-        home64=home64,
-        home=home,
+        to_antenna64=to_antenna64,
+        to_antenna=to_antenna,
         sees=sees,
-        row=dr.gather(mi.Vector4f, scene.material_table, material, active),
+        properties=dr.gather(mi.Vector4f, scene.material_table, material, active),
     )
 
 
@@ -224,7 +224,7 @@ def _on_ray(
     return dr.select(dr.squared_norm(p - landed) < dr.square(mi.Float64(limit)), p, landed)
 
 
-def _leave(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Float) -> mi.Vector3f:
+def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Float) -> mi.Vector3f:
     """Where rays go on from a hit: off the facet, and back along ``d`` to be in front of a corner's other facets."""
     return p + (n - d) * clearance
 
@@ -241,7 +241,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         dr.gather(mi.Vector4f, kernel.scene.edge_table, hit.face * N_EDGES + i, hit.active)
         for i in range(N_EDGES)
     ]
-    extent = tube.limited(ray.extent, edges, mi.Vector3f(hit.p - hit.corner), u, v)
+    extent = tube.limited(ray.extent, edges, mi.Vector3f(hit.p - hit.vertex0), u, v)
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
     if kernel.flags.spreading:
         loss = mi.Float(1.0 / (hit.length * hit.length_back))
@@ -265,7 +265,7 @@ def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Refl
     if not kernel.flags.fresnel:
         return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in ray.fields))
     h = field.incidence_basis(d, normal)
-    chi = mi.Complex2f(hit.row.x, hit.row.y)
+    chi = mi.Complex2f(hit.properties.x, hit.properties.y)
     r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), chi)
     return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in ray.fields))
 
@@ -283,13 +283,13 @@ def reflect(
         edge_a, edge_b = (x - n * (2.0 * dr.dot(x, n)) for x in (edge_a, edge_b))
     fields = reflection.fields
     if kernel.flags.roughness:
-        kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * hit.row.z * hit.cos_incidence))
+        kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * hit.properties.z * hit.cos_incidence))
         fields = tuple((re * kept, im * kept) for re, im in fields)
     antenna, velocity, d64 = ray.virtual_antenna, ray.virtual_velocity, hit.direction64
     return RayState(
         active=hit.active & (hit.order < kernel.constants.max_depth),
         hits=hit.order,
-        origin=hit.leave,
+        origin=hit.departure,
         direction=d64 - n64 * (2.0 * dr.dot(d64, n64)),
         virtual_antenna=antenna - n64 * (2.0 * dr.dot(antenna - hit.p, n64)),
         virtual_velocity=velocity - n64 * (2.0 * dr.dot(velocity, n64)),

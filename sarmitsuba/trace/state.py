@@ -56,7 +56,7 @@ class Constants:
     po_gain : factor of the coherent return, 2 sqrt(pi) / wavelength times the amplitude
     inverse_range2 : 1/m^2, of the reference range
     clearance : m, how far a ray starts off the facet that it leaves
-    spacing, rotation : of the launch lattice, m and rad
+    spacing, turn : of the launch lattice, m and rad
     others : as in :class:`KernelSettings`
     """
 
@@ -70,7 +70,7 @@ class Constants:
     clearance: mi.Float
     up: mi.Vector3f
     spacing: mi.Float64
-    rotation: mi.Float64
+    turn: mi.Float64
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -89,7 +89,7 @@ class Constants:
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             spacing=dr.opaque(f64, grid.spacing),
-            rotation=dr.opaque(f64, grid.turn),
+            turn=dr.opaque(f64, grid.turn),
         )
 
 
@@ -189,15 +189,15 @@ class Hit:
     material : bits of the face's material
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, the ray's own point of the facet
-    corner, centroid : float64, m, vertex 0 and middle of the triangle
-    leave : m, where rays go on from here
+    vertex0, centroid : float64, m, vertex 0 and middle of the triangle
+    departure : m, where rays go on from here
     direction64, direction : of the ray as the virtual antenna sees this hit
     normal64, normal : facing the ray; ``behind`` where this turns the face's own normal round
     cos_incidence : > 0
     length, length_back : m, from the virtual antenna to here, and from here to the antenna
-    home64, home : unit vector to the antenna
+    to_antenna64, to_antenna : unit vector to the antenna
     sees : lanes that the antenna sees from here
-    row : rms height, permittivity and cross-polar ratio of the material
+    properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
     """
 
     active: mi.Bool
@@ -207,9 +207,9 @@ class Hit:
     material: mi.UInt32
     largest_cell: mi.Float
     p: mi.Vector3d
-    corner: mi.Vector3d
+    vertex0: mi.Vector3d
     centroid: mi.Vector3d
-    leave: mi.Vector3f
+    departure: mi.Vector3f
     direction64: mi.Vector3d
     direction: mi.Vector3f
     normal64: mi.Vector3d
@@ -218,10 +218,10 @@ class Hit:
     cos_incidence: mi.Float
     length: mi.Float64
     length_back: mi.Float64
-    home64: mi.Vector3d
-    home: mi.Vector3f
+    to_antenna64: mi.Vector3d
+    to_antenna: mi.Vector3f
     sees: mi.Bool
-    row: mi.Vector4f
+    properties: mi.Vector4f
 
 
 @dataclass(frozen=True, eq=False)

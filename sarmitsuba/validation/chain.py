@@ -1,46 +1,52 @@
 """Scenes built in memory for validation, and the whole chain on them: trace, chirp, compress, focus, calibrate."""
 
 import warnings
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.chirp import to_chirped
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
+from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.radar_builder import RadarInput, build_radar
+from sarmitsuba.loader.radar_builder import build_radar
+from sarmitsuba.loader.radar_parameters import RadarInput
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.units import db_from_power
+from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
+# of ``sar_antenna`` and ``range_film``, as a scene file gives them
+Parameter = float | str | bool
+Method = Literal["backprojection", "omega_k"]
+METHODS: tuple[Method, ...] = ("backprojection", "omega_k")
+WINDOWS = ("rectangular", "hamming", "taylor:4:-35", "kaiser:2.5")
+RCS_DBSM = 7.0
 
 
 def make_scene(
     geometry: Geometry | None,
-    materials: tuple[Material, ...] = (),
+    materials: tuple[Material, ...],
+    parameters: Mapping[str, Parameter],
     *,
     points: Sequence[PointTarget] = (),
     settings: TraceSettings | None = None,
-    **parameters: Any,
 ) -> Scene:
     """Scene from geometry and points in memory; ``parameters`` are those of ``sar_antenna`` and ``range_film``."""
     geometry = geometry or Geometry.empty()
     film = {k: v for k, v in parameters.items() if k in tables.FILM.names}
     sensor = {k: v for k, v in parameters.items() if k not in film}
-    given = RadarInput(
-        tables.SENSOR.read(sensor, "sar_antenna"),
-        tables.FILM.read(film, "range_film"),
-        frozenset(sensor),
-        frozenset(film),
-    )
+    given = RadarInput.read(sensor, film)
     clouds = [np.asarray([p.position for p in points])] if points else []
     if geometry.n_faces:
         clouds.append(geometry.vertices)
@@ -63,7 +69,7 @@ def chain(
     scene: Scene,
     *,
     chirped: bool = False,
-    method: Literal["backprojection", "omega_k"] = "backprojection",
+    method: Method = "backprojection",
     window: str = "rectangular",
     seed: int | None = None,
 ) -> SarImage:
@@ -87,4 +93,77 @@ def track_distance(radar: Radar, points: ArrayLike) -> F64:
     return np.asarray(np.linalg.norm(leg - (leg @ along)[..., None] * along, axis=-1))
 
 
-__all__ = ["chain", "make_scene", "track_distance"]
+def bandwidth(resolution: float) -> float:
+    """Bandwidth of a slant-range cell, Hz."""
+    return SPEED_OF_LIGHT / (2.0 * resolution)
+
+
+def point_scene(slant_range: float, resolution: float, **changes: Parameter) -> Scene:
+    """An ideal point of 7 dBsm somewhere off the aim point, X band."""
+    cell = resolution
+    parameters: dict[str, Parameter] = {
+        "slant_range": slant_range,
+        "look_angle_deg": 40.0,
+        "azimuth_resolution": resolution,
+        "bandwidth": bandwidth(resolution),
+        "center_frequency": 9.65e9,
+        "speed": 7500.0 if slant_range > 200e3 else 150.0,
+        "image_extent_azimuth": 48.0 * cell,
+        "image_extent_range": 72.0 * cell,
+        **changes,
+    }
+    point = PointTarget("point", np.array([3.3 * cell, -2.7 * cell, 0.4 * cell]), 10.0 ** (RCS_DBSM / 10.0))
+    return make_scene(None, (), parameters, points=(point,))
+
+
+def peak_dbsm(image: SarImage) -> float:
+    """Calibrated peak of the brightest target, dBsm."""
+    return float(db_from_power(point_target_in(image).rcs))
+
+
+def ground_scene(
+    look_angle_deg: float,
+    cell: float,
+    slant_range: float,
+    level: float,
+    n_cells: float = 128.0,
+    *,
+    settings: TraceSettings | None = None,
+    **changes: Parameter,
+) -> Scene:
+    """Flat diffuse ground of constant sigma0 that overfills the image."""
+    ground_cell = cell / np.sin(np.radians(look_angle_deg))
+    height, width = n_cells * cell, n_cells * ground_cell
+    margin = 1.25
+    material = Material(
+        "ground", permittivity=5.0 - 0.5j, diffuse_law="constant", diffuse_level_db=level, rms_height=0.1
+    )
+    geometry = targets.plate(width * margin, height * margin)
+    parameters: dict[str, Parameter] = {
+        "slant_range": slant_range,
+        "look_angle_deg": look_angle_deg,
+        "azimuth_resolution": cell,
+        "bandwidth": bandwidth(cell),
+        "center_frequency": 9.65e9,
+        "speed": 7500.0 if slant_range > 200e3 else 150.0,
+        "image_extent_azimuth": height,
+        "image_extent_range": width,
+        **changes,
+    }
+    return make_scene(geometry, (material,), parameters, settings=settings or TraceSettings(max_depth=1))
+
+
+__all__ = [
+    "METHODS",
+    "RCS_DBSM",
+    "WINDOWS",
+    "Method",
+    "Parameter",
+    "bandwidth",
+    "chain",
+    "ground_scene",
+    "make_scene",
+    "peak_dbsm",
+    "point_scene",
+    "track_distance",
+]

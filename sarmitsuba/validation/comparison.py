@@ -1,18 +1,25 @@
-"""Validation cases: closed form against simulation, with what was compared, how far apart, and why that far.
+"""One closed form against the simulation: what was compared, how far apart they are, and why that far.
 
 A case is one piece of physics with one plot; its comparisons are the curves in it. Every comparison keeps the
 closed form, the simulated values and the tolerance with its reason, so that tests, table and plots say the same.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
-
-TOPICS = ("canonical", "materials", "rough", "geometry", "radiometry", "statistics")
+# topics in the order of the page, with their headings
+TOPICS = {
+    "canonical": "Canonical radar cross sections",
+    "materials": "Materials",
+    "rough": "Rough surfaces",
+    "geometry": "Geometry of the image",
+    "radiometry": "Radiometry end to end",
+    "statistics": "Statistics",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +99,7 @@ class Case:
     Parameters
     ----------
     name : of the plot's file and of the command line
-    topic : one of ``TOPICS``
+    topic : one of ``TOPICS``, or a word of its own, which makes a section at the end of the page
     title : a line
     formula : the closed form in plain text
     source : where the closed form or value is published
@@ -117,21 +124,12 @@ class Case:
         return all(c.passed for c in self.comparisons)
 
     def failures(self) -> str:
-        """One line a comparison that is out of tolerance; empty when all are within."""
+        """One line per comparison that is out of tolerance; empty when all are within."""
         return "; ".join(
             f"{self.name} [{c.label}]: worst deviation {c.worst:.3g} {c.unit} > {c.tolerance:g}"
             for c in self.comparisons
             if not c.passed
         )
-
-
-@dataclass(frozen=True)
-class CaseEntry:
-    """A case before it is run: ``build(quick)`` returns it, with fewer bands, angles and looks when quick."""
-
-    name: str
-    topic: str
-    build: Callable[[bool], Case]
 
 
 @dataclass(frozen=True)
@@ -152,32 +150,6 @@ class Summary:
     n_failed: int
 
 
-def all_cases() -> tuple[CaseEntry, ...]:
-    """Every case, in the order of the page."""
-    from sarmitsuba.validation.cases import canonical as validation_canonical
-    from sarmitsuba.validation.cases import corners as validation_corners
-    from sarmitsuba.validation.cases import diffuse as validation_diffuse
-    from sarmitsuba.validation.cases import geometry as validation_geometry
-    from sarmitsuba.validation.cases import ground as validation_ground
-    from sarmitsuba.validation.cases import materials as validation_materials
-    from sarmitsuba.validation.cases import radiometry as validation_radiometry
-    from sarmitsuba.validation.cases import rough as validation_rough
-    from sarmitsuba.validation.cases import statistics as validation_statistics
-
-    modules = (
-        validation_canonical,
-        validation_corners,
-        validation_materials,
-        validation_diffuse,
-        validation_rough,
-        validation_geometry,
-        validation_radiometry,
-        validation_ground,
-        validation_statistics,
-    )
-    return tuple(entry for module in modules for entry in module.CASES)
-
-
 def summarise(cases: Sequence[Case]) -> Summary:
     """Median and worst deviation over every compared point of the canonical cases."""
     canonical = [c for case in cases for c in case.comparisons if c.canonical]
@@ -193,10 +165,4 @@ def summarise(cases: Sequence[Case]) -> Summary:
     )
 
 
-def db(power: object) -> F64:
-    """10 log10, with -inf for zero and no warning."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(10.0 * np.log10(np.asarray(power, dtype=np.float64)))
-
-
-__all__ = ["TOPICS", "Case", "CaseEntry", "Comparison", "Summary", "all_cases", "db", "summarise"]
+__all__ = ["TOPICS", "Case", "Comparison", "Summary", "summarise"]

@@ -5,16 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sarmitsuba.io.atomic import atomic_path, make_folder
 from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
-
-TITLES = {
-    "canonical": "Canonical radar cross sections",
-    "materials": "Materials",
-    "rough": "Rough surfaces",
-    "geometry": "Geometry of the image",
-    "radiometry": "Radiometry end to end",
-    "statistics": "Statistics",
-}
 
 LIMITS = """## What the closed forms leave out, and so does the simulator
 
@@ -58,11 +50,10 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
     ]
     if facts:
         lines += [", ".join(f"{name} {value}" for name, value in facts.items()) + ".", ""]
-    for topic in TOPICS:
+    given = dict.fromkeys(case.topic for case in cases)
+    for topic in [*(t for t in TOPICS if t in given), *(t for t in given if t not in TOPICS)]:
         members = [case for case in cases if case.topic == topic]
-        if not members:
-            continue
-        lines += [f"## {TITLES[topic]}", "", *_table(members), ""]
+        lines += [f"## {TOPICS.get(topic, topic.capitalize())}", "", *_table(members), ""]
         for case in members:
             lines += [
                 f"### {case.title}",
@@ -108,7 +99,7 @@ def _short(value: float) -> str:
 
 
 def summary_lines(cases: Sequence[Case]) -> list[str]:
-    """One line a comparison for the terminal, and the summary last."""
+    """One line per comparison for the terminal, and the summary last."""
     lines = []
     for case in cases:
         for c in case.comparisons:
@@ -127,8 +118,6 @@ def summary_lines(cases: Sequence[Case]) -> list[str]:
 
 def write(path: Path, text: str) -> None:
     """Write the page in one step."""
-    from sarmitsuba.io.atomic import atomic_path, make_folder
-
     make_folder(path.parent)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cylinder as cylinder_mesh
 from sarmitsuba.mesh.tessellate import disk as disk_mesh
@@ -15,17 +14,18 @@ from sarmitsuba.scene.geometry import Geometry
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 Mesh = tuple[F64, I32]
-
-# centre frequencies of the usual radar bands, Hz
-BANDS = {"L": 1.27e9, "C": 5.405e9, "X": 9.65e9, "Ka": 35.0e9}
 PEC = (Material("pec", pec=True),)
+# relative permittivities at X band: ITU-R P.2040-3 concrete (5.24, 0.271 S/m at 9.6 GHz), moist soil, water, a
+# metal of 1e7 S/m at 10 GHz, and a lossless one that has an exact Brewster angle
+PERMITTIVITY = {
+    "lossless 4": 4.0 + 0.0j,
+    "concrete": 5.24 - 0.507j,
+    "soil": 15.0 - 3.0j,
+    "water": 62.0 - 32.0j,
+    "metal": 1.0 - 1.7975e7j,
+}
 # a black body: blocks rays and returns nothing
 BLACK = Material("black", permittivity=1.0 + 0.0j)
-
-
-def wavelength(band: str) -> float:
-    """Wavelength of a band, m."""
-    return SPEED_OF_LIGHT / BANDS[band]
 
 
 def geometry(meshes: Sequence[Mesh], materials: Sequence[int] | None = None) -> Geometry:
@@ -144,9 +144,9 @@ def from_azimuth(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> F64:
 
 
 __all__ = [
-    "BANDS",
     "BLACK",
     "PEC",
+    "PERMITTIVITY",
     "cylinder",
     "dihedral",
     "disc",
@@ -158,5 +158,4 @@ __all__ = [
     "triangle",
     "trihedral",
     "wall_and_ground",
-    "wavelength",
 ]

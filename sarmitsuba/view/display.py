@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class Display:
     averaged: tuple[int, int]
 
 
-def prepare(image: SarImage, power: NDArray[Any], quantity: Quantity, largest: int) -> Display:
+def prepare(image: SarImage, power: NDArray[np.floating], quantity: Quantity, largest: int) -> Display:
     """Turn power into decibels, averaging blocks of pixels when the picture would be larger than ``largest``.
 
     Averaging power (multilooking) keeps the mean of speckle, which dropping or smoothing pixels does not.

@@ -2,11 +2,12 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.text import Annotation
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
@@ -84,7 +85,6 @@ def quicklook_by_order(
     step_x, step_y = width + _LEFT - 20, height + _BOTTOM + 20
     figure = _figure(columns * step_x + _RIGHT + 20, rows * step_y + 40)
     limits = limits_db(np.concatenate([d.values_db.ravel() for d in displays]), span_db)
-    picture = None
     for i, (order, display) in enumerate(zip(orders, displays, strict=True)):
         left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
         axes = _axes(figure, left, bottom, width, height)
@@ -117,14 +117,14 @@ def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
 
 
-def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Any:
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     """Axes that cover exactly these screen pixels."""
     full_width, full_height = (figure.get_size_inches() * _DPI).tolist()
     box = (left / full_width, bottom / full_height, width / full_width, height / full_height)
     return figure.add_axes(box)
 
 
-def _draw(axes: Any, display: Display, image: SarImage, limits: tuple[float, float]) -> Any:
+def _draw(axes: Axes, display: Display, image: SarImage, limits: tuple[float, float]) -> AxesImage:
     values = np.where(np.isfinite(display.values_db), display.values_db, limits[0])
     picture = axes.imshow(
         values,
@@ -140,8 +140,8 @@ def _draw(axes: Any, display: Display, image: SarImage, limits: tuple[float, flo
     axes.set_ylabel("azimuth (m)", fontsize=9)
     axes.ticklabel_format(useOffset=False, style="plain")
     axes.tick_params(labelsize=8)
-    for axis, span, room in (("x", axes.bbox.width, 110), ("y", axes.bbox.height, 60)):
-        axes.locator_params(axis=axis, nbins=int(np.clip(span / room, 1, 8)))
+    axes.locator_params(axis="x", nbins=int(np.clip(axes.bbox.width / 110, 1, 8)))
+    axes.locator_params(axis="y", nbins=int(np.clip(axes.bbox.height / 60, 1, 8)))
     return picture
 
 
@@ -159,7 +159,9 @@ def _arrows(figure: Figure, look_side: str) -> None:
         figure.add_artist(label)
 
 
-def _colour_bar(figure: Figure, picture: Any, left: float, bottom: float, height: float, label: str) -> None:
+def _colour_bar(
+    figure: Figure, picture: AxesImage, left: float, bottom: float, height: float, label: str
+) -> None:
     bar_axes = _axes(figure, left, bottom, 16, height)
     bar = figure.colorbar(picture, cax=bar_axes)
     bar.set_label(label, fontsize=9)

@@ -1,11 +1,20 @@
 """``cost`` on a small scene: the table, the estimate, its check and a line that ``render`` takes."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from sarmitsuba.cli import main
+from sarmitsuba.cost.clock import WorkClock
+from sarmitsuba.cost.study import study_cost
+
+
+@pytest.fixture(autouse=True)
+def counted_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Budgets buy the same runs on every machine."""
+    monkeypatch.setattr("sarmitsuba.cost.study.study_cost", partial(study_cost, clock=WorkClock()))
 
 
 def test_recommendation_is_checked_and_can_be_rendered(

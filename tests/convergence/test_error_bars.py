@@ -5,35 +5,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.cost.sweep import crop
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.simulation.error_bars import estimate_error
-from sarmitsuba.simulation.image import simulate_image
-from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing, scatterer_cell
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.refinement.error_bars import estimate_error
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 
 @pytest.mark.parametrize("name", ["tower", "buildings16"])
 def test_estimate_follows_the_truth(name: str) -> None:
     whole = load_scene(name)
-    window = launch_window(whole)
-    spacing, diffuse = ray_spacing(whole, window, False, True), diffuse_spacing(whole, window)
-    cell = scatterer_cell(whole, window.incidence)
+    sampling = SamplingPlan.of(whole)
     scene = crop(whole, 0.35, 0.1)
     grid = default_grid(scene.radar, scene.image)
 
     def run(factor: float, index: int, subsets: bool) -> SarImage:
         settings = replace(
             scene.settings,
-            ray_spacing=factor * spacing,
-            diffuse_ray_spacing=factor * diffuse,
-            scatterer_cell=cell,
+            ray_spacing=factor * sampling.spacings.coherent,
+            diffuse_ray_spacing=factor * sampling.spacings.diffuse,
+            scatterer_cell=sampling.scatterer_cell,
             max_depth=3,
             keep_subsets=subsets,
         )
-        return simulate_image(replace(scene, settings=settings), method="image", grid=grid, pass_index=index)
+        return render(replace(scene, settings=settings), method="image", grid=grid, pass_index=index)
 
     reference = np.mean([run(0.3, 50 + i, False).total() for i in range(2)], axis=0)
     found = []

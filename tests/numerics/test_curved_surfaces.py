@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.loader.xml import SAGITTA_OVER_WAVELENGTH
+from sarmitsuba.loader.collect import SAGITTA_OVER_WAVELENGTH
+from sarmitsuba.mesh import curvature
+from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.tessellate import cylinder, sphere
 from sarmitsuba.simulation.paths import record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.theory.mie import sphere_po
 from sarmitsuba.theory.rcs import cylinder_rcs
-from sarmitsuba.trace import curvature
 from sarmitsuba.trace import geometry as trace_geometry
-from sarmitsuba.trace.curvature import facet_curvature
 from sarmitsuba.trace.launch import frame_towards, lattice
 from sarmitsuba.validation.targets import PEC, geometry, parallelogram
 

@@ -45,7 +45,7 @@ class SingleAccumulator(DirectAccumulator):
 
 
 def test_sixty_dbsm_beside_clutter(row) -> None:
-    """A plate of 60 dBsm at normal incidence, a million rays in phase, in clutter of -30 dBsm a ray pair.
+    """A plate of 60 dBsm at normal incidence, a million rays in phase, in clutter of -30 dBsm per ray pair.
 
     Naive way: sums in float32; adding a millionth to what has grown near one rounds the same way every time.
     """

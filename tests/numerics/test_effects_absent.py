@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import EFFECT_NAMES
 from sarmitsuba.simulation.raw import simulate
 
 # switches of the kernel that an effect of the plan sets
@@ -34,6 +34,7 @@ SWITCHES = (
     "tube_phase",
     "multi_bounce",
 )
+EFFECT_SWITCHES = [effect.name for effect in switchable_effects()]
 ROUGH = Material(
     "rough",
     permittivity=5.0 - 0.5j,
@@ -127,7 +128,7 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
 @pytest.mark.parametrize("seed", range(8))
 def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_NAMES}
+    effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_SWITCHES}
     if effects["diffuse"] == "off":  # without both nothing returns, which is refused
         effects["coherent"] = "on"
     if effects["footprint_splitting"] == "off":  # refused where there is more than bare level ground

@@ -8,7 +8,7 @@ import pytest
 import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
-from sarmitsuba.mesh.meshes import write_ply
+from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.simulation.paths import record_paths
 from sarmitsuba.trace import rays
 from sarmitsuba.trace.geometry import TraceScene

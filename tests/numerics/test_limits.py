@@ -12,8 +12,9 @@ import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.library import permittivity_from_conductivity
-from sarmitsuba.materials.material import DIFFUSE_LAWS, Material
+from sarmitsuba.materials.material import Material
 from sarmitsuba.simulation.paths import coherent_flags
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.validation.targets import PEC, dihedral
@@ -97,7 +98,7 @@ def test_roughness_beyond_any_model_ends_the_coherent_return() -> None:
 
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(
-    law=st.sampled_from(DIFFUSE_LAWS),
+    law=st.sampled_from(LAWS.names),
     height=st.floats(-300.0, 3.0),
     length=st.floats(-300.0, 3.0),
     level=st.floats(-200.0, 60.0),

@@ -10,7 +10,9 @@ import sarmitsuba
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.meshes import clean_mesh, smooth_groups, write_ply
+from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.ply import write_ply
+from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.paths import aimed_at, record_paths
 from sarmitsuba.simulation.rcs import monostatic_rcs

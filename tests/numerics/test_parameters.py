@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import sarmitsuba
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.parameters import Param
+from sarmitsuba.parameters import Param
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path">{sar_path}</integrator>
@@ -46,7 +46,7 @@ FREE_TEXT = ("track_file", "polarisation")
 PAIRS = {
     f"{t.plugin}.{p.name}": (t, p)
     for t in CHECKED
-    for p in t.params
+    for p in t.rows
     if p.kind != "ignored" and p.name not in FREE_TEXT
 }
 
@@ -56,7 +56,7 @@ def write(folder: Path, **elements: dict[str, Any]) -> Path:
     parts = {}
     for table in CHECKED:
         given_here = SMALL[table.plugin] | elements.get(table.plugin, {})
-        tags = {p.name: p.tag for p in table.params}
+        tags = {p.name: p.tag for p in table.rows}
         lines = []
         for name, value in given_here.items():
             text = (
@@ -75,14 +75,15 @@ def write(folder: Path, **elements: dict[str, Any]) -> Path:
 
 def inside(param: Param) -> st.SearchStrategy[Any]:
     """Values within the documented bounds, logarithmically over wide ones."""
-    if param.choices:
-        return st.sampled_from(param.choices)
+    if param.allowed:
+        return st.sampled_from(param.allowed)
     if param.kind == "boolean":
         return st.booleans()
     low, high = max(param.minimum, -1e12), min(param.maximum, 1e12)
     if param.kind.startswith("integer"):
         return st.integers(int(low), int(high))
-    edges = [x for x in (low, high, param.default) if not (param.positive and x == param.minimum)]
+    default = low if param.default is None else param.default
+    edges = [x for x in (low, high, default) if not (param.positive and x == param.minimum)]
     ways = [st.sampled_from(edges), st.floats(low, high, exclude_min=param.positive)]
     floor = max(low, 1e-9)
     if high > floor:
@@ -93,7 +94,7 @@ def inside(param: Param) -> st.SearchStrategy[Any]:
 
 def outside(param: Param) -> list[Any]:
     """Values just and far beyond the bounds."""
-    if param.choices:
+    if param.allowed:
         return ["nonsense"]
     whole = param.kind != "float"
     values: list[Any] = []

@@ -152,7 +152,7 @@ def test_rays_too_sparse_for_the_cell_or_the_facets(scene_file, row) -> None:
     coarse = sarmitsuba.load_scene(scene_file(), parameters={"sar_path.ray_spacing": "0.4"})
     texts = said(lambda: sarmitsuba.simulate(coarse))
     assert any(
-        re.search(r"ray_spacing = 0.4 m is coarser than half a resolution cell; (\S+) m would do", t)
+        re.search(r"ray_spacing = 0.4 m is coarser than half a resolution cell; set it to (\S+) m or less", t)
         for t in texts
     )
 
@@ -166,12 +166,12 @@ def test_rays_too_sparse_for_the_cell_or_the_facets(scene_file, row) -> None:
 
     sparse, texts = level("0.2")
     match = re.search(
-        r"coarser than the facets of curved surfaces, 100 % of .* 4.5 rays a wavelength: (\S+) m", texts[0]
+        r"coarser than the facets of curved surfaces, 100 % of .* 4.5 rays per wavelength: (\S+) m", texts[0]
     )
     fine, quiet = level(match[1])
     assert quiet == []
     exact = 10 * np.log10(np.pi)
-    # tol: 4.5 rays a wavelength, 0.15 dB, and the chain
+    # tol: 4.5 rays per wavelength, 0.15 dB, and the chain
     row(
         "sphere at the spacing that the warning names",
         abs(fine - exact),

@@ -138,7 +138,7 @@ def test_rays_into_a_corner_line_bounce_twice(row, monkeypatch) -> None:
         return 100.0 * wrong / total
 
     ours = share_without_two()
-    monkeypatch.setattr(rays, "_leave", lambda p, n, d, clearance: p + n * clearance)
+    monkeypatch.setattr(rays, "_departure", lambda p, n, d, clearance: p + n * clearance)
     row(
         "rays aimed at a dihedral's corner line: without exactly two bounces",
         ours,

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.context import Context
+from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.effects.shape import ShapeFacts
+from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.errors import SceneError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.image import simulate_image
-from sarmitsuba.simulation.pilot import plan_scene, run_pilot, sampling_of
+from sarmitsuba.simulation.pilot import plan_scene, run_pilot
 from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.window import launch_window, scatterer_cell
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 F64 = NDArray[np.float64]
 PEC = Material("pec", pec=True)
@@ -118,29 +118,29 @@ def test_convex_looking_pairs_are_not_taken_for_convex(base: Scene) -> None:
     """Two bodies, each convex; a box on a plain; a roof seen from inside; one body whose closed shell has a notch."""
     a, b = box([-5, -5, 0], [-1, 5, 8]), box([1, -5, 0], [5, 5, 8])
     for meshes in ((a, b), (plain(60.0), box([-5, -5, 0], [5, 5, 8]))):
-        context = Context(scene(base, *meshes))
+        context = SceneContext(scene(base, *meshes))
         assert context.shape.single_bounce == ""
     # V of two plates: bulging towards the radar (a roof) it has one bounce, opening towards it two
     radar = base.radar.track.center_position
     side = np.sign(radar[0])
     roof = [quad([0, -5, 4], [0, 5, 4], [x, 5, 0], [x, -5, 0], 0) for x in (-4, 4)]
-    assert Context(scene(base, *roof)).shape.single_bounce
+    assert SceneContext(scene(base, *roof)).shape.single_bounce
     floor = quad([0, -5, 0], [0, 5, 0], [4 * side, 5, 0], [4 * side, -5, 0], 0)
     wall = quad([0, -5, 0], [0, 5, 0], [0, 5, 4], [0, -5, 4], 0)
-    corner = Context(scene(base, floor, wall))
+    corner = SceneContext(scene(base, floor, wall))
     assert corner.shape.single_bounce == "" and corner.shape.open_sight
     # a notch: the box with a corner pushed in is closed and one piece, but not its own hull
     v, f, m = box([-5, -5, 0], [5, 5, 8])
     v = v.copy()
     v[7] = [2.0, 2.0, 5.0]
-    assert Context(scene(base, (v, f, m))).shape.single_bounce == ""
+    assert SceneContext(scene(base, (v, f, m))).shape.single_bounce == ""
 
 
 def test_shapes_convex_by_their_kind_are_so(base: Scene) -> None:
     """The proof finds what is taken for granted for `sphere` and `cube`, turned and stretched as well."""
     matrix = np.array([[3.0, 1.0, 0.2], [-0.5, 1.0, 0.3], [0.1, -0.7, 0.4]])
     for vertices, faces in (cube(), *(sphere(1.0, s) for s in (0.1, 0.02, 3e-3, 3e-4))):
-        shape = Context(scene(base, (vertices @ matrix.T, faces, 0))).shape
+        shape = SceneContext(scene(base, (vertices @ matrix.T, faces, 0))).shape
         assert not shape.stated_convex and shape.convex_body
 
 
@@ -151,8 +151,8 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
     def stated(target: Scene, *flags: bool) -> Scene:
         return replace(target, geometry=replace(target.geometry, mesh_convex=flags))
 
-    def shape(target: Scene) -> ShapeFacts:
-        return Context(target).shape_within(0.0)
+    def shape(target: Scene) -> ShapeAnalysis:
+        return SceneContext(target).shape_within(0.0)
 
     assert shape(scene(base, one)).single_bounce == ""  # no time for a proof
     assert shape(stated(scene(base, one), True)).single_bounce == "one closed convex body"
@@ -168,7 +168,7 @@ def test_stated_convexity_holds_for_one_body_seen_from_outside(base: Scene) -> N
 
 
 def test_shadow_rays_stay_where_something_stands_between(base: Scene) -> None:
-    assert not Context(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
+    assert not SceneContext(scene(base, plain(60.0), box([-5, -5, 0], [5, 5, 8]))).shape.open_sight
 
 
 def test_flat_rules_need_every_vertex(base: Scene) -> None:
@@ -176,7 +176,7 @@ def test_flat_rules_need_every_vertex(base: Scene) -> None:
     v, f, m = plain(60.0)
     v = v.copy()
     v[2, 2] = 1e-3
-    assert not Context(scene(base, (v, f, m))).shape.flat
+    assert not SceneContext(scene(base, (v, f, m))).shape.flat
 
 
 # ---- cells of bare level ground
@@ -189,7 +189,7 @@ def small(base: Scene, *meshes: Mesh, **settings: object) -> Scene:
 
 
 def imaged(target: Scene) -> SarImage:
-    return simulate_image(target) if target.settings.method == "image" else focus(simulate(target))
+    return render(target) if target.settings.method == "image" else focus(simulate(target))
 
 
 def difference_db(a: SarImage, b: SarImage) -> float:
@@ -207,11 +207,11 @@ def test_rays_through_cells_return_what_dense_shared_tubes_do(heading: str, meth
     target = load_scene(resolve("flat_ground"), parameters=given)
     plan = plan_scene(target)
     assert not plan.on("footprint_splitting") and not plan.flags.footprint_splitting
-    cell = scatterer_cell(target, launch_window(target).incidence)
+    cell = SamplingPlan.of(target).scatterer_cell
     dense = replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8))
     assert plan_scene(dense).on("footprint_splitting")
     bare = imaged(target)
-    # tol: sampling by 64 rays a cell; the window's fade-out is fixed to the ground, not to the line of sight
+    # tol: sampling by 64 rays per cell; the window's fade-out is fixed to the ground, not to the line of sight
     assert difference_db(bare, imaged(dense)) < -44.0
 
 
@@ -235,7 +235,7 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
         plan_scene(off)
     for given, remedy in (
         ({"keep_subsets": True}, "--no-error-bars"),
-        ({"ray_spacing": 0.3}, "leave ray_spacing"),
+        ({"ray_spacing": 0.3}, "leave out ray_spacing"),
     ):
         with pytest.raises(SceneError, match=remedy):
             plan_scene(small(base, plain(90.0), effects={"footprint_splitting": "off"}, **given))
@@ -243,11 +243,11 @@ def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> No
 
 def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
     """A plate whose outermost cells are covered by nearly a half, which their neighbours return: about the worst."""
-    cell = scatterer_cell(base, launch_window(base).incidence)
+    cell = SamplingPlan.of(base).scatterer_cell
     target = small(base, plain(22.48 * cell))
     decision = plan_scene(target).decision("footprint_splitting")
     assert decision is not None and decision.on and "rim" in decision.why
-    with pytest.warns(UserWarning, match="footprint_splitting is off as asked; predicted error"):
+    with pytest.warns(UserWarning, match="footprint_splitting is switched off; predicted error"):
         cells = imaged(
             replace(target, settings=replace(target.settings, effects={"footprint_splitting": "off"}))
         )
@@ -257,7 +257,7 @@ def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
 
 
 def test_rim_length(base: Scene) -> None:
-    shape = Context(scene(base, plain(10.0))).shape
+    shape = SceneContext(scene(base, plain(10.0))).shape
     far, near = np.array([[-50.0, -50.0], [50.0, 50.0]]), np.array([[-50.0, 0.0], [4.0, 50.0]])
     assert shape.rim_length(*far) == pytest.approx(80.0)
     assert shape.rim_length(*near) == pytest.approx(10.0 + 14.0)
@@ -265,7 +265,7 @@ def test_rim_length(base: Scene) -> None:
     # two subsets of one material, but not one smooth surface: the seam counts for both
     left = quad([-10, -10, 0], [0, -10, 0], [0, 10, 0], [-10, 10, 0], 1)
     right = quad([0, -10, 0], [10, -10, 0], [10, 10, 0], [0, 10, 0], 1)
-    assert Context(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
+    assert SceneContext(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
 
 
 # ---- pilot
@@ -311,10 +311,9 @@ def test_mirror_that_only_a_later_part_of_the_aperture_sees(base: Scene) -> None
     )
     target = scene(base, plain(90.0), corner, low)
     draft = plan_effects(target, warn=False)
-    window = launch_window(target)
-    sampling = sampling_of(target, draft, window)
-    late = run_pilot(target, draft, sampling, window, pulses=[int(0.75 * n), n - 1])
-    early = run_pilot(target, draft, sampling, window, pulses=[0, n // 4, n // 2])
+    sampling = SamplingPlan.of(target, draft.flags)
+    late = run_pilot(draft, sampling, pulses=[int(0.75 * n), n - 1])
+    early = run_pilot(draft, sampling, pulses=[0, n // 4, n // 2])
     assert (
         early.peak[0, 2] < 1e-2 * late.peak[0, 2]
     )  # the scene deceives: the first half sees no third bounce
@@ -327,8 +326,7 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
     target = scene(base, plain(90.0), trihedral(base, [13.0, -21.0, 0.05], side))
     fine = replace(target, settings=replace(target.settings, ray_spacing=0.1))
     draft = plan_effects(fine, warn=False)
-    window = launch_window(fine)
-    result = run_pilot(fine, draft, sampling_of(fine, draft, window), window)
+    result = run_pilot(draft, SamplingPlan.of(fine, draft.flags))
     rcs = 4 * np.pi * side**4 / (3 * base.radar.waveform.wavelength**2)
     # tol: the fade-out over the reflector, at most a factor 4 in power; discretisation
     assert 0.2 * rcs < result.peak[0, 2] < 1.2 * rcs
@@ -337,12 +335,12 @@ def test_pilot_power_is_in_square_metres(base: Scene) -> None:
 def test_explicit_choices_are_obeyed_and_said(base: Scene) -> None:
     target = scene(base, plain(90.0), box([-6, -8, 0], [6, 8, 9]))
     asked = replace(target, settings=replace(target.settings, max_depth=1, effects={"fresnel": "off"}))
-    with pytest.warns(UserWarning, match="fresnel is off as asked|max_depth = 1 as asked") as caught:
+    with pytest.warns(UserWarning, match="fresnel is switched off|max_depth = 1 leaves out") as caught:
         plan = plan_scene(asked, pilot=True)
     assert len(caught) == len(plan.notes) == 2
-    assert plan.max_depth == 1 and "max_depth = 1 as asked" in plan.notes[1]
+    assert plan.max_depth == 1 and "max_depth = 1 leaves out" in plan.notes[1]
     asked = replace(target, settings=replace(target.settings, effects={"diffuse": "off"}))
-    with pytest.warns(UserWarning, match="diffuse is off as asked"):
+    with pytest.warns(UserWarning, match="diffuse is switched off"):
         plan = plan_scene(asked, pilot=False)
     assert not plan.flags.diffuse and not plan.flags.speckle
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba.focusing import focus
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.simulation.raw import simulate
 

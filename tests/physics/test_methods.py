@@ -5,14 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba.cost.sweep import crop
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.image import Preview, simulate_image
+from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.piece import crop
+from sarmitsuba.simulation.sampling.plan import LOOK_SPACING, SamplingPlan
 
 
 def points_only(**parameters: str) -> Scene:
@@ -41,8 +45,8 @@ def test_points_match_the_focused_image(parameters: dict[str, str], windows: dic
     # Rationale: for points the only approximations of `image` are one look for the aperture and a finite image: peaks
     # agree in value and phase, and the side lobes to the wrap-around of their tails.
     scene = points_only(**parameters)
-    exact = simulate_image(scene, method="hybrid", **windows)
-    quick = simulate_image(scene, method="image", **windows)
+    exact = render(scene, method="hybrid", **windows)
+    quick = render(scene, method="image", **windows)
     a, b = exact.total(), quick.total()
     peak = np.unravel_index(np.abs(a).argmax(), a.shape)
     # tol: wrap-around of the side lobes of a grid that ends 24 cells beyond the image, 0.3 %
@@ -63,10 +67,10 @@ def test_patterned_stripmap_uses_closest_approach() -> None:
         }
     )
     grid = default_grid(scene.radar, scene.image)
-    preview = Preview(scene, grid)
-    assert preview.look.grid.zero_doppler
-    a = simulate_image(scene, method="hybrid", grid=grid).total()
-    b = preview.image().total()
+    imager = Imager(Run(scene), grid)
+    assert imager.look.grid.zero_doppler
+    a = render(scene, method="hybrid", grid=grid).total()
+    b = imager.image().total()
     peak = np.unravel_index(np.abs(a).argmax(), a.shape)
     # tol: wrap-around of side lobes, and the aperture's weights taken at the image's centre
     assert abs(b[peak] / a[peak] - 1.0) < 0.03
@@ -76,7 +80,7 @@ def test_dihedral_double_bounce_has_the_same_value_and_phase() -> None:
     scene = load_scene("dihedral")
     raw = simulate(scene)
     grid = default_grid(scene.radar, scene.image)
-    a, b = focus(raw, grid), simulate_image(scene, method="image", grid=grid)
+    a, b = focus(raw, grid), render(scene, method="image", grid=grid)
     for channel in a.channels:
         x, y = a.total(channel), b.total(channel)
         peak = np.unravel_index(np.abs(x).argmax(), x.shape)
@@ -89,7 +93,7 @@ def test_tower_agrees_in_clutter_layover_and_orders() -> None:
     # over the aperture.
     scene = crop(load_scene("tower"), 0.4, 0.1)
     scene = replace(scene, settings=replace(scene.settings, keep_orders=True, max_depth=2))
-    a, b = (simulate_image(scene, method=m) for m in ("hybrid", "image"))
+    a, b = (render(scene, method=m) for m in ("hybrid", "image"))
     assert a.layers == b.layers
     assert image_error_db(b.total(), a.total()) < -20.0
     for x, y in zip(a.data, b.data, strict=True):
@@ -100,7 +104,7 @@ def test_tower_agrees_in_clutter_layover_and_orders() -> None:
 def test_raster_has_the_clutter_level_and_speckle_of_flat_ground() -> None:
     # Rationale: the expected intensity of flat ground is sigma0 times the cell, and one look has mean = std.
     scene = load_scene("flat_ground")
-    image = simulate_image(scene, method="raster")
+    image = render(scene, method="raster")
     inner = image.sigma0()[12:-12, 12:-12]
     looks = (
         inner.size
@@ -114,13 +118,13 @@ def test_raster_has_the_clutter_level_and_speckle_of_flat_ground() -> None:
     assert abs(inner.std() / inner.mean() - 1.0) < 8.0 * sigma
 
 
-def test_preview_repeats_itself_and_passes_differ() -> None:
+def test_imager_repeats_itself_and_passes_differ() -> None:
     scene = crop(load_scene("tower"), 0.2, 0.05)
-    preview = Preview(scene)
+    imager = Imager(Run(scene))
     first, again, other = (
-        preview.image().total(),
-        preview.image().total(),
-        preview.image(pass_index=1).total(),
+        imager.image().total(),
+        imager.image().total(),
+        imager.image(pass_index=1).total(),
     )
     # tol: float32 sums in whatever order threads finish
     assert image_error_db(again, first) < -90.0
@@ -128,17 +132,14 @@ def test_preview_repeats_itself_and_passes_differ() -> None:
 
 
 def test_one_look_takes_fewer_coherent_rays_where_they_are_sparse_already() -> None:
-    from sarmitsuba.simulation.image import LOOK_SPACING, look_sampling
-    from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.window import diffuse_spacing, launch_window, ray_spacing
-
     city = load_scene("buildings16")
-    window, plan = launch_window(city), plan_scene(city)
-    own = look_sampling(city, window, plan).settings
-    assert own.ray_spacing == pytest.approx(LOOK_SPACING * ray_spacing(city, window, False, True))
+    sampling = SamplingPlan.of(city, plan_scene(city).flags)
+    look = sampling.of_one_look().spacings
+    assert look.coherent == pytest.approx(LOOK_SPACING * sampling.spacings.coherent)
     # diffuse rays stay: wider ones would leave scatterer cells out
-    assert own.diffuse_ray_spacing in (0.0, diffuse_spacing(city, window))
-    asked = replace(city, settings=replace(city.settings, ray_spacing=0.3))
-    assert look_sampling(asked, window, plan) is asked
-    small = load_scene("dihedral")  # several rays a wavelength: a small target's shape needs them
-    assert look_sampling(small, launch_window(small), plan_scene(small)) is small
+    assert look.diffuse == sampling.spacings.diffuse
+    asked = SamplingPlan.of(replace(city, settings=replace(city.settings, ray_spacing=0.3)), sampling.flags)
+    assert asked.of_one_look() is asked and asked.spacings.coherent == 0.3
+    small = load_scene("dihedral")  # several rays per wavelength: a small target's shape needs them
+    sampling = SamplingPlan.of(small, plan_scene(small).flags)
+    assert sampling.of_one_look() is sampling

@@ -69,7 +69,7 @@ def test_version_is_read_through_links(monkeypatch: pytest.MonkeyPatch, tmp_path
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     clean = {k: v for k, v in os.environ.items() if k not in ("DRJIT_LIBLLVM_PATH", "SARMITSUBA_VARIANT")}
     return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env={**clean, **environment}, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**clean, **environment}
     )
 
 

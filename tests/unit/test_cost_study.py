@@ -1,15 +1,17 @@
 """The cost study's arithmetic: combinations, corrections by what was run, recommendations."""
 
-import time
-
 import numpy as np
 import pytest
 
-from sarmitsuba.cost.model import CostModel, corrected, split_stages
+from sarmitsuba.cost.clock import WorkClock
+from sarmitsuba.cost.model import CostModel, corrected
+from sarmitsuba.cost.pieces import REFERENCES, field_of_proof
 from sarmitsuba.cost.proof import Check, Reference
-from sarmitsuba.cost.report import Candidate, Rays, options_of, pareto, recommend
-from sarmitsuba.cost.study import _REFERENCES, SPACINGS, _field
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
+from sarmitsuba.cost.sweeps import SPACINGS
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
+from sarmitsuba.simulation.sampling.plan import RaySpacings
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:
@@ -28,7 +30,7 @@ def model() -> CostModel:
         "hybrid": {"build": 1.0, "launches": 0.5, "rays": 4.0, "focus": 2.0},
         "image": {"build": 1.0, "rays": 0.5, "form image": 0.1},
     }
-    return CostModel(Rays(0.25, 0.0), full, plain)
+    return CostModel(RaySpacings(0.25, 0.0), full, plain)
 
 
 def test_times_are_scaled_by_stage_and_fixed_ones_stay() -> None:
@@ -45,10 +47,10 @@ def test_times_are_scaled_by_stage_and_fixed_ones_stay() -> None:
 
 
 def test_two_runs_tell_launches_from_rays() -> None:
-    found = split_stages({"build": 1.0, "trace": 8.5}, {"build": 1.0, "trace": 1.5}, 8.0)
+    found = split_trace({"build": 1.0, "trace": 8.5}, {"build": 1.0, "trace": 1.5}, 8.0)
     assert found == pytest.approx({"build": 1.0, "rays": 8.0, "launches": 0.5})
     # a disturbed run leaves neither negative
-    odd = split_stages({"trace": 1.0}, {"trace": 2.0}, 8.0)
+    odd = split_trace({"trace": 1.0}, {"trace": 2.0}, 8.0)
     assert odd == pytest.approx({"rays": 0.05, "launches": 0.95})
 
 
@@ -124,7 +126,7 @@ def test_the_reference_is_of_as_much_of_the_scene_as_the_budget_allows() -> None
 
     def field(rays: float) -> tuple[float, float]:
         stages = {"build": 1.0, "rays": rays, "focus": 1.0}
-        found, factor, _ = _field(scene, stages, time.perf_counter(), 300.0)
+        found, factor, _ = field_of_proof(scene, stages, 300.0, 300.0)
         return (found.image.extent_range / scene.image.extent_range if found else 0.0), factor
 
     # 90 s are allowed: two passes, twice the key pulses, 1 / factor^2 as many rays
@@ -135,4 +137,21 @@ def test_the_reference_is_of_as_much_of_the_scene_as_the_budget_allows() -> None
     assert field(60.0) == (pytest.approx(0.35), 0.6)
     assert field(100.0) == (0.0, 0.0)
     # never as coarse as what is measured against it
-    assert max(factor for _, factor in _REFERENCES) < min(SPACINGS)
+    assert max(factor for _, factor in REFERENCES) < min(SPACINGS)
+
+
+def test_counted_seconds_are_the_work_and_nothing_else() -> None:
+    clock = WorkClock(SpeedModel(ray=1e-6, launch=0.1, path_pulse=0.0, sample=0.0, pixel_pulse=1e-9), 0.5)
+    work = Work(rays=2e6, launches=3, samples=1e9, pixel_pulses=1e9)
+    found = clock.stages({"build": 123.0, "trace": 456.0, "focus": 789.0}, work)
+    assert found == pytest.approx({"build": 0.5, "trace": 0.5 + 0.3 + 2.0, "focus": 0.5 + 1.0})
+    assert clock.now() == pytest.approx(4.8)
+    assert clock.stages({"raster": 9.0}, work) == pytest.approx({"raster": 0.5 + 0.3 + 2.0})
+
+
+def test_a_measured_speed_predicts_more_of_the_same_work() -> None:
+    part = Work(rays=1e6, samples=2e5, pixel_pulses=3e6)
+    speed = SpeedModel.measured(part, {"trace": 0.2, "synthesise": 0.1, "focus": 0.3})
+    whole = Work(rays=5e6, samples=4e5, pixel_pulses=3e6)
+    assert speed.stages(whole) == pytest.approx({"trace": 1.0, "synthesise": 0.2, "focus": 0.3})
+    assert speed.seconds(whole) == pytest.approx(1.5)

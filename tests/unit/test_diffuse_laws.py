@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.diffuse import (
-    DiffuseTable,
-    diffuse_tables,
-    geometrical_optics_sigma0,
-    shared_energy_sigma0,
-    small_perturbation_sigma0,
-)
+from sarmitsuba.errors import ExtensionError, SceneError
+from sarmitsuba.materials.diffuse import DiffuseTable, diffuse_tables
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.laws.iem import iem_backscatter
-from sarmitsuba.materials.material import DIFFUSE_LAWS, DiffuseLaw, Material
+from sarmitsuba.materials.laws.kirchhoff import geometrical_optics_sigma0
+from sarmitsuba.materials.laws.roughness import shared_energy_sigma0
+from sarmitsuba.materials.laws.small_perturbation import small_perturbation_sigma0
+from sarmitsuba.materials.material import Material
 from sarmitsuba.units import db_from_power
 
 WAVELENGTH = SPEED_OF_LIGHT / 9.65e9
@@ -22,7 +20,7 @@ C_BAND = SPEED_OF_LIGHT / 5.405e9
 SOIL = 15.0 - 3.0j
 
 
-def soil(law: DiffuseLaw, **parameters: float) -> Material:
+def soil(law: str, **parameters: float) -> Material:
     return Material("soil", permittivity=SOIL, diffuse_law=law, **parameters)
 
 
@@ -40,15 +38,40 @@ def test_levels_of_the_empirical_laws(angle: float) -> None:
         "lambert": -10.0 + 20.0 * np.log10(cosine),
     }
     for law, level in expected.items():
-        h, v = at_degrees(diffuse_tables(soil(law, diffuse_level_db=-10.0), WAVELENGTH), angle)  # type: ignore[arg-type]
+        h, v = at_degrees(diffuse_tables(soil(law, diffuse_level_db=-10.0), WAVELENGTH), angle)
         # tol: linear interpolation between 256 nodes, step^2 / 8 of the amplitude's curvature
         assert h == pytest.approx(level, abs=2e-4)
         assert v == h
 
 
-@pytest.mark.parametrize("law", DIFFUSE_LAWS)
+def test_a_law_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(SceneError, match='material "soil": diffuse_law = "lamber" is not one of constant, '):
+        soil("lamber")
+    with pytest.raises(SceneError, match="diffuse_law = lambert has no parameter fall; it takes none"):
+        Material("m", diffuse_law="lambert", law_parameters=(("fall", 1.0),))
+
+
+def test_a_law_that_returns_no_power_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(self: DiffuseLaw, surface: object, wavelength: float, theta: np.ndarray) -> Sigma0:
+        return Sigma0(-np.ones_like(theta), np.ones_like(theta))
+
+    monkeypatch.setattr(type(LAWS["lambert"]), "sigma0", broken)
+    with pytest.raises(ExtensionError, match="diffuse law 'lambert': sigma0 must return 256 finite values"):
+        diffuse_tables(soil("lambert"), WAVELENGTH)
+
+
+def test_every_law_says_what_it_takes() -> None:
+    fields = {"rms_height", "correlation_length"}
+    for law in LAWS:
+        assert law.title and set(law.needs) <= fields
+        assert not (law.level and law.needs)  # measured levels, or a model of the surface
+    assert [law.name for law in LAWS if law.half_vector] == ["kirchhoff"]
+    assert [law.name for law in LAWS if not law.scatters] == ["none"]
+
+
+@pytest.mark.parametrize("law", LAWS.names)
 @pytest.mark.parametrize("permittivity", [1.0, 1.0001, 3.0, SOIL, 80.0 - 40.0j, 1.0 - 1e9j])
-def test_every_law_is_finite_and_never_negative(law: DiffuseLaw, permittivity: complex) -> None:
+def test_every_law_is_finite_and_never_negative(law: str, permittivity: complex) -> None:
     for s, length in ((0.0, 0.1), (1e-6, 0.1), (0.002, 0.06), (0.02, 0.05), (0.2, 1.0)):
         material = Material(
             "m",
@@ -68,14 +91,14 @@ def test_every_law_is_finite_and_never_negative(law: DiffuseLaw, permittivity: c
 
 
 @pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "iem", "roughness"])
-def test_a_smooth_surface_scatters_nothing(law: DiffuseLaw) -> None:
+def test_a_smooth_surface_scatters_nothing(law: str) -> None:
     table = diffuse_tables(soil(law, correlation_length=0.1), WAVELENGTH)
     assert not table.amplitude_h.any() and not table.amplitude_v.any()
     assert table.notes == ()
 
 
 @pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "iem"])
-def test_missing_correlation_length_is_one_line(law: DiffuseLaw) -> None:
+def test_missing_correlation_length_is_one_line(law: str) -> None:
     with pytest.raises(SceneError, match='"soil": correlation_length = 0 m must be above 0') as caught:
         diffuse_tables(soil(law, rms_height=0.01), WAVELENGTH)
     assert "\n" not in str(caught.value)

@@ -1,15 +1,16 @@
 """The explain command, and its prediction against a run."""
 
+import itertools
 import json
-import time
 
 import pytest
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.simulation.prediction import predict
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.prediction.explanation import explain
+from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 
 
@@ -37,15 +38,34 @@ def test_unknown_scene_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_prediction_counts_what_the_run_does() -> None:
     scene = load_scene(resolve("dihedral"))
-    _, prediction = predict(scene, clock=time.process_time)
-    before = time.process_time()
+    _, prediction = predict(scene)
     raw = simulate(scene)
     image = focus(raw)
-    used = time.process_time() - before
     statistics = raw.metadata["statistics"]
     assert prediction.rays == statistics["rays"]
     assert prediction.key_pulses == statistics["key_pulses"]
     assert prediction.contributions == statistics["contributions"]
     assert prediction.pixels == image.data.size
-    # tol: tenths of a second on a machine that does other things; the benchmark compares longer runs
-    assert 0.2 < prediction.total / used < 5.0
+    assert prediction.raw_bytes == raw.data.nbytes
+    assert prediction.key_pulse_interval == raw.metadata["sampling"]["key_pulse_interval"]
+    # it has the run's own stages, focusing, and what a first use loads
+    assert set(prediction.seconds) == {*raw.metadata["seconds"], "focus", "first use"}
+
+
+def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
+    """On a clock that counts its readings a batch lasts as many seconds as it has stages, whatever the machine."""
+    scene = load_scene(resolve("dihedral"), parameters={"sar_path.key_pulse_interval": "8"})
+    readings = itertools.count()
+    _, prediction = predict(scene, clock=lambda: float(next(readings)))
+    batches = -(-scene.radar.track.n_pulses // prediction.key_pulse_interval)
+    assert batches > 1
+    # tol: the last block may be shorter than the first
+    assert prediction.seconds["trace"] == pytest.approx(batches, abs=1.0)
+    assert prediction.seconds["synthesise"] == pytest.approx(batches, abs=1.0)
+
+
+def test_python_says_what_the_command_says() -> None:
+    found = explain(load_scene(resolve("plate")), predicted=False)
+    assert found.prediction is None and "prediction" not in found.as_dict()
+    assert "one flat surface cannot reflect onto itself" in str(found)
+    json.dumps(found.as_dict())

@@ -6,18 +6,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from sarmitsuba.effects.context import Context, PilotResult, Sampling
+from sarmitsuba.effects.context import PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.effect import effects
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
-from sarmitsuba.effects.registry import effects
 from sarmitsuba.errors import RadarError, SarmitsubaError, SarmitsubaWarning, SceneError
 from sarmitsuba.loader.library import resolve
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loader.tables import INTEGRATOR
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import EFFECT_NAMES
 from sarmitsuba.simulation.raw import block_error_db
 
 
@@ -50,18 +50,29 @@ def switched(scene: Scene, **switches: str) -> Scene:
 def test_every_switch_of_the_scene_file_has_an_effect() -> None:
     names = [e.name for e in effects()]
     assert len(set(names)) == len(names)
-    assert set(EFFECT_NAMES) <= set(names)
+    assert {p.name for p in INTEGRATOR.rows if p.choices == ("auto", "on", "off")} == set(names) - {
+        "max_depth"
+    }
     assert all(e.title and 0.0 <= e.cost < 1.0 for e in effects())
 
 
-def test_effects_set_only_fields_of_the_kernel(corner: Scene) -> None:
-    context = Context(corner)
+def test_every_kernel_flag_is_declared_by_the_one_effect_that_sets_it(corner: Scene) -> None:
+    context = SceneContext(corner)
     plan = plan_effects(corner)
     decided = {d.name: d for d in plan.decisions}
-    known = {f.name for f in fields(KernelFlags)}
     for effect in effects():
         for on in (False, True):
-            assert set(effect.flags(on, context, decided)) <= known
+            assert set(effect.flags(on, context, decided)) == set(effect.kernel_flags)
+        assert all(effect.kernel_flags.values())
+    declared = [name for effect in effects() for name in effect.kernel_flags]
+    own = {"double_phase", "taper", "extra"}  # no effects
+    assert sorted([*declared, *own]) == sorted(f.name for f in fields(KernelFlags))
+    assert plan.flags.extra == frozenset()
+
+
+def test_a_switch_that_no_effect_has_is_refused(corner: Scene) -> None:
+    with pytest.raises(SceneError, match="there is no effect 'frensel' to switch; choose of "):
+        plan_effects(switched(corner, frensel="off"))
 
 
 def test_perfect_conductors_need_no_fresnel(corner: Scene) -> None:
@@ -128,7 +139,7 @@ def test_a_tolerance_is_finite_and_negative(value: str) -> None:
 def test_the_tolerance_of_the_scene_holds() -> None:
     assert load_scene(resolve("dihedral")).settings.tolerance_db == -40.0
     asked = load_scene(resolve("dihedral"), parameters={"sar_path.tolerance_db": "-50"})
-    assert asked.settings.tolerance_db == Context(asked).tolerance_db == -50.0
+    assert asked.settings.tolerance_db == SceneContext(asked).tolerance_db == -50.0
     # blocks of pulses are held to it, too
     assert block_error_db(asked.settings) == -50.0
     # kernels two samples wide leave -23 dB themselves
@@ -138,7 +149,7 @@ def test_the_tolerance_of_the_scene_holds() -> None:
 def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
     smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
     sampling = Sampling(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
-    with pytest.warns(SarmitsubaWarning, match="coherent is off as asked; predicted error 0 dB"):
+    with pytest.warns(SarmitsubaWarning, match="coherent is switched off; predicted error 0 dB"):
         plan = plan_effects(switched(smooth, coherent="off"), sampling)
     assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
     assert plan_effects(switched(ground, coherent="on"), sampling).flags.coherent
@@ -156,7 +167,7 @@ def test_fine_tubes_need_no_phase_integral(corner: Scene) -> None:
 def test_channels_follow_the_switch(corner: Scene) -> None:
     cross = replace(corner, radar=replace(corner.radar, channels=("HH", "HV")))
     assert plan_effects(cross).flags.channels == ("HH", "HV")
-    with pytest.warns(SarmitsubaWarning, match="cross_polarisation is off as asked"):
+    with pytest.warns(SarmitsubaWarning, match="cross_polarisation is switched off"):
         plan = plan_effects(switched(cross, cross_polarisation="off"))
     assert plan.flags.channels == plan.apply(cross).radar.channels == ("HH",)
     only = replace(corner, radar=replace(corner.radar, channels=("HV",)))
@@ -194,6 +205,10 @@ def test_only_laws_that_tell_h_from_v_are_polarised(corner: Scene) -> None:
         correlation_length=0.02,
     )
     assert plan_effects(bragg).flags.polarised_diffuse is True
+    rough = with_material(corner, pec=False, permittivity=5 - 0.5j, diffuse_law="roughness", rms_height=1e-3)
+    assert plan_effects(rough).flags.polarised_diffuse is True
+    metal = with_material(corner, diffuse_law="roughness", rms_height=1e-3)
+    assert plan_effects(metal).flags.polarised_diffuse is False
 
 
 def test_a_bent_track_is_flown_unless_switched_off(corner: Scene) -> None:
@@ -202,7 +217,7 @@ def test_a_bent_track_is_flown_unless_switched_off(corner: Scene) -> None:
     bent = track.position + np.array([0.0, 0.0, 0.05]) * np.sin(np.linspace(0, 6, track.n_pulses))[:, None]
     scene = replace(corner, radar=replace(corner.radar, track=Track(track.time, bent, track.velocity)))
     assert decide(scene, "trajectory")[0] is True
-    with pytest.warns(SarmitsubaWarning, match="trajectory is off as asked"):
+    with pytest.warns(SarmitsubaWarning, match="trajectory is switched off"):
         plan = plan_effects(switched(scene, trajectory="off"))
     assert plan.apply(scene).radar.track.is_straight and not scene.radar.track.is_straight
 

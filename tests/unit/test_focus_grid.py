@@ -63,7 +63,7 @@ def test_request_may_come_with_the_data_or_not_at_all() -> None:
 
 def test_impossible_grids_are_refused() -> None:
     radar = ideal_radar(n_samples=64)
-    with pytest.raises(DataError, match="far side of the ground track"):
+    with pytest.raises(DataError, match="on the side it does not look to"):
         default_grid(radar, request(center_x=-2e4))
     with pytest.raises(DataError, match="spacings"):
         default_grid(radar, request(spacing_range=-1.0))

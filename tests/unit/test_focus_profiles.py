@@ -22,7 +22,7 @@ def test_band_weights_are_confined_and_sum_to_the_bandwidth(factor: float, windo
 
 @pytest.mark.parametrize(
     ("interpolation", "bound_db"),
-    # tol: the kernels' own aliasing: linear at 8 x 1.2 samples a cell, the others at 2 x 1.2
+    # tol: the kernels' own aliasing: linear at 8 x 1.2 samples per cell, the others at 2 x 1.2
     [("linear", -50.0), ("kernel:4", -60.0), ("kernel:6", -85.0), ("kernel:8", -105.0)],
 )
 def test_profile_between_samples_is_the_band_limited_function(interpolation: str, bound_db: float) -> None:

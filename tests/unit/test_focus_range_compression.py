@@ -57,5 +57,5 @@ def test_compressed_data_pass_and_wrong_ones_do_not() -> None:
     chirped = to_chirped(raw)
     with pytest.raises(DataError, match="matched"):
         range_compress(chirped, method="best")
-    with pytest.raises(DataError, match="samples a pulse"):
+    with pytest.raises(DataError, match="samples per pulse"):
         range_compress(replace(chirped, data=chirped.data[..., :-5]))

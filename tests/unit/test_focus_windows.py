@@ -28,7 +28,7 @@ def test_impulse_response_is_the_textbook_one(name: str) -> None:
     h = np.cos(2 * np.pi * np.outer(x, u)) @ window(u)
     cut = cut_metrics(x, h**2)
     assert cut.irw == pytest.approx(width, rel=2e-3)  # tol: the table's three decimals
-    assert cut.pslr_db == pytest.approx(sidelobe, abs=0.05)  # tol: sidelobe sampled 32 times a cell
+    assert cut.pslr_db == pytest.approx(sidelobe, abs=0.05)  # tol: sidelobe sampled 32 times per cell
     assert 10 * np.log10(window.broadening) == pytest.approx(
         broadening, abs=2e-3
     )  # tol: the table's decimals

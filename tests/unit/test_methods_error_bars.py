@@ -6,7 +6,12 @@ import pytest
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
-from sarmitsuba.simulation.error_bars import SHARED_DB, SHARED_SCATTER_DB, estimate_error, has_subsets
+from sarmitsuba.simulation.refinement.error_bars import (
+    SHARED_DB,
+    SHARED_SCATTER_DB,
+    estimate_error,
+    has_subsets,
+)
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

@@ -2,15 +2,27 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sarmitsuba.cost.sweep import crop
 from sarmitsuba.errors import DataError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.passes import fingerprint, refine
+from sarmitsuba.simulation.refinement.passes import fingerprint, refine
+from sarmitsuba.simulation.sampling.piece import crop
+
+
+class Ticks:
+    """A clock that goes on by a second whenever it is read."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        self.now += 1.0
+        return self.now
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +39,7 @@ def test_needs_a_target_or_a_limit(scene: Scene) -> None:
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) -> None:
     state = tmp_path / "passes.npz"
+    bounds: Any = {"target_error_db": -90.0, "time_limit": 600.0, "max_passes": 3}
     seen = []
 
     def progress(stage: str, done: float, total: float, info: object, /) -> None:
@@ -35,11 +48,19 @@ def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) ->
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        refine(scene, target_error_db=-90.0, time_limit=600.0, state=state, max_passes=3, progress=progress)
+        refine(
+            scene,
+            target_error_db=-90.0,
+            time_limit=600.0,
+            state=state,
+            max_passes=3,
+            progress=progress,
+            clock=Ticks(),
+        )
     assert state.exists() and "dB error" in seen[0][3] and "dB wanted" in seen[0][3]
-    resumed = refine(scene, target_error_db=-90.0, time_limit=600.0, state=state, max_passes=3)
+    resumed = refine(scene, target_error_db=-90.0, time_limit=600.0, state=state, max_passes=3, clock=Ticks())
     assert resumed.passes == 3 and len(resumed.history) == 3 and not resumed.met
-    straight = refine(scene, target_error_db=-90.0, time_limit=600.0, max_passes=3)
+    straight = refine(scene, clock=Ticks(), **bounds)
     # tol: float32 sums in whatever order threads finish
     error = np.linalg.norm(resumed.raw.data - straight.raw.data) / np.linalg.norm(straight.raw.data)
     assert error < 1e-5
@@ -50,16 +71,16 @@ def test_interrupted_run_goes_on_and_ends_alike(scene: Scene, tmp_path: Path) ->
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 def test_more_passes_are_better_and_a_met_target_ends_them(scene: Scene) -> None:
-    one = refine(scene, time_limit=1e-3)
+    one = refine(scene, time_limit=1e-3, clock=Ticks())
     assert one.passes == 1
-    more = refine(scene, target_error_db=one.error_db - 2.5, time_limit=600.0)
+    more = refine(scene, target_error_db=one.error_db - 2.5, time_limit=600.0, clock=Ticks())
     assert more.met and 1 < more.passes <= 4
     assert more.error_db <= one.error_db - 2.5
 
 
 def test_state_of_another_scene_is_refused(scene: Scene, tmp_path: Path) -> None:
     state = tmp_path / "passes.npz"
-    np.savez(state, data=np.zeros(1), facts=np.frombuffer(b'{"fingerprint": "x"}', dtype=np.uint8))
+    np.savez(state, data=np.zeros(1), record=np.frombuffer(b'{"fingerprint": "x"}', dtype=np.uint8))
     with pytest.raises(DataError, match="passes"):
         refine(scene, time_limit=1.0, state=state)
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sarmitsuba.errors import RadarError, SceneError
-from sarmitsuba.loader.parameters import Param, ParamTable, did_you_mean
+from sarmitsuba.errors import ExtensionError, RadarError, SceneError
 from sarmitsuba.loader.tables import INTEGRATOR, SENSOR, TABLES
+from sarmitsuba.parameters import Param, ParamTable, did_you_mean
 
 WHERE = 'scene.xml: sensor "radar"'
 
@@ -83,7 +83,7 @@ def test_text_of_the_command_line_is_parsed_by_kind() -> None:
 @given(st.floats(allow_nan=True) | st.integers() | st.text(max_size=8) | st.booleans() | st.none())
 def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
     for one in TABLES.values():
-        for param in one.params:
+        for param in one.rows:
             try:
                 read = one.read({param.name: value}, WHERE)[param.name]
             except one.error as error:
@@ -95,8 +95,8 @@ def test_every_parameter_takes_or_refuses_anything(value: object) -> None:
 
 def test_every_default_is_within_its_own_bounds() -> None:
     for one in TABLES.values():
-        for param in one.params:
-            if param.default == "":  # not given; choices apply to given values only
+        for param in one.rows:
+            if param.default in ("", None):  # not given; choices apply to given values only
                 continue
             assert one.read({param.name: param.default}, WHERE)[param.name] == param.default
 
@@ -104,7 +104,7 @@ def test_every_default_is_within_its_own_bounds() -> None:
 def test_every_parameter_is_documented() -> None:
     for one in TABLES.values():
         assert one.doc.endswith(".")
-        for param in one.params:
+        for param in one.rows:
             assert param.doc or param.name == "conductivity"
             assert f"`{param.name}`" in one.markdown()
 
@@ -118,3 +118,15 @@ def test_did_you_mean_is_silent_without_a_close_name() -> None:
     assert did_you_mean("qqq", ["prf", "speed"]) == ""
     with pytest.raises(SceneError, match="plugin knows a, b"):
         table(Param("a", "float", 0.0, "a"), Param("b", "float", 0.0, "b")).read({"zzzz": 1}, WHERE)
+
+
+def test_what_comes_on_top_takes_no_name_that_is_taken() -> None:
+    table = ParamTable(
+        "thing",
+        "bsdf",
+        "A thing.",
+        (Param("size", "float", 1.0, "of it"),),
+        more=lambda: (Param("size", "float", 2.0, "another"),),
+    )
+    with pytest.raises(ExtensionError, match="thing has a parameter 'size' already"):
+        table.read({}, "here")

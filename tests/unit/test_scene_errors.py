@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sarmitsuba.errors import RadarError, SarmitsubaError, SceneError
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 
 PEC = '<bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>'
 GOOD = (
@@ -85,7 +85,11 @@ def test_the_good_one_loads(tmp_path: Path) -> None:
             '"perspective"',
             "scene.xml: no sar_antenna sensor (only perspective); add one, or lay a",
         ),
-        ('value="pec"', 'value="peck"', 'bsdf "metal": material = "peck" is not one of pec, vacuum'),
+        (
+            'value="pec"',
+            'value="peck"',
+            'bsdf "metal": material = "peck" is not one of asphalt_concrete, brick',
+        ),
         ('id="metal"/>', 'id="mettle"/>', 'unresolved reference to "mettle"'),
         (
             '"rectangle"',

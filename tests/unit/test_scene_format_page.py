@@ -1,21 +1,33 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from sarmitsuba.loader.format_doc import fill_tables
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.loader.xml import load_scene
 
-PAGE = Path(__file__).parents[2] / "docs" / "scene_format.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "scene_format.md"
 
 
-def test_the_page_is_up_to_date() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    assert fill_tables(text) == text, "run: python -m sarmitsuba.loader.format_doc docs/scene_format.md"
+@pytest.mark.parametrize("name", ["scene_format.md", "effects.md"])
+def test_the_page_is_up_to_date(name: str) -> None:
+    text = (DOCS / name).read_text(encoding="utf-8")
+    assert "<!-- table: " in text
+    assert fill_tables(text) == text, f"run: python -m sarmitsuba.loader.format_doc docs/{name}"
 
 
 def test_the_page_holds_every_plugin() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {*TABLES, "itu", "bsdfs", "shapes"}
+    assert set(re.findall(r"<!-- table: ([\w-]+) -->", text)) == {
+        *TABLES,
+        "laws",
+        "modes",
+        "itu",
+        "bsdfs",
+        "shapes",
+    }
 
 
 def test_the_smallest_scene_of_the_page_loads(tmp_path: Path) -> None:

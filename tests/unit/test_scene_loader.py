@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.loader.library import list_scenes
-from sarmitsuba.loader.xml import load_scene
-from sarmitsuba.mesh.meshes import write_ply
-from sarmitsuba.scene.settings import EFFECT_NAMES
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.mesh.ply import write_ply
 
 SENSOR = '<sensor type="sar_antenna" id="radar"/>'
 PEC = '<bsdf type="radar_material"><string name="material" value="pec"/></bsdf>'
@@ -28,7 +28,7 @@ def test_every_shipped_scene_loads_without_a_warning(entry) -> None:
         scene = load_scene(entry.name)
     assert scene.path == entry.path
     assert scene.geometry.n_faces or scene.points
-    assert set(scene.settings.effects) == set(EFFECT_NAMES)
+    assert set(scene.settings.effects) == {e.name for e in switchable_effects()}
 
 
 def test_transforms_compose_in_double_precision(tmp_path: Path) -> None:
@@ -252,7 +252,7 @@ def test_munich_loads_unchanged() -> None:
     path = Path(next(iter(spec.submodule_search_locations))) / "rt" / "scenes" / "munich" / "munich.xml"
     if not path.is_file():
         pytest.skip("this sionna-rt carries no Munich scene")
-    with pytest.warns(SarmitsubaWarning, match="gets an rms height of 1 mm") as said:
+    with pytest.warns(SarmitsubaWarning, match="is given an rms height of 1 mm") as said:
         scene = load_scene(path, radar="airborne_x")
     assert len(said) == 1
     smooth = load_scene(path, radar="airborne_x", parameters={"sar_path.default_rms_height": "0"})

@@ -4,15 +4,14 @@ import pytest
 from sarmitsuba.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.tables import RADAR_MATERIAL, RADIO_MATERIAL
-from sarmitsuba.materials.library import (
-    ITU_BANDS,
+from sarmitsuba.materials.bsdfs import (
     ORDINARY_BSDFS,
-    itu_permittivity,
     ordinary_material,
     radar_material,
     sionna_itu_name,
     sionna_material,
 )
+from sarmitsuba.materials.library import MATERIALS
 
 X_BAND = 9.6e9
 WHERE = 'scene.xml: bsdf "m"'
@@ -25,7 +24,8 @@ def build(frequency: float = X_BAND, **given: object):
 
 def test_concrete_at_10_ghz() -> None:
     # ITU-R P.2040-3: eps' = 5.24, sigma = 0.0462 * 10^0.7822 = 0.27980 S/m
-    eps, note = itu_permittivity("concrete", 10e9)
+    concrete = MATERIALS["concrete"]
+    eps, note = concrete.permittivity(10e9), concrete.note(10e9)
     sigma = 0.0462 * 10**0.7822
     assert eps.real == 5.24
     assert eps.imag == pytest.approx(
@@ -36,20 +36,21 @@ def test_concrete_at_10_ghz() -> None:
 
 
 def test_medium_dry_ground_has_a_falling_permittivity() -> None:
-    eps, _ = itu_permittivity("medium_dry_ground", 5e9)
+    eps = MATERIALS["medium_dry_ground"].permittivity(5e9)
     assert eps.real == pytest.approx(15 * 5**-0.1, rel=1e-12)  # tol: rounding
 
 
 def test_outside_its_bands_the_nearest_is_used_and_said() -> None:
-    eps, note = itu_permittivity("brick", 94e9)
+    brick = MATERIALS["brick"]
+    eps, note = brick.permittivity(94e9), brick.note(94e9)
     assert "brick" in note and "94 GHz" in note
     assert eps.real == 4.15  # the band from 110 GHz is nearer than the one to 40 GHz
 
 
-@pytest.mark.parametrize("name", ITU_BANDS)
+@pytest.mark.parametrize("name", MATERIALS.names)
 def test_every_material_is_passive(name: str) -> None:
     for frequency in (1e9, 10e9, 94e9, 300e9):
-        eps, _ = itu_permittivity(name, frequency)
+        eps = MATERIALS[name].permittivity(frequency)
         assert eps.real >= 1.0 and eps.imag <= 0.0
 
 

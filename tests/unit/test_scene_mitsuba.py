@@ -11,8 +11,8 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.loader.tables import TABLES
-from sarmitsuba.loader.xml import load_scene
 
 MIXED = """<scene version="3.0.0">
 <integrator type="sar_path"><integer name="max_depth" value="2"/><string name="speckle" value="off"/></integrator>
@@ -145,7 +145,7 @@ def test_ordinary_bsdfs_of_a_loaded_scene(mi) -> None:
 
 def test_what_cannot_be_read_is_said(mi) -> None:
     light = mi.load_dict({"type": "scene", "camera": {"type": "perspective"}, "a": {"type": "cube"}})
-    with pytest.raises(RadarError, match="the sensor is no sar_antenna"):
+    with pytest.raises(RadarError, match="the sensor is not a sar_antenna"):
         scene_from_mitsuba(light)
     group = {"type": "shapegroup", "box": {"type": "cube"}}
     instanced = mi.load_dict(

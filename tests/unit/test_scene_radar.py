@@ -1,24 +1,24 @@
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.loader.radar_builder import RadarInput, build_radar
-from sarmitsuba.loader.tables import FILM, SENSOR
+from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning
+from sarmitsuba.loader.radar_builder import build_radar
+from sarmitsuba.loader.radar_parameters import RadarInput
+from sarmitsuba.radar.mode import MODES, AimGeometry
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
 
 
 def described(film: dict | None = None, folder: Path = Path(), **sensor: object) -> RadarInput:
     film = film or {}
-    return RadarInput(
-        SENSOR.read(sensor, "s"),
-        FILM.read(film, "f"),
-        frozenset(sensor),
-        frozenset(film),
+    return RadarInput.read(
+        sensor,
+        film,
         'scene.xml: sensor "radar"',
         "scene.xml: film range_film",
         folder,
@@ -195,14 +195,14 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
             "does not hold the scene, whose slant ranges",
         ),
         (SMALL, {"near_range": 200.0, "far_range": 100.0}, {}, "near_range = 200 m is not below far_range"),
-        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "nothing to see; move the aim point"),
-        (SMALL, {"image_center_x": 3000.0}, {}, "nothing to see"),
+        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "they do not overlap; move the aim point"),
+        (SMALL, {"image_center_x": 3000.0}, {}, "they do not overlap"),
         (SMALL, {"image_height": 8000.0}, {}, "image_height = 8000 m is not below the antenna at 7071"),
-        (SMALL, {"image_center_x": -8000.0}, {}, "far side of the ground track"),
-        (SMALL, {"image_extent_range": 2e4}, {}, "reaches across the ground track"),
+        (SMALL, {"image_center_x": -8000.0}, {}, "on the side it does not look to"),
+        (SMALL, {"image_extent_range": 2e4}, {}, "reaches past the ground track"),
         (SMALL, {"sampling_rate": 1e8}, {}, "below the bandwidth"),
-        (SMALL, {}, {"polarisation": "HH,HH"}, "is no list of channels"),
-        (SMALL, {}, {"polarisation": ""}, "is no list of channels"),
+        (SMALL, {}, {"polarisation": "HH,HH"}, "is not a list of channels"),
+        (SMALL, {}, {"polarisation": ""}, "is not a list of channels"),
         (SMALL, {}, {"azimuth_beamwidth_deg": 2.0}, "no effect with pattern = isotropic"),
         (
             SMALL,
@@ -244,3 +244,29 @@ def test_huge_geometry_gets_a_bounded_image() -> None:
     _, image, notes = build(np.array([[-5000.0, -5000, 0], [5000, 5000, 10]]), azimuth_resolution=0.5)
     assert image.extent_azimuth == pytest.approx(1024.0)  # tol: rounding
     assert any("image_extent_azimuth limited" in note for note in notes)
+
+
+def test_every_mode_holds_the_beam_on_the_aim_point_at_mid_aperture() -> None:
+    assert set(MODES.names) >= {"stripmap", "spotlight"}
+    for mode in MODES:
+        radar, _, _ = build(mode=mode.name, squint_angle_deg=12.0, n_pulses=33, prf=200.0)
+        assert radar.mode_law is mode and mode.doc
+        sight = -radar.track.center_position / np.linalg.norm(radar.track.center_position)
+        np.testing.assert_allclose(radar.pointing.boresight[16], sight, atol=1e-12)  # tol: rounding
+
+
+@pytest.mark.parametrize("mode", list(MODES), ids=lambda mode: mode.name)
+def test_aperture_and_azimuth_cell_are_inverse(mode) -> None:
+    geometry = AimGeometry(
+        np.zeros(3), np.array([-3e3, -500.0, 4e3]), np.array([0, 1.0, 0]), np.array([1.0, 0, 0])
+    )
+    length = mode.aperture_length(geometry, 0.03, 0.4)
+    assert mode.azimuth_cell(geometry, 0.03, length) == pytest.approx(0.4, rel=1e-12)  # tol: rounding
+
+
+def test_an_unknown_mode_is_refused_with_the_names() -> None:
+    with pytest.raises(RadarError, match=r'mode = "spotligth" is not one of .*; did you mean "spotlight"'):
+        build(mode="spotligth")
+    radar, _, _ = build()
+    with pytest.raises(ExtensionError, match="radar mode 'elsewhere' is unknown"):
+        _ = replace(radar, mode="elsewhere").mode_law

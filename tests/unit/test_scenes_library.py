@@ -12,9 +12,10 @@ import trimesh
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
-from sarmitsuba.loader.xml import load_scene
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.city import city_mesh, make_city
-from sarmitsuba.mesh.meshes import clean_mesh, write_ply
+from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import sphere
 
 WANTED = {

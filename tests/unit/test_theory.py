@@ -6,6 +6,9 @@ from scipy.integrate import quad
 
 from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.fresnel import fresnel
+from sarmitsuba.materials.material import Material
 from sarmitsuba.units import db_from_power
 
 # 10 wavelengths
@@ -65,7 +68,7 @@ def test_fresnel_limits() -> None:
             assert np.all(np.isfinite(r))
             assert np.all(np.abs(r) <= 1.0 + 1e-15)  # tol: float64 rounding
     te, tm = theory.fresnel(c, 1.0)
-    assert not te.any() and not tm.any()
+    np.testing.assert_allclose([te, tm], 0.0, atol=1e-15)  # tol: the root of c^2
     te, tm = theory.fresnel(0.0, 5.0 - 1.0j)
     np.testing.assert_allclose([te, tm], -1.0, atol=1e-15)  # grazing: -1 for both; tol: rounding
     te, tm = theory.fresnel(1.0, 1.0 + 1e-12)  # the plain difference of square roots keeps 4 digits here
@@ -75,7 +78,90 @@ def test_fresnel_limits() -> None:
     assert 25.9 < np.degrees(np.arcsin(1.0 / np.sqrt(5.24))) < 25.91
     te, tm = theory.fresnel(np.cos(angle), 1.0 / 5.24)
     np.testing.assert_allclose(np.abs([te[1:], tm[1:]]), 1.0, atol=1e-14)  # tol: rounding
-    assert abs(te[0]) < 1.0 and np.all(theory.refracted_cosine(np.cos(angle), 1.0 / 5.24).imag <= 0.0)
+    assert abs(te[0]) < 1.0 and np.all(theory.normal_wavenumber(np.cos(angle), 1.0 / 5.24).imag <= 0.0)
+
+
+def test_fresnel_leaves_what_goes_through() -> None:
+    """1 - |R|^2 is the normal power flow of the refracted wave, whose fields the boundary conditions give."""
+    c = np.linspace(0.01, 1.0, 100)
+    for eps in (2.0, 5.24 - 0.507j, 62.0 - 32.0j, 1.0 - 1e3j):
+        q = theory.normal_wavenumber(c, eps)
+        te, tm = theory.fresnel(c, eps)
+        # tol: float64 rounding
+        np.testing.assert_allclose(1 - abs(te) ** 2, abs(1 + te) ** 2 * q.real / c, rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(
+            1 - abs(tm) ** 2, abs(1 + tm) ** 2 * (q / eps).real / c, rtol=1e-9, atol=1e-14
+        )
+
+
+def test_fresnel_of_the_package_is_the_same_law() -> None:
+    """Two derivations that share no line: admittances here, analytic differences in ``materials``."""
+    c = np.concatenate([[0.0, 1e-6, 1e-3], np.linspace(0.01, 1.0, 397)])
+    for eps in (1.0, 1.5, 4.0, 0.19, 5.24 - 0.507j, 15.0 - 3.0j, 62.0 - 32.0j, 1.0 - 1.8e7j):
+        for ours, theirs in zip(theory.fresnel(c, eps), fresnel(c, eps), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-13)  # tol: float64 rounding
+
+
+# ---------------------------------------------------------------- rough surfaces
+
+
+def test_small_perturbation_published() -> None:
+    # reference: 5.405 GHz, s = 2 mm, l = 6 cm, eps = 15 - 3j, exponential; hh and vv, dB
+    rows = {
+        20: (-12.865086816709269, -11.36050285787736),
+        30: (-18.74823541549841, -15.524147164304198),
+        40: (-23.650872421261283, -18.211378431034714),
+        50: (-28.405358225420564, -20.286688202114675),
+    }
+    k = 2.0 * np.pi * 5.405e9 / SPEED_OF_LIGHT
+    sigma = theory.small_perturbation_sigma0(np.radians(list(rows)), 15.0 - 3.0j, k, 2e-3, 0.06)
+    np.testing.assert_allclose(db_from_power(sigma).T, list(rows.values()), atol=1e-6)  # tol: quadrature
+
+
+def test_kirchhoff_published() -> None:
+    # reference: rms slope 0.2, eps = 15 - 3j, dB
+    rows = {0: 6.453047083356504, 10: 5.031146426115752, 20: 0.3420055338077026, 30: -9.143781597112985}
+    reflectivity = abs(theory.fresnel(1.0, 15.0 - 3.0j)[0]) ** 2
+    for angle, level in rows.items():
+        sigma = theory.kirchhoff_sigma0(
+            np.radians(angle), np.pi / 2, 1.0, 0.2, np.sqrt(2.0), reflectivity, "geometrical_optics"
+        )
+        assert float(db_from_power(sigma)) == pytest.approx(level, abs=1e-9)  # tol: float64 rounding
+
+
+def test_integral_equation_meets_small_perturbation() -> None:
+    """For small heights both are the same first order."""
+    theta = np.radians([15.0, 30.0, 60.0])
+    iem = theory.integral_equation_sigma0(theta, 15.0 - 3.0j, 1.0, 1e-3, 2.0)
+    spm = theory.small_perturbation_sigma0(theta, 15.0 - 3.0j, 1.0, 1e-3, 2.0)
+    np.testing.assert_allclose(iem, spm, rtol=2e-4)  # tol: next order, (k s)^2, and the transition's
+
+
+@pytest.mark.parametrize("law", ["small_perturbation", "iem", "roughness", "kirchhoff"])
+def test_tables_of_the_package_are_the_same_laws(law: str) -> None:
+    """Two programs of each law: series, quadratures and published coefficients here, closed forms in ``materials``."""
+    degrees = np.array([0.0, 5.0, 20.0, 45.0, 70.0])
+    s, length = {"small_perturbation": (0.001, 0.03), "kirchhoff": (0.02, 0.141)}.get(law, (0.004, 0.04))
+    material = Material(
+        "soil", permittivity=15.0 - 3.0j, diffuse_law=law, rms_height=s, correlation_length=length
+    )
+    k, theta = 2.0 * np.pi / WAVELENGTH, np.radians(degrees)
+    if law == "small_perturbation":
+        closed = theory.small_perturbation_sigma0(theta, material.permittivity, k, s, length)
+    elif law == "iem":
+        closed = theory.integral_equation_sigma0(theta, material.permittivity, k, s, length)
+    elif law == "roughness":
+        closed = theory.shared_energy_sigma0(theta, material.permittivity, k * s)
+    else:
+        r2 = abs(theory.fresnel(1.0, material.permittivity)[0]) ** 2
+        same = [
+            theory.kirchhoff_sigma0(t, np.pi / 2, WAVELENGTH, s, length, r2, "geometrical_optics")
+            for t in theta
+        ]
+        closed = (np.asarray(same), np.asarray(same))
+    # 0.1 degrees apart: every angle is a node
+    table = diffuse_tables(material, WAVELENGTH, 901).sigma0(theta)
+    np.testing.assert_allclose(db_from_power(table), db_from_power(closed), atol=1e-4)  # tol: quadratures
 
 
 # ---------------------------------------------------------------- sphere

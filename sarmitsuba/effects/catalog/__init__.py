@@ -1,1 +1,1 @@
-"""One effect a module; each defines ``EFFECT``. They are found by name, nothing lists them."""
+"""One effect per module, each registered in ``EFFECTS``; nothing else lists them."""

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.scene.scene import Scene
 
 
@@ -19,9 +20,15 @@ class AntennaPattern(Effect):
 
     name = "antenna_pattern"
     title = "beam over the scene"
+    documentation = "two-way beam pattern"
+    off_when = "isotropic, or flat over scene and aperture"
+    off_means = "an isotropic beam, for focusing too"
     rank = 90
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "antenna_pattern": "gain over direction at launch and at every closing",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         radar = context.scene.radar
         kind = radar.antenna.pattern
@@ -41,7 +48,9 @@ class AntennaPattern(Effect):
             True, f"{kind} beam falls to {20 * np.log10(max(float(gain.min()), 1e-15)):.1f} dB", error
         )
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Gain at launch and at every closing."""
         return {"antenna_pattern": on}
 
@@ -51,4 +60,4 @@ class AntennaPattern(Effect):
         return replace(scene, radar=replace(scene.radar, antenna=antenna))
 
 
-EFFECT = AntennaPattern()
+EFFECTS.register(AntennaPattern())

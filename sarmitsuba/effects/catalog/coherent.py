@@ -1,12 +1,13 @@
 """Physical-optics return of the smooth part of the surfaces."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
@@ -22,12 +23,18 @@ class Coherent(Effect):
 
     name = "coherent"
     title = "coherent return of smooth surfaces"
+    documentation = "physical-optics return of the smooth part of the surfaces"
+    off_when = "roughness leaves nothing of it beside the clutter"
+    off_means = "no physical-optics closing"
     rank = 20
     cost = 0.06
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "coherent": "closing to the antenna by physical optics",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        smooth = [m.name for m in context.materials if m.diffuse_law == "none" or m.rms_height == 0.0]
+        smooth = [m.name for m in context.materials if not m.scatters or m.rms_height == 0.0]
         if not context.materials:
             return Assessment(False, "no mesh", -np.inf)
         scene = context.scene
@@ -51,7 +58,7 @@ class Coherent(Effect):
             )
         return Assessment(True, f"coherent cell up to {bound:.0f} dB over the clutter", min(bound, 0.0))
 
-    def _measured(self, context: Context, smooth: list[str]) -> Assessment:
+    def _measured(self, context: SceneContext, smooth: list[str]) -> Assessment:
         pilot = context.pilot
         why = f"{names(smooth)} smooth" if smooth else "mirror chains keep some of the coherent wave"
         if pilot is None or pilot.total == 0.0:
@@ -71,12 +78,14 @@ class Coherent(Effect):
             True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
         )
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Closing to the antenna by physical optics."""
         return {"coherent": on}
 
 
-def _single_bounce_db(context: Context) -> float:
+def _single_bounce_db(context: SceneContext) -> float:
     """Upper bound of a cell's coherent over its diffuse power after one bounce, any orientation, dB."""
     if context.sampling is None:
         return np.inf
@@ -94,4 +103,4 @@ def _single_bounce_db(context: Context) -> float:
     return float(worst)
 
 
-EFFECT = Coherent()
+EFFECTS.register(Coherent())

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 
@@ -17,10 +18,16 @@ class CrossPolarisation(Effect):
 
     name = "cross_polarisation"
     title = "cross-polar channels"
+    documentation = "channels with different transmit and receive polarisation"
+    off_when = "the radar records no cross-polar channel"
+    off_means = "those channels leave the data"
     rank = 70
     cost = 0.12
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "channels": "polarisation channels to record",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         channels = context.scene.radar.channels
         cross = [c for c in channels if c[0] != c[1]]
@@ -28,7 +35,9 @@ class CrossPolarisation(Effect):
             return Assessment(True, f"the radar records {', '.join(channels)}", 0.0)
         return Assessment(False, f"only {', '.join(channels)} asked for", -np.inf)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Channels to record."""
         return {"channels": context.scene.radar.channels if on else _co_polar(context.scene)}
 
@@ -47,4 +56,4 @@ def _co_polar(scene: Scene) -> tuple[str, ...]:
     return kept
 
 
-EFFECT = CrossPolarisation()
+EFFECTS.register(CrossPolarisation())

@@ -1,12 +1,13 @@
 """Cross-polar diffuse return."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 
 
@@ -18,12 +19,18 @@ class Depolarisation(Effect):
 
     name = "depolarisation"
     title = "cross-polar diffuse return"
+    documentation = "cross-polar diffuse return, at each material's cross_polar_ratio_db"
+    off_when = "no cross-polar ratio that a channel can show"
+    off_means = "one scalar per cell"
     rank = 80
     cost = 0.03
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "depolarisation": "two more Gaussians per cell and a full scattering matrix",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        ratios = {m.name: m.cross_polar_ratio_db for m in context.materials if m.diffuse_law != "none"}
+        ratios = {m.name: m.cross_polar_ratio_db for m in context.materials if m.scatters}
         strongest = max(ratios.values(), default=-np.inf)
         if not decided["diffuse"].on or not np.isfinite(strongest):
             return Assessment(False, "no diffuse cross-polar return", -np.inf)
@@ -36,9 +43,11 @@ class Depolarisation(Effect):
             )
         return Assessment(True, f"cross-polar ratio up to {strongest:.0f} dB on {given}", strongest)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Two more Gaussians a cell and a full scattering tensor."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Two more Gaussians per cell and a full scattering matrix."""
         return {"depolarisation": on}
 
 
-EFFECT = Depolarisation()
+EFFECTS.register(Depolarisation())

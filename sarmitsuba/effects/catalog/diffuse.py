@@ -1,14 +1,18 @@
 """Persistent diffuse scatterers on rough surfaces."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.diffuse import diffuse_tables
+
+# angles at which hh and vv are compared, 6 degrees apart
+_POLARISED_NODES = 16
 
 
 class Diffuse(Effect):
@@ -16,12 +20,19 @@ class Diffuse(Effect):
 
     name = "diffuse"
     title = "diffuse scattering"
+    documentation = "incoherent return of rough surfaces"
+    off_when = "no material scatters diffusely"
+    off_means = "no scatterers, no diffuse polarisation"
     rank = 10
     cost = 0.65
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "diffuse": "persistent diffuse scatterers",
+        "polarised_diffuse": "diffuse laws that differ between h and v, which need the plane of incidence",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        rough = [m.name for m in context.materials if m.diffuse_law != "none"]
+        rough = [m.name for m in context.materials if m.scatters]
         if not rough:
             return Assessment(False, "no material scatters diffusely", -np.inf)
         error = 0.0
@@ -29,19 +40,17 @@ class Diffuse(Effect):
             error = context.pilot.energy_db(slice(1, 3), 1)
         return Assessment(True, f"diffuse law on {names(rough)}", error)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """Laws that tell h from v need the plane of incidence; that is a property of the law, not an effect."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Laws that tell h from v need the plane of incidence: a property of the law, not an effect."""
         return {"diffuse": on, "polarised_diffuse": on and _polarised(context)}
 
 
-def _polarised(context: Context) -> bool:
+def _polarised(context: SceneContext) -> bool:
+    """Whether hh and vv of some material's law differ, as its table has them."""
     wavelength = context.scene.radar.waveform.wavelength
-    for m in context.materials:
-        if m.diffuse_law in ("small_perturbation", "iem"):  # the others treat h and v alike
-            table = diffuse_tables(m, wavelength, 16)
-            if not np.allclose(table.amplitude_h, table.amplitude_v, rtol=1e-3):
-                return True
-    return False
+    return any(diffuse_tables(m, wavelength, _POLARISED_NODES).polarised for m in context.materials)
 
 
-EFFECT = Diffuse()
+EFFECTS.register(Diffuse())

@@ -1,12 +1,13 @@
 """Diffuse hits behind mirrors: the reversed path and the way back along the chain."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class DiffuseDouble(Effect):
@@ -18,10 +19,16 @@ class DiffuseDouble(Effect):
 
     name = "diffuse_double"
     title = "reciprocal and retro diffuse paths"
+    documentation = "diffuse return after a mirror chain, with its reciprocal path"
+    off_when = "no diffuse hit behind a mirror, or too little of it"
+    off_means = "no reciprocal path, no way back along the chain"
     rank = 60
     cost = 0.26
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "diffuse_double": "reciprocal and retro paths of diffuse hits behind mirrors, two more contributions per hit",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
@@ -38,9 +45,11 @@ class DiffuseDouble(Effect):
             True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
         )
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """A second operator and a third contribution at every hit."""
         return {"diffuse_double": on}
 
 
-EFFECT = DiffuseDouble()
+EFFECTS.register(DiffuseDouble())

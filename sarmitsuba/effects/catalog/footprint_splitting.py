@@ -1,12 +1,13 @@
 """Sharing of ray tubes among the scatterer cells that they overlap."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.errors import SceneError
 
 
@@ -26,10 +27,16 @@ class FootprintSplitting(Effect):
 
     name = "footprint_splitting"
     title = "tubes shared among cells"
+    documentation = "ray footprints split among the scatterer cells that they overlap"
+    off_when = "bare level ground: one plane, one bounce, nothing coherent"
+    off_means = "rays through the centres of the scatterer cells, one contribution per ray instead of four"
     rank = 65
     cost = 0.44
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "footprint_splitting": "share each tube among the cells it overlaps; off gives it to its middle's cell",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
@@ -43,32 +50,34 @@ class FootprintSplitting(Effect):
             return Assessment(True, obstacle, float("nan"))
         error = _rim_db(context)
         if error <= context.tolerance_db:
-            return Assessment(False, "bare level ground: one ray through the middle of each cell", error)
+            return Assessment(False, "bare level ground: one ray through the centre of each cell", error)
         return Assessment(True, f"the ground's rim cuts cells: {error:.0f} dB", error)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One contribution a tube in place of four; rays on a grid of their own."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """One contribution per tube in place of four; rays on a grid of their own."""
         return {"footprint_splitting": on}
 
 
 _BOUNCES = "more than one bounce"
 _COHERENT = "coherent tubes cross the cells"
-_SPACED = "rays as far apart as asked for"
+_SPACED = "a ray spacing is given"
 _HALVES = "error bars compare independent rays"
 _RASTER = "the raster method has no rays"
 _SHAPE = "not one level plane"
 # what the user can do about each
 _REMEDIES = {
-    _BOUNCES: "max_depth = 1 leaves the others out, footprint_splitting = auto keeps them",
-    _COHERENT: "coherent = off leaves the coherent return out, footprint_splitting = auto keeps it",
-    _SPACED: "leave ray_spacing and diffuse_ray_spacing out",
+    _BOUNCES: "set max_depth = 1 to leave the others out, or footprint_splitting = auto to keep them",
+    _COHERENT: "set coherent = off to leave it out, or footprint_splitting = auto to keep it",
+    _SPACED: "leave out ray_spacing and diffuse_ray_spacing",
     _HALVES: "render with --no-error-bars (keep_subsets = false)",
-    _RASTER: "take another method, or footprint_splitting = auto",
-    _SHAPE: "this scene needs footprint_splitting = auto",
+    _RASTER: "use another method, or set footprint_splitting = auto",
+    _SHAPE: "set footprint_splitting = auto for this scene",
 }
 
 
-def _obstacle(context: Context, decided: Mapping[str, Decision]) -> str:
+def _obstacle(context: SceneContext, decided: Mapping[str, Decision]) -> str:
     """What stands against it, empty when nothing does."""
     settings = context.scene.settings
     if decided["max_depth"].on:
@@ -86,7 +95,7 @@ def _obstacle(context: Context, decided: Mapping[str, Decision]) -> str:
     return ""
 
 
-def _rim_db(context: Context) -> float:
+def _rim_db(context: SceneContext) -> float:
     """Energy of what is in the wrong cell along the ground's rim, over that of the ground, dB."""
     if context.sampling is None:
         return np.inf
@@ -97,4 +106,4 @@ def _rim_db(context: Context) -> float:
     return 10.0 * float(np.log10(share)) if share > 0 else -np.inf
 
 
-EFFECT = FootprintSplitting()
+EFFECTS.register(FootprintSplitting())

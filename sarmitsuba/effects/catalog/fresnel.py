@@ -1,12 +1,13 @@
 """Fresnel coefficients of dielectrics and metals; without them every surface is a perfect conductor."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import names
 from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.materials.material import Material
@@ -17,10 +18,16 @@ class Fresnel(Effect):
 
     name = "fresnel"
     title = "Fresnel coefficients"
+    documentation = "reflection coefficients of the materials; off: every surface is a perfect conductor"
+    off_when = "every surface is a perfect conductor, or nothing reflects and nothing returns coherently"
+    off_means = "`E - 2 (E.n) n` only"
     rank = 30
     cost = 0.04
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "fresnel": "Fresnel coefficients; off treats every surface as a perfect conductor",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         lossy = [m for m in context.materials if not m.pec]
         if not lossy:
@@ -34,7 +41,9 @@ class Fresnel(Effect):
             )
         return Assessment(True, f"dielectric {names([m.name for m in lossy])}", error)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Complex reflection coefficients in the kernel."""
         return {"fresnel": on}
 
@@ -47,4 +56,4 @@ def _error_db(m: Material) -> float:
     return 20.0 * float(np.log10(error)) if error > 0 else -np.inf
 
 
-EFFECT = Fresnel()
+EFFECTS.register(Fresnel())

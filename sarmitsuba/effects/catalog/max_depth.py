@@ -1,12 +1,13 @@
 """How many bounces are followed."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context, PilotResult
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import PilotResult, SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 # bounces followed when neither a proof nor a pilot says how many matter. Rays that leave the scene cost nothing
 # more, so a small run loses little by it
@@ -18,10 +19,15 @@ class MaxDepth(Effect):
 
     name = "max_depth"
     title = "bounces beyond the first"
+    off_when = "one bounce is proven, or the pilot finds no more"
+    off_means = "no loop, no reflection, no virtual antenna"
     rank = 0
     cost = 0.56
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "multi_bounce": "more than one hit; off leaves the loop and the reflection out",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         settings = context.scene.settings
         if settings.method == "raster":
@@ -36,11 +42,15 @@ class MaxDepth(Effect):
         if proof:
             return Assessment(False, proof, -np.inf, 1)
         if context.pilot is None:
-            why = f"no proof of fewer and no pilot for so small a run: {DEFAULT_DEPTH} are followed"
+            why = (
+                f"one bounce is not proven and the run is too short for a pilot: {DEFAULT_DEPTH} are followed"
+            )
             return Assessment(True, why, float("nan"), DEFAULT_DEPTH)
         return _measured(context.pilot, context.tolerance_db)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Without it the loop and the reflection are left out."""
         depth = decided[self.name].value or DEFAULT_DEPTH
         return {"multi_bounce": depth > 1}
@@ -77,4 +87,4 @@ def _text(value_db: float) -> str:
     return f"{value_db:.0f} dB" if np.isfinite(value_db) else "nothing"
 
 
-EFFECT = MaxDepth()
+EFFECTS.register(MaxDepth())

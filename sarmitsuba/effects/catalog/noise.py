@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.constants import BOLTZMANN
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.scene.scene import Scene
 
 
@@ -19,9 +19,12 @@ class Noise(Effect):
 
     name = "noise"
     title = "receiver noise"
+    documentation = "thermal noise of the receiver"
+    off_when = "no noise temperature"
+    off_means = "nothing is added"
     rank = 140
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         radar = context.scene.radar
         if radar.noise_temperature <= 0:
@@ -36,11 +39,11 @@ class Noise(Effect):
                 context.pilot.clutter if context.pilot.clutter > 0 else float(context.pilot.peak[3].max())
             )
             error = 10.0 * float(np.log10(rcs / reference))
-        return Assessment(True, f"{radar.noise_temperature:g} K: {level:.0f} dBsm a cell", error)
+        return Assessment(True, f"{radar.noise_temperature:g} K: {level:.0f} dBsm per cell", error)
 
     def without(self, scene: Scene) -> Scene:
         """A receiver at zero kelvin."""
         return replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
 
 
-EFFECT = Noise()
+EFFECTS.register(Noise())

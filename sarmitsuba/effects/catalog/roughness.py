@@ -1,12 +1,13 @@
 """Coherent loss of rough surfaces."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 
 
@@ -15,10 +16,16 @@ class Roughness(Effect):
 
     name = "roughness"
     title = "coherent loss by roughness"
+    documentation = "loss of coherent reflection to the rms height"
+    off_when = "every rms height takes less than the tolerance from the wave"
+    off_means = "no exponentials"
     rank = 40
     cost = 0.03
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "roughness": "coherent loss of rough surfaces: an exponential at every closing and reflection",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         height = max((m.rms_height for m in context.materials), default=0.0)
         if height == 0.0:
@@ -32,9 +39,11 @@ class Roughness(Effect):
             return Assessment(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
         return Assessment(True, rough, error)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """An exponential at every closing and reflection."""
         return {"roughness": on}
 
 
-EFFECT = Roughness()
+EFFECTS.register(Roughness())

@@ -1,12 +1,13 @@
 """Complex Gaussian scatterers, the source of speckle."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class Speckle(Effect):
@@ -17,17 +18,27 @@ class Speckle(Effect):
 
     name = "speckle"
     title = "Gaussian scatterers"
+    documentation = (
+        "persistent random reflectivity of the diffuse scatterers; off: equal modulus, random phase"
+    )
+    off_when = "nothing is diffuse"
+    off_means = "speckle coefficients of unit modulus and random phase"
     rank = 50
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "speckle": "complex Gaussian scatterers; off gives each cell the same modulus and a random phase",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["diffuse"].on:
             return Assessment(False, "nothing diffuse", -np.inf)
         return Assessment(True, "diffuse cells carry speckle", 10.0 * float(np.log10(2.0 - np.sqrt(np.pi))))
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """Box-Muller on the cell's hash."""
         return {"speckle": on}
 
 
-EFFECT = Speckle()
+EFFECTS.register(Speckle())

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.text import length
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
@@ -18,9 +18,12 @@ class Trajectory(Effect):
 
     name = "trajectory"
     title = "trajectory errors"
+    documentation = "deviation of the track from a straight line; off: the best straight line"
+    off_when = "the track is straight"
+    off_means = "the best straight line, for focusing too"
     rank = 130
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         track = context.scene.radar.track
         if track.is_straight:
@@ -50,4 +53,4 @@ def _fit(track: Track) -> NDArray[np.float64]:
     return np.asarray(mean + line * slope)
 
 
-EFFECT = Trajectory()
+EFFECTS.register(Trajectory())

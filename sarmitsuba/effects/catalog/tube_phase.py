@@ -1,12 +1,13 @@
 """Phase integral over a ray's footprint."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 
 
@@ -19,14 +20,22 @@ class TubePhase(Effect):
 
     name = "tube_phase"
     title = "phase integral of ray tubes"
+    documentation = "phase integral over each ray tube's footprint"
+    off_when = "nothing coherent, or rays a small part of a wavelength apart"
+    off_means = (
+        "the area of a ray's patch instead of the phase integral over it (a sum over its four corners)"
+    )
     rank = 120
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "tube_phase": "the phase integral over a ray's patch; off takes the patch's area",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["coherent"].on:
             return Assessment(False, "nothing coherent", -np.inf)
         if context.sampling is None:
-            return Assessment(True, "tubes may be wide", float("nan"))
+            return Assessment(True, "the width of the tubes is not known yet", float("nan"))
         spacing = context.sampling.ray_spacing
         cosine = max(context.incidence_cosine[0], 0.05)
         x = context.wavenumber * spacing * max(1.0, np.sqrt(1.0 - cosine**2) / cosine)
@@ -40,9 +49,11 @@ class TubePhase(Effect):
             error,
         )
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
         """A sum over the four corners of the ray's patch at every closing; off, the patch's area."""
         return {"tube_phase": on}
 
 
-EFFECT = TubePhase()
+EFFECTS.register(TubePhase())

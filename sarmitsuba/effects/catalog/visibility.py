@@ -1,12 +1,13 @@
 """Shadow rays from the second hit on."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from sarmitsuba.effects.context import Context
-from sarmitsuba.effects.registry import Assessment, Decision, Effect
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
@@ -14,12 +15,18 @@ class Visibility(Effect):
 
     name = "visibility"
     title = "shadow rays"
+    documentation = "shadow rays, which test whether the antenna is visible from a hit"
+    off_when = "one bounce, or no face can stand between"
+    off_means = "no shadow rays"
     rank = 110
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "visibility": "shadow rays from the second hit on",
+    }
 
-    def assess(self, context: Context, decided: Mapping[str, Decision]) -> Assessment:
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if not decided["max_depth"].on:
-            return Assessment(False, "the first hit sees the antenna", -np.inf)
+            return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
         error = 0.0  # a hidden return may be as strong as any
@@ -27,9 +34,11 @@ class Visibility(Effect):
             error = context.pilot.energy_db(3, 2)
         return Assessment(True, "later hits can be hidden from the antenna", error)
 
-    def flags(self, on: bool, context: Context, decided: Mapping[str, Decision]) -> Mapping[str, Any]:
-        """One ray query a hit."""
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """One ray query per hit."""
         return {"visibility": on}
 
 
-EFFECT = Visibility()
+EFFECTS.register(Visibility())

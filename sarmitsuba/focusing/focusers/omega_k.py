@@ -184,7 +184,7 @@ def _upsampling(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> int:
         return max(1, int(np.ceil(band / _BAND_FILL)))
     if band > 1.05:
         warnings.warn(
-            f"omega-K: the image needs {band:.2f} times the PRF in Doppler bandwidth and folds; "
+            f"omega-K: the image needs a Doppler bandwidth of {band:.2f} times the PRF, and so folds over; "
             "shrink it in azimuth, raise prf or use focuser backprojection",
             SarmitsubaWarning,
             stacklevel=3,
@@ -318,8 +318,8 @@ def _stolt(
 
 
 def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
-    """Pattern used as matched weight: in stripmap mode that at the image's central range, else 1."""
-    if radar.antenna.pattern == "isotropic" or radar.mode != "stripmap":
+    """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
+    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)
     rho = float(grid.range[grid.range.size // 2])

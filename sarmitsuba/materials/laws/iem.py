@@ -1,39 +1,25 @@
 """Integral-equation model of a rough surface: co-polar backscatter, single scattering."""
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
+from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.diffuse_law import (
+    LAWS,
+    DiffuseLaw,
+    Sigma0,
+    Surface,
+    correlation_length_of,
+    permittivity_of,
+)
 from sarmitsuba.materials.fresnel import refracted_cosine
+from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
 
-Correlation = Literal["exponential", "gaussian"]
-
+# Largest k s of the series; its length grows with (k s)^2 and its meaning ends near 3
+_LARGEST_ROUGHNESS = 100.0
 # Poisson weights further than this many standard deviations from the mean are below float64 rounding
 _SERIES_WIDTH = 10.0
-
-
-def roughness_spectrum(
-    order: NDArray[np.float64], wavenumber: float, length: float, correlation: Correlation
-) -> NDArray[np.float64]:
-    r"""Spectrum of the n-th power of the normalised surface correlation, m^2.
-
-    .. math::
-        W^{(n)}(K) = \frac{1}{2\pi} \int \rho^n(r)\, e^{jK\cdot r}\, d^2r
-        = \frac{(l/n)^2}{(1 + (K l/n)^2)^{3/2}} \text{ (exponential)}, \quad
-        \frac{l^2}{2n} e^{-(K l)^2/(4n)} \text{ (Gaussian)}
-
-    Parameters
-    ----------
-    order : n >= 1, float64
-    wavenumber : K, rad/m
-    length : correlation length l, m
-    """
-    scaled = wavenumber * length
-    if correlation == "gaussian":
-        return np.asarray(length**2 / (2.0 * order) * np.exp(-(scaled**2) / (4.0 * order)))
-    return np.asarray((length / order) ** 2 * (1.0 + (scaled / order) ** 2) ** -1.5)
 
 
 def iem_backscatter(
@@ -145,4 +131,39 @@ def _transition(
     return float(np.clip(1.0 - ratio / ratio_smooth, 0.0, 1.0))
 
 
-__all__ = ["Correlation", "iem_backscatter", "roughness_spectrum"]
+class IntegralEquation(DiffuseLaw):
+    """Exponential correlation; from slightly rough to very rough surfaces."""
+
+    name = "iem"
+    title = "integral-equation model, from slightly to very rough"
+    needs = ("rms_height", "correlation_length")
+
+    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+        """See `iem_backscatter`."""
+        length = correlation_length_of(surface, self.name)
+        k, s = 2.0 * np.pi / wavelength, surface.rms_height
+        if k * s < 1e-12:  # returns less than -240 dB
+            return Sigma0.none(theta)
+        if k * s > _LARGEST_ROUGHNESS:
+            raise SceneError(
+                f'material "{surface.name}": rms_height = {s:g} m is k s = {k * s:.3g}, above '
+                f"{_LARGEST_ROUGHNESS:g}, where the integral-equation model means nothing; "
+                "set diffuse_law to kirchhoff or lambert"
+            )
+        notes = []
+        if k * s > 3.0:
+            notes.append(f"k s = {k * s:.3g} is above 3; use kirchhoff or lambert")
+        if s / length > 0.4:
+            notes.append(
+                f"s / l = {s / length:.3g} is above 0.4, multiple scattering matters; lengthen correlation_length"
+            )
+        grazing = theta > np.radians(89.99)  # a removable 0/0 at 90 degrees, where sigma0 is zero
+        sigma_h, sigma_v = np.zeros_like(theta), np.zeros_like(theta)
+        h, v = iem_backscatter(theta[~grazing], permittivity_of(surface), k, s, length)
+        sigma_h[~grazing], sigma_v[~grazing] = h, v
+        return Sigma0(sigma_h, sigma_v, 0.0, np.radians(70.0), tuple(notes))
+
+
+LAWS.register(IntegralEquation())
+
+__all__ = ["IntegralEquation", "iem_backscatter"]

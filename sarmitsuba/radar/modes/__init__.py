@@ -1,1 +1,1 @@
-"""Radar modes, one a file."""
+"""Radar modes, one per file; see :mod:`sarmitsuba.radar.mode`."""

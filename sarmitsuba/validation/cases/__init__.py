@@ -1,1 +1,27 @@
-"""Comparisons with theory, one topic a file."""
+"""Every comparison with theory, one topic per file; each file registers its cases in ``CASES``."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sarmitsuba.registry import Registry
+from sarmitsuba.validation.comparison import Case
+
+
+@dataclass(frozen=True)
+class CaseEntry:
+    """A case before it is run.
+
+    Parameters
+    ----------
+    name : of the command line and of the plot's file
+    topic : section of the page, see ``comparison.TOPICS``
+    build : runs the simulator and returns the case; given True, with fewer bands, angles and looks
+    """
+
+    name: str
+    topic: str
+    build: Callable[[bool], Case]
+
+
+CASES: Registry[CaseEntry] = Registry("validation case", "sarmitsuba.validation.cases")
+__all__ = ["CASES", "CaseEntry"]

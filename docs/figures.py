@@ -1,0 +1,196 @@
+"""The pictures of the pages in ``docs`` that are not made by ``render``, ``validate`` or a benchmark.
+
+Run ``python docs/figures.py [NAME ...]``; writes ``docs/images/NAME.png``. Without a name it makes all of them, which
+takes a few minutes: ``methods`` traces every pulse once.
+"""
+
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Polygon
+
+from sarmitsuba.cli import main
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io import read_image
+
+IMAGES = Path(__file__).parent / "images"
+DPI = 100
+INK, RAY, GHOST, GROUND = "#202020", "#1f77b4", "#999999", "#d9cfc1"
+
+
+def geometry() -> Figure:
+    """Side view and plan view of the radar with the angles of ``sar_antenna``."""
+    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
+    side, plan = figure.subplots(1, 2)
+    antenna, aim = np.array([0.0, 6.0]), np.array([6.0, 0.0])
+    side.fill_between([-1.0, 9.5], -0.5, 0.0, color=GROUND)
+    _line(side, antenna, aim, RAY)
+    _line(side, antenna, (0.0, 0.0), GHOST, style="--")
+    _line(side, aim, (6.0, 3.2), GHOST, style="--")
+    _arc(side, antenna, 270.0, 315.0, 1.8)
+    _arc(side, aim, 90.0, 135.0, 1.8)
+    _arc(side, aim, 135.0, 180.0, 1.3)
+    side.plot(*antenna, "s", color=INK, markersize=9)
+    side.plot(*aim, "o", color=INK)
+    _text(side, 0.25, 6.35, "antenna (flies into the page)")
+    _text(side, 6.15, 0.2, "aim point")
+    _text(side, 0.2, 3.2, "look_angle_deg")
+    _text(side, 3.5, 3.0, "slant_range R,\ndirection u", color=RAY)
+    _text(side, 6.15, 1.7, "incidence angle")
+    _text(side, 2.6, 0.25, "grazing angle")
+    _text(side, -0.8, 0.25, "nadir")
+    _text(side, 8.6, 1.4, "z, up", ha="center")
+    _arrow(side, (8.6, 0.0), (8.6, 1.3), INK)
+    side.set_title("across the track (look_side right)", fontsize=10)
+    side.set_xlim(-1.0, 9.5)
+    side.set_ylim(-0.5, 7.0)
+
+    heading = np.radians(25.0)
+    along = np.array([np.sin(heading), np.cos(heading)])
+    right = np.array([along[1], -along[0]])
+    middle = np.array([1.5, 2.5])
+    squint = np.radians(20.0)
+    target = middle + 5.5 * (np.cos(squint) * right + np.sin(squint) * along)
+    _arrow(plan, middle - 2.6 * along, middle + 4.2 * along, INK)
+    _line(plan, middle, middle + 5.5 * right, GHOST, style="--")
+    _line(plan, middle, target, RAY)
+    _line(plan, middle, middle + np.array([0.0, 3.2]), GHOST, style="--")
+    _arc(plan, middle, 90.0 - 25.0, 90.0, 2.6)
+    _arc(plan, middle, -25.0, -5.0, 3.2)
+    plan.plot(*middle, "s", color=INK, markersize=9)
+    plan.plot(*target, "o", color=INK)
+    _text(plan, *(middle + 4.3 * along), "flight direction a")
+    _text(plan, middle[0] - 0.1, middle[1] + 2.3, "heading_deg", ha="right")
+    _text(plan, middle[0], middle[1] + 3.4, "north, y", ha="center")
+    _text(plan, *(middle + 3.5 * right + 0.5 * along), "squint_angle_deg")
+    _text(plan, *(middle + 4.6 * right - 0.45 * along), "look side c", ha="center", va="top")
+    _text(plan, target[0] + 0.2, target[1] + 0.1, "aim point")
+    _text(plan, middle[0] - 0.3, middle[1] - 0.1, "antenna at\nmid-aperture", ha="right", va="center")
+    plan.set_title("from above", fontsize=10)
+    plan.set_xlim(-2.0, 9.5)
+    plan.set_ylim(-0.8, 7.4)
+    for axes in (side, plan):
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+    return figure
+
+
+def paths() -> Figure:
+    """Ray tubes at a wall on the ground: where the tubes close, and the virtual antenna of the double bounce."""
+    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
+    axes = figure.subplots()
+    antenna, virtual = np.array([0.0, 6.0]), np.array([0.0, -6.0])
+    wall = 12.0
+    axes.fill_between([-1.0, wall], -0.35, 0.0, color=GROUND)
+    axes.add_patch(
+        Polygon([(wall, -0.35), (wall + 0.5, -0.35), (wall + 0.5, 4.6), (wall, 4.6)], color=GROUND)
+    )
+    hits = []
+    for offset in (-0.6, 0.6):  # the two edges of the tube
+        ground = np.array([8.0 + offset, 0.0])
+        height = 6.0 * (wall - ground[0]) / ground[0]
+        hits.append((ground, np.array([wall, height])))
+        _line(axes, antenna, ground, RAY, width=0.8)
+        _line(axes, ground, hits[-1][1], RAY, width=0.8)
+        _line(axes, virtual, ground, GHOST, style=":")
+    axes.add_patch(Polygon([antenna, hits[0][0], hits[1][0]], color=RAY, alpha=0.15))
+    axes.add_patch(Polygon([hits[0][0], hits[1][0], hits[1][1], hits[0][1]], color=RAY, alpha=0.15))
+    axes.add_patch(Polygon([virtual, hits[0][0], hits[1][0]], color=GHOST, alpha=0.12))
+    first, second = np.array([8.0, 0.0]), np.array([wall, 3.0])
+    _line(axes, hits[0][0], hits[1][0], "#d62728", width=4)
+    _line(axes, hits[0][1], hits[1][1], "#d62728", width=4)
+    _arrow(axes, second, second + 0.93 * (antenna - second), "#2ca02c", width=1.2)
+    _line(axes, first, antenna, "#2ca02c", style="--", width=1.2)
+    axes.plot(*antenna, "s", color=INK, markersize=9)
+    axes.plot(*virtual, "s", color=GHOST, markersize=9)
+    _text(axes, 0.3, 6.35, "antenna A")
+    _text(axes, 0.5, -6.1, "virtual antenna A* (A mirrored in the ground)", color="#666666")
+    _text(axes, 0.6, -2.6, "unfolded length\nL = |p − A*|", color="#666666")
+    _text(axes, 9.0, -0.95, "first hit: footprint dS")
+    _text(axes, wall + 0.8, 3.0, "second hit p:\nfootprint dS,\nlater hits alike", va="center")
+    _text(axes, 4.6, 5.2, "at every hit the tube closes to A, way back R = |p − A|", color="#2ca02c")
+    _text(axes, 2.4, 2.3, "ray tube dΩ", color=RAY, ha="center")
+    axes.set_xlim(-1.0, 17.0)
+    axes.set_ylim(-6.6, 6.9)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    return figure
+
+
+def methods() -> Figure:
+    """The tower by each of the four methods, on one grey scale."""
+    names = ("raster", "image", "hybrid", "raw")
+    common = ["-D", "sar_antenna.azimuth_resolution=1", "--no-error-bars"]  # fewer pulses, for raw's sake
+    return _panels("tower", {name: ["--method", name, *common] for name in names})
+
+
+def effects() -> Figure:
+    """The tower with its effects as planned, and with one of them switched off."""
+    return _panels(
+        "tower",
+        {
+            "as planned": [],
+            "max_depth 1": ["-D", "sar_path.max_depth=1"],
+            "coherent off": ["-D", "sar_path.coherent=off"],
+            "diffuse off": ["-D", "sar_path.diffuse=off"],
+        },
+    )
+
+
+def _panels(scene: str, variants: dict[str, list[str]]) -> Figure:
+    figure = Figure(figsize=(13.0, 3.7), layout="constrained")
+    panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
+    picture = None
+    for axes, (title, options) in zip(panels, variants.items(), strict=True):
+        image = _render(scene, [*options, "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-45.0, vmax=5.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("slant range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        axes.ticklabel_format(useOffset=False)
+    panels[0].set_ylabel("azimuth (m)", fontsize=9)
+    figure.colorbar(picture, ax=list(panels), label="sigma0 (dB)", shrink=0.95)
+    return figure
+
+
+def _render(scene: str, options: Sequence[str]) -> SarImage:
+    with tempfile.TemporaryDirectory() as folder:
+        status = main(["render", scene, "-o", f"{folder}/out", "--quiet", *options])
+        assert status == 0, f"render {scene} {options} ended with {status}"
+        return read_image(f"{folder}/out/image.h5")
+
+
+def _line(
+    axes: Axes, start: Sequence[float], end: Sequence[float], color: str, style: str = "-", width: float = 1.4
+) -> None:
+    axes.plot([start[0], end[0]], [start[1], end[1]], style, color=color, linewidth=width)
+
+
+def _arrow(axes: Axes, start: Sequence[float], end: Sequence[float], color: str, width: float = 1.4) -> None:
+    style = {"arrowstyle": "->", "color": color, "linewidth": width}
+    axes.annotate("", xy=tuple(end), xytext=tuple(start), arrowprops=style)
+
+
+def _arc(axes: Axes, center: Sequence[float], start: float, end: float, radius: float) -> None:
+    axes.add_patch(Arc(tuple(center), 2 * radius, 2 * radius, theta1=start, theta2=end, color=INK))
+
+
+def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
+    axes.text(x, y, text, fontsize=9, **{"color": INK, **options})
+
+
+FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects)}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or FIGURES:
+        FigureCanvasAgg(FIGURES[name]()).print_figure(IMAGES / f"{name}.png", dpi=DPI)
+        print(IMAGES / f"{name}.png")

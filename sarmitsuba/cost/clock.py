@@ -1,0 +1,60 @@
+"""What a cost study's seconds are: those of this machine, or those of a stated one, counted from the work done."""
+
+import time
+from collections.abc import Mapping
+from typing import Protocol
+
+from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
+
+
+class StudyClock(Protocol):
+    """Says how late it is, and how long a run took."""
+
+    def now(self) -> float:
+        """Seconds since some fixed moment."""
+        ...
+
+    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
+        """Seconds by stage of a run that took ``measured`` seconds here, without compiling, to do ``work``."""
+        ...
+
+
+class WallClock:
+    """Elapsed seconds of this machine."""
+
+    def now(self) -> float:
+        """Seconds since some fixed moment."""
+        return time.perf_counter()
+
+    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
+        """As measured."""
+        return dict(measured)
+
+
+class WorkClock:
+    """Seconds of a machine of stated speed: the same budget buys the same runs everywhere.
+
+    Parameters
+    ----------
+    speed : of that machine
+    stage_seconds : s, what every stage takes besides
+    """
+
+    def __init__(self, speed: SpeedModel = TWO_CORES, stage_seconds: float = 5e-3) -> None:
+        self.speed, self.stage_seconds = speed, stage_seconds
+        self._elapsed = 0.0
+
+    def now(self) -> float:
+        """Seconds of all runs so far."""
+        return self._elapsed
+
+    def stages(self, measured: Mapping[str, float], work: Work) -> dict[str, float]:
+        """From the work alone; one of the stages ``trace`` and ``raster`` has the rays."""
+        counted = self.speed.stages(work)
+        counted["raster"] = counted["trace"]
+        out = {stage: self.stage_seconds + counted.get(stage, 0.0) for stage in measured}
+        self._elapsed += sum(out.values())
+        return out
+
+
+__all__ = ["StudyClock", "WallClock", "WorkClock"]

@@ -1,0 +1,262 @@
+"""Sweeps of a cost study: one parameter at a time on a piece of the scene, for error and for seconds by stage."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sarmitsuba.cost.clock import StudyClock
+from sarmitsuba.cost.model import AFFECTS, FLOOR_DB, CostModel
+from sarmitsuba.cost.proof import Reference
+from sarmitsuba.cost.report import SPARE_DB, Row
+from sarmitsuba.cost.trial import Setting, Trial, Value, run_trial
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import DataError, SarmitsubaError
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.prediction.speed import split_trace
+from sarmitsuba.simulation.sampling.plan import RaySpacings
+
+# deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
+REFERENCE_DEPTH = 6
+# ray spacings, in automatic ones, image's finer because its runs are short; coarser ones follow while they are better
+# than wanted
+SPACINGS = (0.71, 1.0, 1.41, 2.0, 2.83)
+IMAGE_SPACINGS = (1.0, 1.19, 1.41, 1.68, 2.0, 2.38, 2.83, 3.36, 4.0, 4.76, 5.66)
+COARSEST = 16.0
+
+
+@dataclass
+class Sweeps:
+    """Trials of one parameter each, for the table and the model.
+
+    Parameters
+    ----------
+    scene : the piece that is swept
+    grid : of its image
+    base : the plain setting
+    plain, whole : runs of it on the piece and on the whole scene
+    n_pulses : of the whole scene
+    launch_seconds : of one launch, whatever its rays
+    deadline : of the sweeps, on the clock
+    model : what the trials go to
+    report : called after every trial
+    target_error_db : wanted
+    clock : of the seconds
+    rows : the table
+    now : run of the plain setting that ratios are to
+    """
+
+    scene: Scene
+    grid: ImageGrid
+    base: Setting
+    plain: Trial
+    whole: Trial
+    n_pulses: int
+    launch_seconds: float
+    deadline: float
+    model: CostModel
+    report: Callable[[], None]
+    target_error_db: float
+    clock: StudyClock
+    rows: list[Row] = field(default_factory=list)
+    now: Trial | None = None
+
+    def left(self) -> float:
+        """Seconds until the deadline."""
+        return self.deadline - self.clock.now()
+
+    def run(self, **changes: Value) -> Trial:
+        """The plain setting with changes, on the piece."""
+        trial = run_trial(self.scene, self.base.but(**changes), self.grid, clock=self.clock)
+        self.report()
+        return trial
+
+    def refresh(self, **changes: Value) -> None:
+        """Run the plain setting again: ratios are to a run of the same minute, whatever else the machine does."""
+        self.now = self.run(**changes)
+
+    def extend(self, factors: list[float], factor: float, error_db: float) -> None:
+        """Go on to coarser rays while the coarsest are better than wanted."""
+        coarser = 2.0**0.5 * factor
+        if factor == factors[-1] and error_db < self.target_error_db - SPARE_DB and coarser < COARSEST:
+            factors.append(coarser)
+
+    def ratios(self, trial: Trial, parameter: str, value: Value) -> dict[str, float]:
+        """Seconds by stage over those of the plain setting."""
+        now = _stages_of(trial, self.launch_seconds)
+        then = _stages_of(self.now or self.plain, self.launch_seconds)
+        # a stage too short to time is taken not to change
+        out = {s: now.get(s, 0.0) / t if t > 1e-3 else 1.0 for s, t in then.items()}
+        if parameter == "key_pulse_interval":  # the piece's few pulses do not show it
+            before = self.whole.key_pulse_interval
+            launches = -(-self.n_pulses // int(value)) / -(-self.n_pulses // before)
+            out["launches"] = out["rays"] = launches
+        return out
+
+    def note(self, parameter: str, value: Value, trial: Trial, error_db: float, remark: str = "") -> None:
+        """Put a trial into the table and the model."""
+        error_db = max(error_db, FLOOR_DB)
+        ratios = self.ratios(trial, parameter, value)
+        self.model.errors[parameter, value] = error_db
+        self.model.ratios[parameter, value] = ratios
+        kept = AFFECTS.get(parameter, tuple(ratios))
+        full = sum(
+            t * (ratios.get(s, 1.0) if s in kept else 1.0) for s, t in self.model.full["hybrid"].items()
+        )
+        self.row(parameter, value, trial, error_db, full, remark)
+
+    def row(
+        self, parameter: str, value: Value, trial: Trial, error_db: float, full: float, remark: str = ""
+    ) -> None:
+        """Put a trial into the table."""
+        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
+        megabytes = trial.peak_bytes / 1e6 if trial.peak_bytes >= 0 else float("nan")
+        self.rows.append(Row(parameter, shown, error_db, trial.seconds, full, megabytes, remark))
+
+    def paired(self, parameter: str, values: Iterable[Value], best: Value) -> None:
+        """Sweep a parameter with the same rays; errors are against its best value."""
+        if self.left() < 0.0:
+            return
+        self.refresh()
+        reference = self.run(**{parameter: best})
+        self.note(parameter, best, reference, FLOOR_DB, "reference of its sweep")
+        for value in values:
+            if self.left() < 0.0:
+                break
+            trial = self.run(**{parameter: value})
+            self.note(parameter, value, trial, trial.error_db(reference.image))
+
+
+def sweep_all(study: Sweeps, scene: Scene, plan: EffectsPlan, converged: Reference) -> None:
+    """All parameters, one after the other."""
+    study.paired("max_depth", [d for d in (1, 2, 3, 4) if d < REFERENCE_DEPTH], REFERENCE_DEPTH)
+    study.paired("gridding_width", [2, 3, 4], 6)
+    study.paired("phase_precision", ["single"], "double")
+    _methods(study, scene, converged)
+    study.refresh(max_depth=REFERENCE_DEPTH)
+    factors = list(SPACINGS)
+    for factor in factors:
+        spacing = factor * study.model.spacings.coherent
+        trial = study.run(**study.model.spacings.at(factor), max_depth=REFERENCE_DEPTH)
+        error = converged.error_db(trial.image)
+        study.note("ray_spacing", spacing, trial, error)
+        if "image" not in study.model.full:  # else that is what coarse rays are for
+            study.extend(factors, factor, error)
+    _focusers(study)
+    _cells(study, plan)
+    _raw_row(study)
+    interval = study.plain.key_pulse_interval
+    n = study.scene.radar.track.n_pulses
+    # against four times the launches; twice as many again cost as much as everything else here
+    best = max(8, interval // 4)
+    if interval > 1 and n >= 16:
+        others = [k for k in (256, 128, 64, 32, 16) if best < k <= n and k != interval]
+        study.paired("key_pulse_interval", [interval, *others] if interval > best else others, best)
+
+
+def _focusers(study: Sweeps) -> None:
+    """Backprojection's interpolations, and omega-K where track and grid allow it."""
+    if study.left() < 0.0:
+        return
+    study.refresh()
+    exact = study.run(interpolation="kernel:8")
+    study.note("interpolation", "kernel:8", exact, FLOOR_DB, "reference of its sweep")
+    for name in ("kernel", "kernel:4", "linear"):
+        trial = study.run(interpolation=name)
+        study.note("interpolation", name, trial, trial.error_db(exact.image))
+    study.note("focuser", "backprojection", study.run(focuser="backprojection"), FLOOR_DB)
+    try:
+        trial = study.run(focuser="omega_k")
+    except DataError:
+        return  # the grid or the track is not omega-K's
+    study.note("focuser", "omega_k", trial, trial.error_db(exact.image))
+
+
+def _cells(study: Sweeps, plan: EffectsPlan) -> None:
+    """Scatterer cells: other cells are other random surfaces, so the level is compared, not the pixels."""
+    if not plan.flags.diffuse:
+        return
+    cell = float(study.base.changes["scatterer_cell"])
+    study.refresh()
+    reference = study.run(scatterer_cell=cell)
+    level = float(np.mean(np.abs(reference.image) ** 2))
+    for factor in (0.5, 1.0, 2.0):
+        if study.left() < 0.0:
+            return
+        trial = reference if factor == 1.0 else study.run(scatterer_cell=factor * cell)
+        change = 10.0 * np.log10(float(np.mean(np.abs(trial.image) ** 2)) / level)
+        study.note("scatterer_cell", factor * cell, trial, FLOOR_DB, f"mean level {change:+.2f} dB")
+
+
+def _methods(study: Sweeps, scene: Scene, converged: Reference) -> None:
+    """The two image-domain methods: timed on the whole scene, which takes them little; spacings of ``image``."""
+    model = study.model
+    for name in ("raster", "image"):
+        try:
+            study.now = trial = study.run(method=name)
+            whole = (
+                trial
+                if study.scene is scene
+                else run_trial(scene, study.base.but(method=name), clock=study.clock)
+            )
+        except SarmitsubaError:
+            continue  # ideal points only, or a scene that the method does not do
+        if name == "raster":
+            study.row("method", name, trial, converged.error_db(trial.image), whole.seconds)
+            continue
+        method = study.base.but(method=name)
+        model.full = {**model.full, name: whole_stages(scene, method, model.spacings, whole, study.clock)}
+        factors = list(IMAGE_SPACINGS)
+        for factor in factors:
+            if study.left() < 0.0:
+                return
+            spacing = factor * model.spacings.coherent
+            trial = study.run(method=name, **model.spacings.at(factor))
+            error = converged.error_db(trial.image)
+            model.errors[name, spacing] = error
+            picks = {"ray_spacing": spacing}
+            shown = name if factor == 1.0 else f"image, ray_spacing {spacing:.4g}"
+            study.row("method", shown, trial, error, model.seconds(name, picks))
+            study.extend(factors, factor, error)
+
+
+def _raw_row(study: Sweeps) -> None:
+    """Every pulse traced: its time follows from that of a key pulse; it has no error of its own to measure."""
+    plain = study.plain
+    keys = max(1, plain.statistics.key_pulses)
+    factor = study.scene.radar.track.n_pulses / keys
+    seconds = sum(t * (factor if s == "trace" else 1.0) for s, t in plain.stages.items())
+    full = sum(
+        t * (factor if s in ("launches", "rays") else 1.0) for s, t in study.model.full["hybrid"].items()
+    )
+    study.rows.append(
+        Row("method", "raw", FLOOR_DB, seconds, full, float("nan"), "time predicted from the key pulses'")
+    )
+
+
+def whole_stages(
+    scene: Scene, setting: Setting, spacings: RaySpacings, full: Trial, clock: StudyClock
+) -> dict[str, float]:
+    """Seconds by stage of a setting on the whole scene: what is fixed, and what goes by launches and by rays.
+
+    A second run with an eighth of the rays tells them apart; of what both have in common the lesser time counts.
+    """
+    sparse = run_trial(scene, setting.but(**spacings.at(8.0**0.5)), clock=clock)
+    same = {
+        k: min(v, sparse.stages.get(k, v))
+        for k, v in full.stages.items()
+        if k not in ("trace", "launch grid")
+    }
+    return split_trace({**full.stages, **same}, sparse.stages, 8.0)
+
+
+def _stages_of(trial: Trial, launch_seconds: float) -> dict[str, float]:
+    """Seconds by stage, tracing split into what goes by launches and what goes by rays."""
+    out = {k: v for k, v in trial.stages.items() if k != "trace"}
+    seconds = trial.stages.get("trace", 0.0)
+    launches = min(launch_seconds * trial.statistics.key_pulses, 0.95 * seconds)
+    return {**out, "launches": launches, "rays": seconds - launches}
+
+
+__all__ = ["REFERENCE_DEPTH", "SPACINGS", "Sweeps", "sweep_all", "whole_stages"]

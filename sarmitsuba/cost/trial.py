@@ -1,0 +1,212 @@
+"""One scene under many settings: error against a reference, seconds by stage, memory."""
+
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import dr
+from sarmitsuba.cost.clock import StudyClock, WallClock
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.prediction.speed import Work
+from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
+from sarmitsuba.timing import StageTimer
+
+C64 = NDArray[np.complex64]
+# of a setting: numbers, switches, names
+Value = float | str
+Changes = Mapping[str, Value]
+
+WALL_CLOCK = WallClock()
+_TRACE_FIELDS = {f.name for f in fields(TraceSettings)}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a trial changes about a scene.
+
+    Parameters
+    ----------
+    changes : fields of ``TraceSettings`` to their values; ``focuser`` (its name) and ``interpolation`` (an
+        option of backprojection) beside them
+    """
+
+    changes: Changes = field(default_factory=dict)
+
+    def apply(self, scene: Scene) -> Scene:
+        """The scene with these settings."""
+        own = {k: v for k, v in self.changes.items() if k in _TRACE_FIELDS}
+        return replace(scene, settings=replace(scene.settings, **own))  # type: ignore[arg-type]
+
+    def but(self, **changes: Value) -> "Setting":
+        """A copy with some values replaced."""
+        return Setting({**self.changes, **changes})
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One run.
+
+    Parameters
+    ----------
+    setting : that was run
+    image : (n_azimuth, n_range) complex64, first channel, orders and subsets summed
+    stages : seconds by stage, without compiling
+    compile_seconds : spent on compiling kernels
+    peak_bytes : growth of the resident memory at its highest; -1 where the system does not say
+    statistics : of the tracing
+    sampling : the rays that raw data took; None for methods without raw data
+    """
+
+    setting: Setting
+    image: C64
+    stages: Mapping[str, float]
+    compile_seconds: float
+    peak_bytes: int
+    statistics: TraceStatistics
+    sampling: SamplingReport | None
+
+    @property
+    def seconds(self) -> float:
+        """All stages, s."""
+        return float(sum(self.stages.values()))
+
+    @property
+    def key_pulse_interval(self) -> int:
+        """Pulses that shared one tracing; 1 for methods without raw data."""
+        return self.sampling.key_pulse_interval if self.sampling else 1
+
+    def error_db(self, reference: C64) -> float:
+        """Energy of the difference over that of the reference, dB."""
+        return image_error_db(self.image, reference)
+
+
+def run_trial(
+    scene: Scene,
+    setting: Setting,
+    grid: ImageGrid | None = None,
+    *,
+    pass_index: int = 0,
+    clock: StudyClock = WALL_CLOCK,
+) -> Trial:
+    """Run a setting; what Dr.Jit spends on compiling is booked apart."""
+    changed = setting.apply(scene)
+    method = changed.settings.method
+    grid = grid or default_grid(scene.radar, scene.image)
+    compiled, samples = 0.0, 0
+    with memory() as peak:
+        with compiling() as spent:
+            run = Run(changed)
+            if method in ("image", "raster"):
+                imager = Imager(run, grid)
+                image = imager.image(pass_index) if method == "image" else imager.raster()
+                stages = dict(image.metadata["seconds"])
+            else:
+                raw = echoes(run, pass_index=pass_index)
+                stages, samples = dict(raw.metadata["seconds"]), raw.data.size
+        compiled += _take(stages, spent[0], ("trace", "raster", "plan", "points"))
+        if samples:
+            focuser = str(setting.changes.get("focuser", "backprojection"))
+            if "interpolation" in setting.changes:
+                focuser += f",interpolation={setting.changes['interpolation']}"
+            timer = StageTimer()
+            with compiling() as spent:
+                image = focus(raw, grid, focuser=focuser)
+            timer.lap("focus")
+            stages |= timer.seconds
+            compiled += _take(stages, spent[0], ("focus",))
+    statistics = run.statistics
+    work = Work(
+        rays=statistics.rays,
+        launches=statistics.key_pulses,
+        path_pulses=statistics.path_pulses,
+        samples=samples,
+        pixel_pulses=image.data.size * changed.radar.track.n_pulses,
+    )
+    stages = clock.stages(stages, work)
+    return Trial(setting, image.total(), stages, compiled, peak[0], statistics, run.report)
+
+
+@contextmanager
+def compiling() -> Iterator[list[float]]:
+    """Measure what Dr.Jit spends on compiling kernels within the block; yields ``[seconds]``."""
+    spent = [0.0]
+    flag = dr.JitFlag.KernelHistory
+    before = dr.flag(flag)
+    dr.set_flag(flag, True)
+    dr.kernel_history_clear()
+    try:
+        yield spent
+    finally:
+        history = dr.kernel_history()
+        dr.kernel_history_clear()
+        dr.set_flag(flag, before)
+        spent[0] = 1e-3 * sum(
+            float(entry.get("codegen_time", 0.0)) + float(entry.get("backend_time", 0.0)) for entry in history
+        )
+
+
+def _take(stages: dict[str, float], seconds: float, names: tuple[str, ...]) -> float:
+    """Subtract compiling from the stages that compile, the first as far as it goes, then the next."""
+    left = seconds
+    for name in names:
+        part = min(left, stages.get(name, 0.0))
+        if part > 0.0:
+            stages[name] -= part
+            left -= part
+    return seconds - left
+
+
+def mean_image(scene: Scene, setting: Setting, grid: ImageGrid, passes: int, first_pass: int = 1000) -> C64:
+    """Mean of passes whose lattices no trial shares: the reference that trials are measured against."""
+    total = np.zeros(grid.shape, dtype=np.complex128)
+    for index in range(passes):
+        total += run_trial(scene, setting, grid, pass_index=first_pass + index).image
+    return (total / passes).astype(np.complex64)
+
+
+@contextmanager
+def memory() -> Iterator[list[int]]:
+    """Watch the resident memory of this process while the block runs; yields ``[growth in bytes]``, -1 unknown."""
+    peak = [-1]
+    if not sys.platform.startswith("linux"):
+        yield peak
+        return
+    flush_caches()
+    statm, page = Path("/proc/self/statm"), 4096
+    base = int(statm.read_text().split()[1]) * page
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.wait(0.01):
+            peak[0] = max(peak[0], int(statm.read_text().split()[1]) * page - base)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield peak
+    finally:
+        done.set()
+        watcher.join()
+
+
+def flush_caches() -> None:
+    """Give Dr.Jit's pooled memory back, so that the next run's own shows."""
+    if "drjit" not in sys.modules:
+        return
+    dr.flush_malloc_cache()
+
+
+__all__ = ["Setting", "Trial", "compiling", "flush_caches", "mean_image", "memory", "run_trial"]

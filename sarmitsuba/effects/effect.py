@@ -1,0 +1,115 @@
+"""What an effect is: all the program knows of one is in the effect's own file in ``effects/catalog``."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
+
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.registry import Registry
+from sarmitsuba.scene.scene import Scene
+
+_NO_FLAGS: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What the context says about an effect, before the user has a word.
+
+    Parameters
+    ----------
+    on : whether it must be simulated
+    why : the fact that decides
+    error_db : error of the image if it were the other way, dB of the image's clutter or peak; -inf for none
+    value : for effects that are a number (bounce depth)
+    measured : the pilot decided, not a fact
+    asked : the user decided, by a setting other than the effect's switch
+    """
+
+    on: bool
+    why: str
+    error_db: float
+    value: int | None = None
+    measured: bool = False
+    asked: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One line of the plan.
+
+    Parameters
+    ----------
+    name : of the effect
+    on : whether it is simulated
+    why : the fact, the measurement or the explicit setting that decided
+    value : for effects that are a number, else None
+    error_db : predicted error of the image if it were the other way, dB; -inf where it makes no difference
+    cost : share of the run's time that it takes (on) or would take (off), from `benchmarks/effects.py`
+    source : ``fact``, ``pilot`` or ``user``
+    """
+
+    name: str
+    on: bool
+    why: str
+    value: int | None = None
+    error_db: float = float("nan")
+    cost: float = 0.0
+    source: str = "fact"
+
+
+class Effect(ABC):
+    """One effect: when it is needed, what it sets in the kernel, what later stages see without it.
+
+    Attributes
+    ----------
+    name : in the plan, and of the switch in the scene file
+    title : half a line for tables
+    documentation : of the switch in the scene file, half a sentence; empty: it has no switch
+    off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
+    rank : position in the plan; an effect may look at the decisions of those before it
+    cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`
+    kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
+        fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    documentation: ClassVar[str] = ""
+    off_when: ClassVar[str] = ""
+    off_means: ClassVar[str] = ""
+    rank: ClassVar[int]
+    cost: ClassVar[float] = 0.0
+    kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
+
+    @abstractmethod
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """Whether the context calls for it."""
+
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Values of its ``kernel_flags``."""
+        return {}
+
+    def without(self, scene: Scene) -> Scene:
+        """The scene that tracing and focusing see when it is off."""
+        return scene
+
+
+EFFECTS: Registry[Effect] = Registry("effect", "sarmitsuba.effects.catalog")
+
+
+def effects() -> tuple[Effect, ...]:
+    """Every effect in the order of the plan."""
+    return tuple(sorted(EFFECTS, key=lambda effect: (effect.rank, effect.name)))
+
+
+def switchable_effects() -> tuple[Effect, ...]:
+    """Those with a switch in the scene file, in the order of the plan."""
+    return tuple(effect for effect in effects() if effect.documentation)
+
+
+__all__ = ["EFFECTS", "Assessment", "Decision", "Effect", "effects", "switchable_effects"]

@@ -1,0 +1,228 @@
+"""The synthetic aperture: geometry about the aim point, and a straight track whose length, prf and pulses agree."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.loader.radar_parameters import RadarInput
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
+from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.waveform import Waveform
+
+F64 = NDArray[np.float64]
+
+PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
+MAX_PULSES = 10_000_000
+MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
+_REPLACED_BY_TRACK = (
+    "slant_range",
+    "look_angle_deg",
+    "heading_deg",
+    "squint_angle_deg",
+    "speed",
+    "prf",
+    "n_pulses",
+    "azimuth_resolution",
+)
+
+
+def geometry_from_angles(given: RadarInput, aim: F64) -> AimGeometry:
+    """Mid-aperture position from slant range, look angle, heading and squint.
+
+    Raises
+    ------
+    RadarError
+        No line of sight has both the look angle and the squint.
+    """
+    s = given.sensor
+    heading, look, squint = np.radians([s.heading_deg, s.look_angle_deg, s.squint_angle_deg])
+    along = np.array([np.sin(heading), np.cos(heading), 0.0])
+    across = right_of(along) if s.look_side == "right" else -right_of(along)
+    side_square = np.sin(look) ** 2 - np.sin(squint) ** 2
+    if side_square <= 0.0:
+        raise RadarError(
+            f"{given.where}: squint_angle_deg = {s.squint_angle_deg:g} deg is not smaller than "
+            f"look_angle_deg = {s.look_angle_deg:g} deg, so that no line of sight has both; lower the "
+            "squint or raise the look angle"
+        )
+    line = np.sin(squint) * along + np.sqrt(side_square) * across - np.cos(look) * np.array([0.0, 0.0, 1.0])
+    return AimGeometry(aim, aim - s.slant_range * line, along, across)
+
+
+def given_track(given: RadarInput, offset: F64) -> Track | None:
+    """Track that the description brings along, in the scene frame; None when it follows from parameters.
+
+    Raises
+    ------
+    RadarError
+        The track cannot be read, is too long, or stands beside parameters that it replaces.
+    """
+    name = given.sensor.track_file
+    if not name and given.track is None:
+        return None
+    what = "track_file" if name else "track"
+    for other in (*_REPLACED_BY_TRACK, *(("track_file",) if name and given.track is not None else ())):
+        if other in given.sensor_given:
+            raise RadarError(f"{given.where}: {other} has no effect beside {what}; leave one of them out")
+    track = given.track
+    if track is None:
+        path = Path(name)
+        track = Track.from_csv(path if path.is_absolute() else given.folder / path)
+    if track.n_pulses > MAX_PULSES:
+        raise RadarError(
+            f"{name or given.where}: {track.n_pulses} pulses are more than {MAX_PULSES}; split the track"
+        )
+    return replace(track, position=track.position - offset)
+
+
+def geometry_of_track(given: RadarInput, track: Track, aim: F64) -> AimGeometry:
+    """Mid-aperture position of a given track, and the side on which the aim point lies.
+
+    Raises
+    ------
+    RadarError
+        The aim point lies on the track's vertical plane, or not on the side asked for.
+    """
+    right = right_of(track.along)
+    side = float((aim - track.center_position) @ right)
+    if side == 0.0:
+        raise RadarError(
+            f"{given.where}: the aim point lies straight below or ahead of the track; move aim_x, aim_y"
+        )
+    if "look_side" in given.sensor_given and (side > 0) != (given.sensor.look_side == "right"):
+        raise RadarError(
+            f"{given.where}: look_side = {given.sensor.look_side}, but the aim point lies {abs(side):g} m "
+            "to the other side of the track; change look_side or the aim point"
+        )
+    return AimGeometry(aim, track.center_position, track.along, right * np.sign(side))
+
+
+def known_azimuth_cell(
+    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None
+) -> float:
+    """Azimuth cell as far as it is known before the track is, m."""
+    s = given.sensor
+    if s.azimuth_resolution > 0.0:
+        return s.azimuth_resolution
+    if track is not None and track.n_pulses > 1:
+        length = float(np.linalg.norm(np.ptp(track.position, axis=0)))
+    elif s.n_pulses > 1 and s.prf > 0.0:
+        length = s.n_pulses * s.speed / s.prf
+    else:
+        return waveform.range_cell
+    return MODES[s.mode].azimuth_cell(geometry, waveform.wavelength, max(length, 1e-9))
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """What a straight track has to do.
+
+    Parameters
+    ----------
+    given : description
+    geometry : about the aim point
+    box : what the image holds
+    waveform, antenna : of the radar
+    """
+
+    given: RadarInput
+    geometry: AimGeometry
+    box: Box
+    waveform: Waveform
+    antenna: Antenna
+
+    @property
+    def longest(self) -> float:
+        """Longest aperture allowed, m."""
+        return MAX_APERTURE * self.geometry.slant_range
+
+    def length(self) -> float:
+        """Aperture of the azimuth resolution, m."""
+        s = self.given.sensor
+        law, wavelength = MODES[s.mode], self.waveform.wavelength
+        cell = s.azimuth_resolution or self.waveform.range_cell
+        length = law.aperture_length(self.geometry, wavelength, cell)
+        if length > self.longest and not (s.n_pulses and s.azimuth_resolution == 0.0):
+            raise RadarError(
+                f"{self.given.where}: azimuth_resolution = {cell:g} m needs an aperture of {length:g} m, more than "
+                f"four slant ranges; give at least {law.azimuth_cell(self.geometry, wavelength, self.longest):g} m"
+            )
+        return length
+
+    def prf(self, aperture: float) -> float:
+        """Pulse repetition frequency that samples the Doppler bandwidth of an aperture (m), Hz."""
+        s, along = self.given.sensor, self.geometry.along
+        ends = self.geometry.center + np.array([-0.5, 0.0, 0.5])[:, None] * aperture * along
+        velocity = np.broadcast_to(s.speed * along, ends.shape)
+        at_once = MODES[s.mode].instantaneous_doppler
+        wavelength = self.waveform.wavelength
+        spread = doppler_bandwidth(ends, velocity, self.box, wavelength, instantaneous=at_once)
+        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, s.speed, wavelength))
+
+
+def straight_track(
+    given: RadarInput, geometry: AimGeometry, box: Box, waveform: Waveform, antenna: Antenna
+) -> Track:
+    """Straight track whose aperture, prf and number of pulses agree.
+
+    Raises
+    ------
+    RadarError
+        They contradict each other, or the aperture is too long.
+    """
+    s, where = given.sensor, given.where
+    speed, n, prf = s.speed, s.n_pulses, s.prf
+    if n and prf and s.azimuth_resolution > 0.0:
+        raise RadarError(
+            f"{where}: n_pulses = {n}, prf = {prf:g} Hz and azimuth_resolution = "
+            f"{s.azimuth_resolution:g} m describe the aperture twice; set one of them to 0"
+        )
+    wanted = _Wanted(given, geometry, box, waveform, antenna)
+    length, longest = wanted.length(), wanted.longest
+    if n and s.azimuth_resolution > 0.0:
+        prf = n * speed / length
+    elif n and not prf:
+        prf = _prf_for_pulses(wanted.prf, n, speed, n * speed / longest)
+    elif not prf:
+        prf = max(wanted.prf(length), speed / length)
+    if not n:
+        n = max(1, round(length * prf / speed))
+    if n > MAX_PULSES:
+        raise RadarError(
+            f"{where}: an aperture of {length:g} m at prf = {prf:g} Hz needs {n} pulses, more than "
+            f"{MAX_PULSES}; coarsen azimuth_resolution, shrink the image or narrow the beam"
+        )
+    if n > 1 and n * speed / prf > longest * (1.0 + 1e-9):
+        raise RadarError(
+            f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
+            f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
+        )
+    return Track.straight(geometry.center, speed * geometry.along, prf, n)
+
+
+def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:
+    """Lowest prf that samples the Doppler bandwidth of its own aperture n speed / prf (bisection), Hz."""
+    low, high = lowest, 1e6 * lowest + 1e9
+    for _ in range(100):
+        prf = float(np.sqrt(low * high))
+        if needed(n * speed / prf) > prf:
+            low = prf
+        else:
+            high = prf
+    return high
+
+
+__all__ = [
+    "MAX_PULSES",
+    "geometry_from_angles",
+    "geometry_of_track",
+    "given_track",
+    "known_azimuth_cell",
+    "straight_track",
+]

@@ -1,0 +1,178 @@
+"""Scenes made in Python: meshes, points and a radar description in, the same `Scene` as from a file out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sarmitsuba.effects.effect import switchable_effects
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.collect import Collector
+from sarmitsuba.loader.describe import Described
+from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.radar_parameters import FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
+from sarmitsuba.materials.material import Material
+from sarmitsuba.parameters import Value, filled
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
+
+if TYPE_CHECKING:
+    import trimesh
+
+# a `Material`, the name of one (``pec`` or of ITU-R P.2040-3), or parameters of ``radar_material``
+MaterialLike = Material | str | Mapping[str, Value]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneMesh:
+    """Triangles and what they are made of.
+
+    Parameters
+    ----------
+    vertices : (n_vertices, 3) float, m, converted to float64
+    faces : (n_faces, 3) vertex numbers
+    material : a `Material`; ``pec`` or the name of a material of ITU-R P.2040-3; or parameters of ``radar_material``
+        by name, such as ``{"material": "concrete", "rms_height": 0.005}``
+    name : for notes and errors
+    smooth : all faces belong to one smooth surface, however much they bend
+    to_world : (4, 4) affine matrix applied to the vertices; None leaves them
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    material: MaterialLike
+    name: str = "mesh"
+    smooth: bool = False
+    to_world: ArrayLike | None = None
+
+    @staticmethod
+    def of(
+        mesh: "trimesh.Trimesh",
+        material: MaterialLike,
+        name: str = "mesh",
+        *,
+        smooth: bool = False,
+        to_world: ArrayLike | None = None,
+    ) -> "SceneMesh":
+        """Triangles of a `trimesh.Trimesh`; the other arguments as above."""
+        return SceneMesh(mesh.vertices, mesh.faces, material, name, smooth, to_world)
+
+
+def build_scene(
+    meshes: Sequence[SceneMesh] = (),
+    points: Sequence[PointTarget] = (),
+    *,
+    radar: RadarDescription | None = None,
+    film: FilmDescription | None = None,
+    settings: TraceSettings | None = None,
+    track: Track | None = None,
+    name: str = "scene",
+) -> Scene:
+    """Build a scene without a file.
+
+    Parameters
+    ----------
+    meshes, points : what there is to see, m
+    radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
+    settings : how to trace; None takes the defaults and the film's ``gridding_width``
+    track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
+        number of pulses and azimuth resolution
+    name : of the scene
+
+    Returns
+    -------
+    the scene, in a frame of its own when the geometry lies far from the origin (``Scene.offset``)
+
+    Raises
+    ------
+    SceneError, RadarError : one line: object, value with unit, bound, remedy
+
+    Warns
+    -----
+    SarmitsubaWarning : about ambiguities and laws used outside their domain
+
+    Notes
+    -----
+    Meshes that share one material object, or equal descriptions of one, share it in the scene.
+    """
+    described = _described(radar or RadarDescription(), film or FilmDescription(), settings, track)
+    collector = Collector(name, None, described)
+    elements: list[tuple[MaterialLike, int]] = []
+    for mesh in meshes:
+        index = next((i for known, i in elements if known == mesh.material), None)
+        if index is None:
+            index = _material(collector, mesh, name)
+            elements.append((mesh.material, index))
+        collector.surfaces.append(_surface(mesh, index, name))
+    collector.points.extend(points)
+    return collector.scene()
+
+
+def _described(
+    radar: RadarDescription, film: FilmDescription, settings: TraceSettings | None, track: Track | None
+) -> Described:
+    if settings is None:
+        settings = TraceSettings(gridding_width=film.gridding_width)
+    elif film.gridding_width not in (settings.gridding_width, FilmDescription().gridding_width):
+        raise SceneError(
+            f"FilmDescription: gridding_width = {film.gridding_width}, but the settings say "
+            f"{settings.gridding_width}; give it to TraceSettings only"
+        )
+    given = {f.name: getattr(settings, f.name) for f in fields(settings) if f.name != "effects"}
+    read = INTEGRATOR.read(given | dict(settings.effects), type(settings).__name__, python=True)
+    effects = {effect.name: read[effect.name] for effect in switchable_effects()}
+    return Described(RadarInput.of(radar, film, track), filled(settings, {"effects": effects}))
+
+
+def _material(collector: Collector, mesh: SceneMesh, label: str) -> int:
+    material = mesh.material
+    taken = {known.name for known in collector.book.materials}
+    if isinstance(material, Material):
+        if material.name in taken:
+            raise SceneError(f'{label}: two materials are named "{material.name}"; rename one')
+        return collector.book.add(material, label)
+    values: Mapping[str, Value] = {"material": material} if isinstance(material, str) else material
+    where = f'{label}: material of mesh "{mesh.name}"'
+    name = str(values.get("material", "")) or mesh.name
+    if name in taken:
+        name = f"{name}_{len(taken) + 1}"
+    element = Element("bsdf", RADAR_MATERIAL.plugin, name, where, Path(), dict(values))
+    return collector.book.index(element, where)
+
+
+def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
+    where = f'{label}: mesh "{mesh.name}"'
+    try:
+        vertices = np.array(mesh.vertices, dtype=np.float64)
+        faces = np.array(mesh.faces)
+    except ValueError as error:
+        raise SceneError(f"{where}: {error}; give vertices and faces as (n, 3) arrays") from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise SceneError(
+            f"{where}: vertices have the shape {vertices.shape}, not (n, 3); give one point per row"
+        )
+    if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
+        raise SceneError(
+            f"{where}: faces have the shape {faces.shape} and type {faces.dtype}, not (n, 3) integers; give three "
+            "vertex numbers per row"
+        )
+    if faces.size and not (0 <= faces.min() and faces.max() < vertices.shape[0]):
+        raise SceneError(
+            f"{where}: faces refer to vertices {faces.min()} to {faces.max()} of {vertices.shape[0]}; count from 0"
+        )
+    if mesh.to_world is not None:
+        matrix = np.array(mesh.to_world, dtype=np.float64)
+        if matrix.shape != (4, 4) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
+            raise SceneError(f"{where}: to_world is not an affine (4, 4) matrix; its last row is 0, 0, 0, 1")
+        vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    return Surface(mesh.name, vertices, faces.astype(np.int32), material, mesh.smooth)
+
+
+__all__ = ["MaterialLike", "SceneMesh", "build_scene"]

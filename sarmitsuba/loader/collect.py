@@ -1,0 +1,95 @@
+"""Shapes of a scene collected one after the other: surfaces with their materials, and ideal points."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader import tables
+from sarmitsuba.loader.assemble import Surface, assemble
+from sarmitsuba.loader.describe import Described
+from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.material_book import MaterialBook
+from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.loader.shapes import MeshReader, Placed, sphere_center
+from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.units import power_from_db
+
+F64 = NDArray[np.float64]
+
+# facets of curved shapes: at 1/32 they act as a grating whose lobes move a sphere's return by up to 1 dB with
+# the direction, a cylinder's by as much; at 1/512 by 0.1 dB
+SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0
+
+
+@dataclass
+class Collector:
+    """Takes shapes in and gives the scene out.
+
+    Parameters
+    ----------
+    name, path : of the scene and its file
+    described : radar and settings
+    overrides : of plugin parameters
+    """
+
+    name: str
+    path: Path | None
+    described: Described
+    overrides: Overrides = field(default_factory=Overrides)
+    notes: list[str] = field(default_factory=list)
+    surfaces: list[Surface] = field(default_factory=list)
+    points: list[PointTarget] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        frequency = self.described.radar.sensor.center_frequency
+        self.book = MaterialBook(
+            frequency, self.overrides, self.notes, self.described.settings.default_rms_height
+        )
+        self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
+
+    def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
+        """Take in a shape element; a ``point_scatterer`` makes it an ideal point.
+
+        Raises
+        ------
+        SceneError : mesh, material or point cannot be read
+        """
+        if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
+            self.points.append(self._point(placed, bsdf))
+            return
+        material = self.book.index(bsdf, placed.element.where)
+        vertices, faces = self.reader.triangles(placed)
+        self.surfaces.append(
+            Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex)
+        )
+
+    def scene(self) -> Scene:
+        """Everything put together, see `sarmitsuba.loader.assemble.assemble`."""
+        return assemble(
+            self.name,
+            self.path,
+            self.surfaces,
+            self.book.materials,
+            self.points,
+            self.described.radar,
+            self.described.settings,
+            self.notes,
+        )
+
+    def _point(self, placed: Placed, bsdf: Element) -> PointTarget:
+        """Ideal scatterer at the centre of a sphere element."""
+        values, _ = self.overrides.read(bsdf, tables.POINT_SCATTERER)
+        shape = placed.element
+        if shape.plugin != "sphere":
+            raise SceneError(f"{shape.where}: point_scatterer is on a {shape.plugin}; put it on a sphere")
+        position = placed.to_world[:3, :3] @ sphere_center(shape) + placed.to_world[:3, 3]
+        rcs, phase = float(values["rcs_dbsm"] or 0.0), float(values["phase_deg"] or 0.0)
+        return PointTarget(placed.name, position, float(power_from_db(rcs)), float(np.radians(phase)))
+
+
+__all__ = ["SAGITTA_OVER_WAVELENGTH", "Collector"]

@@ -1,0 +1,101 @@
+"""Load a scene, wherever it comes from: one frozen, validated `Scene` out."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sarmitsuba.backend import mi
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader import tables
+from sarmitsuba.loader.collect import Collector
+from sarmitsuba.loader.describe import describe
+from sarmitsuba.loader.elements import walk
+from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
+from sarmitsuba.loader.library import resolve, resolve_radar
+from sarmitsuba.loader.overrides import check_used, split_parameters
+from sarmitsuba.loader.plugins import register_plugins
+from sarmitsuba.loader.shapes import placed_shapes
+from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
+from sarmitsuba.scene.scene import Scene
+
+_DICT = "dict"
+
+
+def load_scene(
+    scene: "Path | str | Mapping[str, object] | mi.Scene",
+    *,
+    radar: Path | str | None = None,
+    parameters: Mapping[str, str] | None = None,
+) -> Scene:
+    """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
+
+    Parameters
+    ----------
+    scene : XML file, a name such as ``dihedral``, a dict, or an ``mi.Scene``
+    radar : XML file (or shipped name) whose sensor, film and integrator replace the scene's
+    parameters : values of the file's ``$name`` parameters, and ``plugin.parameter`` to override a plugin's
+
+    Returns
+    -------
+    the scene, in a frame of its own when the geometry lies far from the file's origin (``Scene.offset``)
+
+    Raises
+    ------
+    SceneError, RadarError : one line: file, element, value with unit, bound, remedy
+
+    Warns
+    -----
+    SarmitsubaWarning : once for every kind of BSDF that has no radar parameters, and about ambiguities
+
+    Notes
+    -----
+    Files and dicts keep positions in float64. An ``mi.Scene``, and a dict that holds objects made by Mitsuba, has
+    vertices in float32, good to 1e-7 of their distance from the origin, and meshes merged by material.
+    """
+    plain, overrides = split_parameters(parameters or {}, tables.TABLES)
+    file = resolve(scene) if isinstance(scene, Path | str) else None
+    radar_file = None if radar is None else resolve_radar(radar)
+    radar_root = None if radar_file is None else parse_file(radar_file, plain)
+    loaded, root = None, None
+    if file is not None:
+        root = parse_file(file, plain)
+    elif isinstance(scene, Mapping) and not _holds_objects(scene):
+        root = parse_dict(scene, _DICT)
+    else:
+        loaded = _loaded(scene)
+    elements = [e for tree in (root, radar_root) if tree is not None for e in walk(tree)]
+    label = file.name if file is not None else _DICT if root is not None else "scene"
+    texts = [read_text(path) for path in (file, radar_file) if path is not None]
+    check_used(plain, overrides, label, texts, {e.id for e in elements if e.id}, set(tables.TABLES))
+    if root is None:
+        return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
+
+    described = describe(root, radar_root, overrides, label)
+    collector = Collector("scene" if file is None else file.stem, file, described, overrides)
+    for placed in placed_shapes(root):
+        collector.add_shape(placed, placed.element.child("bsdf"))
+    return collector.scene()
+
+
+def _holds_objects(value: object) -> bool:
+    """True when a dict holds objects that Mitsuba has made."""
+    if isinstance(value, Mapping):
+        return any(_holds_objects(item) for item in value.values())
+    return isinstance(value, mi.Object)
+
+
+def _loaded(scene: object) -> "mi.Scene":
+    register_plugins()
+
+    if isinstance(scene, Mapping):
+        try:
+            scene = mi.load_dict(dict(scene))
+        except RuntimeError as error:
+            raise SceneError(f"{_DICT}: {' '.join(str(error).split())}") from None
+    if not isinstance(scene, mi.Scene):
+        raise SceneError(
+            f"{type(scene).__name__}: not a scene; give a file, a shipped name, a dict or an mi.Scene"
+        )
+    return scene
+
+
+__all__ = ["load_scene"]

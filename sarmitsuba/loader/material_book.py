@@ -1,0 +1,126 @@
+"""Materials of a scene, one for every BSDF."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader import tables
+from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.notes import warn_once
+from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.materials.bsdfs import (
+    ADAPTER_BSDFS,
+    adapter_note,
+    named_material,
+    ordinary_material,
+    radar_material,
+    rough,
+    sionna_itu_name,
+    sionna_material,
+)
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.material import Material
+from sarmitsuba.parameters import did_you_mean
+
+_SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
+_MAX_NESTING = 16
+
+
+@dataclass
+class MaterialBook:
+    """Materials of a scene, one for every BSDF element.
+
+    Parameters
+    ----------
+    frequency : Hz, that permittivities are taken at
+    overrides : from the command line
+    notes : filled with one line for every assumption
+    rms_height : m, of materials that state no roughness
+    """
+
+    frequency: float
+    overrides: Overrides
+    notes: list[str]
+    rms_height: float
+    materials: list[Material] = field(default_factory=list)
+    _index: dict[int, int] = field(default_factory=dict)
+    _kept: list[Element] = field(
+        default_factory=list
+    )  # an element that is gone would leave its id to another
+
+    def index(self, bsdf: Element | None, where: str) -> int:
+        """Index of the material of a BSDF element; None is Mitsuba's default, ``diffuse``."""
+        key = id(bsdf)
+        if key not in self._index:
+            if bsdf is None:
+                label = where.partition(":")[0]
+                bsdf = Element("bsdf", "diffuse", "", f"{label}: default bsdf", Path(), {})
+            material = self._material(bsdf, bsdf.id or f"{bsdf.plugin}_{len(self.materials) + 1}", 0)
+            self._index[key] = self.add(material, where.partition(":")[0])
+            self._kept.append(bsdf)
+        return self._index[key]
+
+    def add(self, material: Material, label: str) -> int:
+        """Index of a material that is made already; ``label`` starts every warning."""
+        self._check_law(material, label)
+        self.materials.append(material)
+        return len(self.materials) - 1
+
+    def _check_law(self, material: Material, label: str) -> None:
+        """Say when a diffuse law is used outside its domain of validity."""
+        try:
+            table = diffuse_tables(material, SPEED_OF_LIGHT / self.frequency)
+        except SceneError as error:
+            raise SceneError(f"{label}: {error}") from None
+        for note in table.notes:
+            warn_once(self.notes, f"{label}: {note}")
+
+    def _material(self, bsdf: Element, name: str, depth: int) -> Material:
+        plugin, where = bsdf.plugin, bsdf.where
+        if depth > _MAX_NESTING:
+            raise SceneError(f"{where}: BSDFs are nested more than {_MAX_NESTING} deep; flatten them")
+        itu = sionna_itu_name(bsdf.id) if plugin not in tables.TABLES else ""
+        if itu:
+            material, note = named_material(name, itu, self.frequency, rough(self.rms_height))
+        elif plugin == tables.RADAR_MATERIAL.plugin:
+            values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL)
+            material, note = radar_material(name, values, given, self.frequency, where)
+        elif plugin in _SIONNA:
+            values, given = self.overrides.read(bsdf, tables.TABLES[plugin])
+            if plugin == "itu-radio-material" and "type" not in given:
+                raise SceneError(
+                    f'{where}: no ITU material named; give <string name="type" value="concrete"/>'
+                )
+            material, note = sionna_material(name, plugin, values, given, self.frequency, self.rms_height)
+        elif plugin == tables.POINT_SCATTERER.plugin:
+            raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
+        elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
+            return self._nested(bsdf, name, depth)
+        elif plugin in tables.TABLES:
+            raise SceneError(f"{where}: {plugin} is not a BSDF{did_you_mean(plugin, tables.TABLES)}")
+        else:
+            material, note = ordinary_material(name, plugin, bsdf.given(), self.frequency, self.rms_height)
+        if note:
+            warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
+        return material
+
+    def _nested(self, bsdf: Element, name: str, depth: int) -> Material:
+        if bsdf.plugin in ADAPTER_BSDFS:
+            warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {adapter_note(bsdf.plugin)}")
+        inner = list(bsdf.of_kind("bsdf"))
+        if not inner:
+            raise SceneError(f"{bsdf.where}: {bsdf.plugin} holds no BSDF; nest one in it")
+        pick = inner[0]
+        if bsdf.plugin == "mask":
+            opacity = bsdf.given().get("opacity", 0.5)
+            if isinstance(opacity, int | float) and opacity < 0.5:
+                return Material(name, invisible=True)
+        if bsdf.plugin == "blendbsdf" and len(inner) > 1:
+            weight = bsdf.given().get("weight", 0.0)
+            if isinstance(weight, int | float) and weight >= 0.5:
+                pick = inner[1]
+        return self._material(pick, name, depth + 1)
+
+
+__all__ = ["MaterialBook"]

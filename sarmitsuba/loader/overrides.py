@@ -1,0 +1,110 @@
+"""Parameters given from outside: values of a file's ``$name``, and overrides such as ``sar_path.max_depth=5``."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.elements import Element, Property
+from sarmitsuba.parameters import ParamTable, Value, did_you_mean, one_line
+
+Given = Property | Value | None
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Values given from outside for parameters of plugins: ``sar_path.max_depth=5``.
+
+    Parameters
+    ----------
+    entries : plugin or id, parameter and text
+    """
+
+    entries: tuple[tuple[str, str, str], ...] = ()
+
+    def given(self, element: Element, table: ParamTable, skip: tuple[str, ...] = ()) -> dict[str, Given]:
+        """Parameters that an element or an override gives, not yet validated.
+
+        Parameters
+        ----------
+        element : its values and named children
+        table : of its plugin
+        skip : names of children that are no parameters
+
+        Raises
+        ------
+        ``table.error`` : an override has an unknown name or cannot be read
+        """
+        given: dict[str, Given] = {name: v for name, v in element.given().items() if name not in skip}
+        for prefix, name, text in self.entries:
+            if prefix in (element.plugin, element.id):
+                where = f"-D {prefix}.{name}={text}"
+                table.check_name(name, where)
+                given[name] = table[name].parse(text, where, table.error)
+        return given
+
+    def read(self, element: Element, table: ParamTable) -> tuple[dict[str, Value | None], frozenset[str]]:
+        """Return validated parameters of an element and the names that are given."""
+        given = self.given(element, table)
+        return table.read(given, element.where), frozenset(given)
+
+
+def split_parameters(
+    parameters: Mapping[str, str], tables: Mapping[str, ParamTable]
+) -> tuple[dict[str, str], Overrides]:
+    """Separate values for ``$name`` in the file from overrides of plugin parameters, which hold a dot."""
+    plain: dict[str, str] = {}
+    entries = []
+    for key, value in parameters.items():
+        prefix, dot, name = key.rpartition(".")
+        if not dot:
+            plain[key] = str(value)
+            continue
+        if prefix in tables:
+            tables[prefix].check_name(name, f"-D {key}={value}")
+        entries.append((prefix, name, str(value)))
+    return plain, Overrides(tuple(entries))
+
+
+def check_used(
+    plain: Mapping[str, str],
+    overrides: Overrides,
+    label: str,
+    texts: Sequence[str],
+    ids: set[str],
+    plugins: set[str],
+) -> None:
+    """Raise when a parameter given by name has no effect anywhere.
+
+    Parameters
+    ----------
+    plain, overrides : as from `split_parameters`
+    label : start of every error
+    texts : of scene and radar file; none for a scene that is no file
+    ids : of all elements
+    plugins : names of the tables
+    """
+    text = "\n".join(texts)
+    known = set(re.findall(r"\$\{?(\w+)", text)) | set(re.findall(r'<default\s+name="(\w+)"', text))
+    for name, value in plain.items():
+        if name not in known and "<include" not in text:
+            listed = (
+                "the file has " + ", ".join(f"${k}" for k in sorted(known))
+                if known
+                else "the file has none"
+                if texts
+                else "only a file has any"
+            )
+            raise SceneError(
+                f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} '
+                "(parameters of plugins are given as plugin.name)"
+            )
+    for prefix, name, value in overrides.entries:
+        if prefix not in ids | plugins:
+            guess = (
+                did_you_mean(prefix, ids | plugins) or f"; give one of {', '.join(sorted(plugins))}, or an id"
+            )
+            raise SceneError(f'{label}: -D {prefix}.{name}={value}: no plugin or id "{prefix}"{guess}')
+
+
+__all__ = ["Overrides", "check_used", "split_parameters"]

@@ -1,0 +1,316 @@
+"""What describes a radar and its film: the parameters of ``sar_antenna`` and ``range_film``, typed.
+
+The fields below are the only list of them: the tables that read scene files and the documentation are made from it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
+from sarmitsuba.radar.mode import MODES, mode_parameters
+from sarmitsuba.radar.track import Track
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadarDescription:
+    """A monostatic side-looking radar as a person describes it; what each field means stands beside it.
+
+    Lengths in m, times in s, frequencies in Hz, angles in degrees and ratios in dB as the names say. 0 leaves a
+    parameter to the program where its documentation says *automatic*.
+    """
+
+    mode: str = described("stripmap", "how the beam is steered", choices=lambda: tuple(sorted(MODES.names)))
+    slant_range: float = described(
+        10e3, "distance from the antenna at mid-aperture to the aim point", "m", 1.0, 1e9
+    )
+    look_angle_deg: float = described(
+        45.0,
+        "angle between nadir and the line of sight to the aim point, at mid-aperture",
+        "deg",
+        0.0,
+        89.999,
+        positive=True,
+    )
+    heading_deg: float = described(0.0, "flight direction, clockwise from north (+y)", "deg", -360.0, 360.0)
+    look_side: Literal["left", "right"] = described(
+        "right", "side of the flight direction that the radar looks to", choices=("left", "right")
+    )
+    squint_angle_deg: float = described(
+        0.0,
+        "angle between the line of sight and the plane across the track; positive looks forward",
+        "deg",
+        -80.0,
+        80.0,
+    )
+    aim_x: float = described(0.0, "aim point, east, in the file's frame", "m", -1e9, 1e9)
+    aim_y: float = described(0.0, "aim point, north, in the file's frame", "m", -1e9, 1e9)
+    aim_z: float = described(0.0, "aim point, up, in the file's frame", "m", -1e9, 1e9)
+    speed: float = described(100.0, "speed of the antenna", "m/s", 0.001, 1e6)
+    prf: float = described(
+        0.0,
+        "pulse repetition frequency; automatic: 1.25 times the Doppler bandwidth of aperture and image, "
+        "or of the beam where that is smaller",
+        "Hz",
+        0.0,
+        1e8,
+        auto=True,
+    )
+    n_pulses: int = described(
+        0, "pulses in the aperture; automatic: from azimuth_resolution", "", 0, 10_000_000, auto=True
+    )
+    azimuth_resolution: float = described(
+        0.0,
+        "azimuth cell lambda R / (2 L cos(squint)) of the aperture length L; automatic: the slant-range "
+        "cell, or what n_pulses gives",
+        "m",
+        0.0,
+        1e6,
+        auto=True,
+    )
+    track_file: str = described(
+        "",
+        "CSV of time_s, x_m, y_m, z_m, one pulse per line, in the file's frame; replaces slant_range, "
+        "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and "
+        "azimuth_resolution",
+    )
+    center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
+    bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
+    pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
+    polarisation: str = described(
+        "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
+    )
+    pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
+        "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
+    )
+    azimuth_beamwidth_deg: float = described(
+        0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
+    )
+    elevation_beamwidth_deg: float = described(
+        0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
+    )
+    antenna_length: float = described(
+        0.0,
+        "length of a uniform aperture along the track, in place of azimuth_beamwidth_deg; 0 = not given",
+        "m",
+        0.0,
+        1e5,
+    )
+    antenna_height: float = described(
+        0.0,
+        "height of a uniform aperture across the track, in place of elevation_beamwidth_deg; 0 = not given",
+        "m",
+        0.0,
+        1e5,
+    )
+    gain_db: float = described(0.0, "peak one-way gain", "dB", -100.0, 100.0)
+    transmit_power: float = described(1.0, "peak transmit power", "W", 1e-12, 1e12)
+    noise_temperature: float = described(
+        0.0, "noise temperature of the receiver with its antenna; 0 adds no noise", "K", 0.0, 1e9
+    )
+    losses_db: float = described(0.0, "two-way system losses", "dB", 0.0, 100.0)
+    mode_parameters: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmDescription:
+    """Receive window and sampling of the echoes, and the image to focus from them; units as `RadarDescription`."""
+
+    near_range: float = described(
+        0.0,
+        "slant range of the first sample at mid-aperture; automatic: from image and geometry",
+        "m",
+        0.0,
+        1e9,
+        auto=True,
+    )
+    far_range: float = described(
+        0.0,
+        "slant range of the last sample at mid-aperture; automatic: from image and geometry",
+        "m",
+        0.0,
+        1e9,
+        auto=True,
+    )
+    sampling_rate: float = described(
+        0.0,
+        "complex samples per second; automatic: 1.2 times the bandwidth",
+        "Hz",
+        0.0,
+        1e13,
+        auto=True,
+    )
+    gridding_width: int = described(
+        4,
+        "samples that one contribution is spread over; each step of 1 gains about 10 dB of accuracy",
+        "",
+        2,
+        16,
+    )
+    image_grid: Literal["slant", "ground"] = described(
+        "slant", "coordinates of the image", choices=("slant", "ground")
+    )
+    image_center_x: float | None = described(
+        None, "image centre, east, in the file's frame; default: the aim point", "m", -1e9, 1e9
+    )
+    image_center_y: float | None = described(
+        None, "image centre, north, in the file's frame; default: the aim point", "m", -1e9, 1e9
+    )
+    image_height: float | None = described(
+        None,
+        "height of the horizontal image plane in the file's frame; default: that of the aim point",
+        "m",
+        -1e9,
+        1e9,
+    )
+    image_extent_azimuth: float = described(
+        0.0,
+        "image size along the track, on the ground; automatic: the geometry with a margin, at most 2048 cells",
+        "m",
+        0.0,
+        1e7,
+        auto=True,
+    )
+    image_extent_range: float = described(
+        0.0,
+        "image size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
+        "most 2048 cells",
+        "m",
+        0.0,
+        1e7,
+        auto=True,
+    )
+    pixel_spacing_azimuth: float = described(
+        0.0, "pixel spacing along the track; automatic: half the azimuth cell", "m", 0.0, 1e6, auto=True
+    )
+    pixel_spacing_range: float = described(
+        0.0,
+        "pixel spacing in slant range or on the ground, as image_grid says; automatic: half the range cell",
+        "m",
+        0.0,
+        1e6,
+        auto=True,
+    )
+
+
+_GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_deg and aim_x, aim_y, aim_z"
+
+SENSOR = ParamTable(
+    plugin="sar_antenna",
+    element="sensor",
+    doc="Monostatic side-looking radar: track, beam, waveform, polarisation, power; may hold a `range_film`.",
+    error=RadarError,
+    hints={
+        "to_world": _GEOMETRY_HINT,
+        "fov": "the beam is given by pattern, azimuth_beamwidth_deg and elevation_beamwidth_deg",
+        "aim_point": "give aim_x, aim_y and aim_z as floats, which keep double precision",
+        "polarization": 'did you mean "polarisation"?',
+    },
+    params=params_of(RadarDescription),
+    more=mode_parameters,
+)
+
+FILM = ParamTable(
+    plugin="range_film",
+    element="film",
+    doc="Receive window and sampling of the echoes, and the image to focus from them.",
+    error=RadarError,
+    hints={
+        "width": "the image is given by image_extent_range and pixel_spacing_range",
+        "height": "the image is given by image_extent_azimuth and pixel_spacing_azimuth",
+    },
+    params=params_of(FilmDescription),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RadarInput:
+    """Validated description of a radar and its film.
+
+    Parameters
+    ----------
+    sensor, film : what is asked for
+    sensor_given, film_given : names that were given, the others have their defaults
+    where, film_where : start of every error
+    folder : that a relative ``track_file`` is read from
+    track : antenna positions in the frame of the geometry, in place of a ``track_file``
+    """
+
+    sensor: RadarDescription
+    film: FilmDescription
+    sensor_given: frozenset[str] = frozenset()
+    film_given: frozenset[str] = frozenset()
+    where: str = SENSOR.plugin
+    film_where: str = FILM.plugin
+    folder: Path = Path()
+    track: Track | None = None
+
+    @staticmethod
+    def read(
+        sensor: Mapping[str, object],
+        film: Mapping[str, object],
+        where: str = SENSOR.plugin,
+        film_where: str = FILM.plugin,
+        folder: Path = Path(),
+        track: Track | None = None,
+        *,
+        python: bool = False,
+    ) -> "RadarInput":
+        """Validate parameters that are given by name; ``python`` as for `ParamTable.read`.
+
+        Raises
+        ------
+        RadarError
+            A name is unknown, a value has the wrong type or is out of bounds, or belongs to another mode.
+        """
+        values = SENSOR.read(sensor, where, python=python)
+        own = {p.name: values.pop(p.name) for p in mode_parameters()}
+        law = MODES[str(values["mode"])]
+        used = {p.name for p in law.parameters}
+        for name in own:
+            if name in sensor and name not in used:
+                owners = " or ".join(mode.name for mode in MODES if name in {p.name for p in mode.parameters})
+                raise RadarError(
+                    f"{where}: {name} has no effect with mode = {law.name}; take mode = {owners} or leave it out"
+                )
+        values_of_mode = {name: value for name, value in own.items() if name in used and value is not None}
+        description = filled(RadarDescription(mode_parameters=values_of_mode), values)
+        return RadarInput(
+            description,
+            filled(FilmDescription(), FILM.read(film, film_where, python=python)),
+            frozenset(sensor),
+            frozenset(film),
+            where,
+            film_where,
+            folder,
+            track,
+        )
+
+    @staticmethod
+    def of(radar: RadarDescription, film: FilmDescription, track: Track | None = None) -> "RadarInput":
+        """Validate descriptions made in Python; a field that has its default counts as not given."""
+        return RadarInput.read(
+            _given(radar) | dict(radar.mode_parameters),
+            _given(film),
+            type(radar).__name__,
+            type(film).__name__,
+            track=track,
+            python=True,
+        )
+
+
+def _given(description: RadarDescription | FilmDescription) -> dict[str, object]:
+    """Fields that differ from their defaults, NumPy's scalars as Python's."""
+    values = {
+        f.name: getattr(description, f.name) for f in fields(description) if f.name != "mode_parameters"
+    }
+    plain = {name: v.item() if isinstance(v, np.generic) else v for name, v in values.items()}
+    defaults = {f.name: f.default for f in fields(description)}
+    return {name: v for name, v in plain.items() if v is not defaults[name] and v != defaults[name]}
+
+
+__all__ = ["FILM", "SENSOR", "FilmDescription", "RadarDescription", "RadarInput"]

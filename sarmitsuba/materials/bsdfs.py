@@ -1,0 +1,295 @@
+"""The radar meaning of every kind of BSDF: ours, Sionna RT's, Mitsuba's own."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
+from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+
+_NO_LEVEL_DB = -300.0  # written in XML for "none"
+# Rms height given to ordinary rough BSDFs, m: plastered and concrete walls measure 0.3 to 3 mm
+ORDINARY_RMS_HEIGHT = 1e-3
+
+
+def named_material(
+    name: str, kind: str, frequency: float, surface: Material | None = None
+) -> tuple[Material, str]:
+    """Material of a registered name, and the note of its permittivity.
+
+    Parameters
+    ----------
+    name : unique in the scene
+    kind : name in ``MATERIALS``
+    frequency : Hz
+    surface : whose roughness and diffuse law it gets; None for a smooth one
+    """
+    entry, surface = MATERIALS[kind], surface or smooth()
+    if entry.pec:
+        return replace(surface, name=name, pec=True), ""
+    return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
+
+
+def radar_material(
+    name: str, values: Mapping[str, Any], given: frozenset[str], frequency: float, where: str
+) -> tuple[Material, str]:
+    """Material of a validated ``radar_material`` element.
+
+    Parameters
+    ----------
+    name : unique in the scene
+    values : every parameter of the table
+    given : names that the file sets
+    frequency : Hz
+    where : start of every error
+
+    Returns
+    -------
+    material, and a note (may be empty)
+    """
+    _exclusive(given, where)
+    law = LAWS[values["diffuse_law"]]
+    _check_law(law, values, given, where)
+    ratio = values["cross_polar_ratio_db"]
+    surface = Material(
+        name,
+        rms_height=values["rms_height"],
+        diffuse_law=law.name,
+        diffuse_level_db=values["diffuse_level_db"] if law.level else -np.inf,
+        correlation_length=values["correlation_length"],
+        cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
+        law_parameters=tuple((p.name, float(values[p.name])) for p in law.parameters),
+    )
+    if values["material"]:
+        return named_material(name, values["material"], frequency, surface)
+    if "conductivity" in given:
+        eps = permittivity_from_conductivity(values["permittivity_real"], values["conductivity"], frequency)
+    else:
+        eps = complex(values["permittivity_real"], -values["permittivity_imag"])
+    return _material(name, eps, surface), ""
+
+
+def sionna_material(
+    name: str,
+    plugin: str,
+    values: Mapping[str, Any],
+    given: frozenset[str],
+    frequency: float,
+    rms_height: float = ORDINARY_RMS_HEIGHT,
+) -> tuple[Material, str]:
+    r"""Material of a validated ``itu-radio-material``, ``radio-material`` or ``absorber-radio-material``.
+
+    Sionna takes the share S^2 of the reflected power out of the mirror direction and scatters it. Here it
+    is Lambert's law of albedo S^2 \|R(0)\|^2 and the rms height that loses S^2 at normal incidence. A material
+    that gives no scattering coefficient says nothing of its roughness and gets ``rms_height`` (m).
+
+    Notes
+    -----
+    Ignores the slab's thickness (surfaces are half spaces) and the shape of directive scattering lobes.
+    """
+    if plugin == "absorber-radio-material":
+        return Material(name, permittivity=1.0 + 0.0j), ""
+    note = ""
+    if plugin == "itu-radio-material":
+        entry = MATERIALS[values["type"]]
+        eps, note = entry.permittivity(frequency), entry.note(frequency)
+    else:
+        eps = permittivity_from_conductivity(
+            values["relative_permittivity"], values["conductivity"], frequency
+        )
+    if "scattering_coefficient" in given or rms_height == 0.0:
+        return _material(name, eps, scattering_surface(values, eps, frequency)), note
+    return _material(name, eps, rough(rms_height)), note or _rough_note(plugin, rms_height)
+
+
+def scattering_surface(values: Mapping[str, Any], eps: complex, frequency: float) -> Material:
+    """Roughness and diffuse law that stand for Sionna's scattering and cross-polarisation coefficients."""
+    share = min(float(values["scattering_coefficient"]) ** 2, 0.999)
+    if share == 0.0:
+        return smooth()
+    k = 2.0 * math.pi * frequency / SPEED_OF_LIGHT
+    root = np.sqrt(eps)
+    albedo = share * abs((1.0 - root) / (1.0 + root)) ** 2
+    cross = min(float(values["xpd_coefficient"]), 0.5)
+    return replace(
+        smooth(),
+        # exp(-4 (k s)^2) = 1 - S^2
+        rms_height=math.sqrt(-math.log1p(-share) / 4.0) / k,
+        diffuse_law="lambert",
+        diffuse_level_db=10.0 * math.log10(max(4.0 * albedo, 1e-30)),
+        cross_polar_ratio_db=10.0 * math.log10(cross / (1.0 - cross)) if cross > 0.0 else -np.inf,
+    )
+
+
+def sionna_itu_name(identifier: str) -> str:
+    """ITU material that an id such as ``mat-itu_concrete`` names (Sionna RT's rule), else an empty string."""
+    name = identifier[4:] if identifier.startswith("mat-") else identifier
+    if not name.startswith(("itu_", "itu-")):
+        return ""
+    return name[4:] if name[4:] in ITU_BANDS else ""
+
+
+def smooth() -> Material:
+    """A surface without roughness and diffuse law, its permittivity yet to be filled in."""
+    return Material("smooth")
+
+
+def rough(rms_height: float) -> Material:
+    """Roughness and diffuse law of a surface that scatters what its mirror direction loses; height in m."""
+    return replace(smooth(), rms_height=rms_height, diffuse_law="roughness") if rms_height > 0.0 else smooth()
+
+
+def _rough_note(plugin: str, rms_height: float) -> str:
+    return (
+        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm; '
+        f"set default_rms_height of sar_path to change it (0 = smooth)"
+    )
+
+
+# Radar meaning of Mitsuba's BSDFs: plugin: (itu name or pec, rough, words for warning and documentation)
+ORDINARY_BSDFS: dict[str, tuple[str, bool, str]] = {
+    "diffuse": ("concrete", True, "concrete, rms height 1 mm"),
+    "conductor": ("pec", False, "smooth perfect conductor"),
+    "roughconductor": ("pec", True, "perfect conductor, rms height 1 mm"),
+    "dielectric": ("glass", False, "smooth glass, as a half space"),
+    "thindielectric": ("glass", False, "smooth glass, as a half space"),
+    "roughdielectric": ("glass", True, "glass as a half space, rms height 1 mm"),
+    "plastic": ("plastic", False, "smooth plastic of permittivity 2.25"),
+    "roughplastic": ("plastic", True, "plastic of permittivity 2.25, rms height 1 mm"),
+    "pplastic": ("plastic", True, "plastic of permittivity 2.25, rms height 1 mm"),
+    "principled": (
+        "principled",
+        True,
+        "perfect conductor if metallic > 0.5, glass if spec_trans > 0.5, else concrete; rms height 1 mm",
+    ),
+    "principledthin": ("principled", True, "glass where spec_trans > 0.5, else concrete; rms height 1 mm"),
+    "measured": ("concrete", True, "concrete, rms height 1 mm"),
+    "measured_polarized": ("concrete", True, "concrete, rms height 1 mm"),
+    "hair": ("vacuum", False, "invisible"),
+    "null": ("vacuum", False, "invisible"),
+    "retarder": ("vacuum", False, "invisible"),
+    "circular": ("vacuum", False, "invisible"),
+    "polarizer": ("vacuum", False, "invisible"),
+}
+
+# BSDFs around another one: plugin: words
+ADAPTER_BSDFS: dict[str, str] = {
+    "twosided": "its nested BSDF; every surface is two-sided for a radar",
+    "bumpmap": "its nested BSDF; the relief is ignored",
+    "normalmap": "its nested BSDF; the relief is ignored",
+    "mask": "its nested BSDF, invisible if opacity is a number below 0.5; an opacity texture is ignored",
+    "blendbsdf": "its first nested BSDF where the weight is below 0.5 or a texture, else the second",
+}
+
+
+def ordinary_material(
+    name: str,
+    plugin: str,
+    values: Mapping[str, Any],
+    frequency: float,
+    rms_height: float = ORDINARY_RMS_HEIGHT,
+) -> tuple[Material, str]:
+    """Material that stands for one of Mitsuba's own BSDFs, with the warning that says so.
+
+    Parameters
+    ----------
+    name : unique in the scene
+    plugin : BSDF plugin; an unknown one is read as concrete
+    values : its properties (only ``metallic`` and ``spec_trans`` of ``principled`` matter)
+    frequency : Hz
+
+    Notes
+    -----
+    Colours and optical roughness say nothing about centimetre waves and are ignored.
+    """
+    kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
+    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
+    note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
+    surface = rough(rms_height) if is_rough else smooth()
+    if kind == "principled":
+        kind = (
+            "pec"
+            if _above_half(values, "metallic")
+            else "glass"
+            if _above_half(values, "spec_trans")
+            else "concrete"
+        )
+    return named_material(name, kind, frequency, surface)[0], note
+
+
+def adapter_note(plugin: str) -> str:
+    """Warning about a BSDF that wraps another one."""
+    return f'BSDF "{plugin}" is read as {ADAPTER_BSDFS[plugin]}'
+
+
+def _above_half(values: Mapping[str, Any], key: str) -> bool:
+    value = values.get(key, 0.0)
+    return isinstance(value, int | float) and value > 0.5
+
+
+def _material(name: str, eps: complex, surface: Material) -> Material:
+    """Surface of a permittivity; vacuum without a diffuse return is invisible."""
+    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    return replace(surface, name=name, permittivity=eps, invisible=invisible)
+
+
+def _check_law(law: DiffuseLaw, values: Mapping[str, Any], given: frozenset[str], where: str) -> None:
+    """Raise where the law lacks what it needs, or something is given that it does not take."""
+    if any(values[name] <= 0.0 for name in law.needs):
+        needed, got = (" and ".join(text) for text in (law.needs, [f"{values[n]:g} m" for n in law.needs]))
+        raise SceneError(
+            f"{where}: diffuse_law = {law.name} needs {needed} above 0 m, got {got}; "
+            f"give {'both' if len(law.needs) == 2 else 'it' if len(law.needs) == 1 else 'all'} or take another law"
+        )
+    if "diffuse_level_db" in given and not law.level:
+        takers = ", ".join(sorted(entry.name for entry in LAWS if entry.level))
+        raise SceneError(
+            f"{where}: diffuse_level_db = {values['diffuse_level_db']:g} dB has no effect with "
+            f"diffuse_law = {law.name}; take one of {takers} or leave it out"
+        )
+    own = {p.name for p in law.parameters}
+    for parameter in law_parameters():
+        if parameter.name in given and parameter.name not in own:
+            takers = ", ".join(entry.name for entry in LAWS if parameter in entry.parameters)
+            raise SceneError(
+                f"{where}: {parameter.name} has no effect with diffuse_law = {law.name}; "
+                f"take {takers} or leave it out"
+            )
+
+
+def _exclusive(given: frozenset[str], where: str) -> None:
+    if not given & {"material", "permittivity_real"}:
+        raise SceneError(
+            f"{where}: neither material nor permittivity_real is given; give one, for example "
+            f'<string name="material" value="concrete"/>'
+        )
+    for first, second in (
+        ("material", "permittivity_real"),
+        ("material", "permittivity_imag"),
+        ("material", "conductivity"),
+        ("permittivity_imag", "conductivity"),
+    ):
+        if first in given and second in given:
+            raise SceneError(f"{where}: {first} and {second} exclude each other; leave one out")
+
+
+__all__ = [
+    "ADAPTER_BSDFS",
+    "ORDINARY_BSDFS",
+    "ORDINARY_RMS_HEIGHT",
+    "adapter_note",
+    "named_material",
+    "ordinary_material",
+    "radar_material",
+    "rough",
+    "scattering_surface",
+    "sionna_itu_name",
+    "sionna_material",
+]

@@ -1,0 +1,154 @@
+"""What a diffuse law is: everything the program knows of one is in the law's own file in ``materials/laws``."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import Param
+from sarmitsuba.registry import Registry
+
+F64 = NDArray[np.float64]
+
+# Permittivity that stands for a perfect conductor where a formula needs a number: |R| = 1 to 1e-6
+_CONDUCTOR = 1.0 - 1.0e12j
+
+
+class Surface(Protocol):
+    """What a law may ask of a material; see :class:`sarmitsuba.materials.material.Material`."""
+
+    @property
+    def name(self) -> str:
+        """Unique in a scene."""
+
+    @property
+    def pec(self) -> bool:
+        """Perfect electric conductor."""
+
+    @property
+    def permittivity(self) -> complex:
+        """Relative, ``eps' - j eps''``."""
+
+    @property
+    def rms_height(self) -> float:
+        """Standard deviation of the surface height, m."""
+
+    @property
+    def correlation_length(self) -> float:
+        """Of the surface height, m."""
+
+    @property
+    def diffuse_level_db(self) -> float:
+        """Level of an empirical law, dB; what it means is the law's."""
+
+    def law_parameter(self, name: str) -> float:
+        """Value of a parameter that the law has declared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sigma0:
+    """Backscatter of a law over the incidence angle, with the domain where it is trusted.
+
+    Parameters
+    ----------
+    h, v : (n,) float64, sigma0 (linear) for hh and vv, per unit of true surface area
+    valid_from, valid_to : rad; incidence angles between which the law is trusted (equal: nowhere)
+    notes : one line for each limit of the law that the material leaves, each with its remedy
+    """
+
+    h: F64
+    v: F64
+    valid_from: float = 0.0
+    valid_to: float = np.pi / 2
+    notes: tuple[str, ...] = ()
+
+    @staticmethod
+    def none(theta: F64) -> "Sigma0":
+        """No diffuse return."""
+        return Sigma0(np.zeros_like(theta), np.zeros_like(theta))
+
+
+class DiffuseLaw(ABC):
+    """How the incoherent return of a surface depends on angle and polarisation.
+
+    The bistatic use of a law is the geometric mean of its backscatter at both angles, which is reciprocal; see
+    `half_vector` for the other choice. Whether hh and vv differ is read from the numbers, not declared.
+
+    Attributes
+    ----------
+    name : value of ``diffuse_law`` in the scene file
+    title : half a line for tables
+    level : what ``diffuse_level_db`` is for this law; empty: the law takes none
+    needs : material fields (``rms_height``, ``correlation_length``) that must be above 0 in a scene file
+    parameters : numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes
+    half_vector : the law is one of tilted facets: between two directions the level is that at the angle of the half
+        vector, not the mean of the levels at both
+    scatters : False for the law that returns nothing
+    blocks_as_vacuum : a material of permittivity 1 with this law still blocks rays; False: it is empty space
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    level: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
+    parameters: ClassVar[tuple[Param, ...]] = ()
+    half_vector: ClassVar[bool] = False
+    scatters: ClassVar[bool] = True
+    blocks_as_vacuum: ClassVar[bool] = True
+
+    @abstractmethod
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
+        """Backscatter of a surface.
+
+        Parameters
+        ----------
+        surface : never of permittivity 1, which returns nothing whatever the law
+        wavelength : m
+        theta : (n,) float64, rad, equally spaced from 0 to pi/2
+
+        Raises
+        ------
+        SceneError : a material that the law cannot mean
+        """
+
+
+LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws")
+
+
+def law_parameters() -> tuple[Param, ...]:
+    """The parameters that registered laws have of their own; laws may share one."""
+    return tuple(sorted({p for law in LAWS for p in law.parameters}, key=lambda p: p.name))
+
+
+def permittivity_of(surface: Surface) -> complex:
+    """Permittivity for formulas that need a number: a perfect conductor's is large, not infinite."""
+    return _CONDUCTOR if surface.pec else surface.permittivity
+
+
+def correlation_length_of(surface: Surface, law: str) -> float:
+    """Correlation length, m.
+
+    Raises
+    ------
+    SceneError : it is not above 0
+    """
+    if not surface.correlation_length > 0.0:
+        raise SceneError(
+            f'material "{surface.name}": correlation_length = {surface.correlation_length:g} m must be '
+            f"above 0 for diffuse_law = {law}; give the correlation length of the surface height"
+        )
+    return surface.correlation_length
+
+
+__all__ = [
+    "LAWS",
+    "DiffuseLaw",
+    "Sigma0",
+    "Surface",
+    "correlation_length_of",
+    "law_parameters",
+    "permittivity_of",
+]

@@ -1,0 +1,23 @@
+"""Sigma0 the same at every angle."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
+from sarmitsuba.units import power_from_db
+
+
+class Constant(DiffuseLaw):
+    """An empirical level for hh and vv alike."""
+
+    name = "constant"
+    title = "sigma0 the same at every angle"
+    level = "sigma0"
+
+    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+        """See the class."""
+        sigma = np.full_like(theta, float(power_from_db(surface.diffuse_level_db)))
+        return Sigma0(sigma, sigma)
+
+
+LAWS.register(Constant())

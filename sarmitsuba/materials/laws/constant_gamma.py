@@ -1,0 +1,33 @@
+"""Gamma the same at every angle: constant return for each unit of beam cross section."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
+from sarmitsuba.units import power_from_db
+
+# gamma sqrt(cos_i cos_s) over the hemisphere is gamma / 3 of the power that arrives at normal incidence
+_MOST_GAMMA = 3.0
+
+
+class ConstantGamma(DiffuseLaw):
+    r""":math:`\sigma^0 = \gamma \cos\theta`, for hh and vv alike."""
+
+    name = "constant_gamma"
+    title = "sigma0 = gamma cos(theta)"
+    level = "gamma"
+
+    def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
+        """See the class."""
+        gamma = float(power_from_db(surface.diffuse_level_db))
+        sigma = np.asarray(gamma * np.cos(theta))
+        notes = []
+        if gamma > _MOST_GAMMA:
+            notes.append(
+                f"diffuse_level_db = {surface.diffuse_level_db:g} dB returns more power than arrives; "
+                "give at most 4.77 dB"
+            )
+        return Sigma0(sigma, sigma, notes=tuple(notes))
+
+
+LAWS.register(ConstantGamma())

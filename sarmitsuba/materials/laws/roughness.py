@@ -1,0 +1,60 @@
+"""Lambert-like scattering of exactly the power that the rms height takes from the coherent wave."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import simpson
+
+from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, Sigma0, Surface
+from sarmitsuba.materials.fresnel import fresnel
+
+F64 = NDArray[np.float64]
+
+
+def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64:
+    r"""Sigma0 of Lambert-like scattering of exactly the power that roughness takes from the coherent wave.
+
+    .. math::
+        A(\theta) = |R(\theta)|^2 (1 - e^{-4 (k s \cos\theta)^2}), \quad
+        \sigma^0(\theta_i, \theta_s) = 4 \cos\theta_i \cos\theta_s \frac{A(\theta_i) A(\theta_s)}{\bar A},
+        \quad \bar A = 2 \int_0^{\pi/2} A \cos\theta \sin\theta\, d\theta
+
+    Scattered over the hemisphere, this is the fraction ``A(theta_i)`` of the incident power for *every*
+    incidence angle, and it is reciprocal; the mean albedo in the denominator is what makes both true at once.
+
+    Parameters
+    ----------
+    theta : (n,) equally spaced from 0 to pi/2, rad
+    reflectivity : (n,) |R|^2
+    rms_phase : k s
+    """
+    c = np.cos(theta)
+    albedo = reflectivity * -np.expm1(-4.0 * (rms_phase * c) ** 2)
+    mean = float(simpson(2.0 * albedo * c * np.sin(theta), x=theta))
+    return 4.0 * c**2 * albedo**2 / mean if mean > 0.0 else np.zeros_like(theta)
+
+
+class Roughness(DiffuseLaw):
+    """What the roughness factor takes from the mirror direction comes back as Lambert's law, hh and vv each."""
+
+    name = "roughness"
+    title = "Lambert's law with the power that the coherent wave lost to rms_height"
+    blocks_as_vacuum = False
+
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
+        """See `shared_energy_sigma0`."""
+        rms_phase = 2.0 * np.pi / wavelength * surface.rms_height
+        if surface.rms_height == 0.0:
+            return Sigma0.none(theta)
+        if surface.pec:
+            sigma = shared_energy_sigma0(theta, np.ones_like(theta), rms_phase)
+            return Sigma0(sigma, sigma)
+        te, tm = fresnel(np.cos(theta), surface.permittivity)
+        return Sigma0(
+            shared_energy_sigma0(theta, np.abs(te) ** 2, rms_phase),
+            shared_energy_sigma0(theta, np.abs(tm) ** 2, rms_phase),
+        )
+
+
+LAWS.register(Roughness())
+
+__all__ = ["Roughness", "shared_energy_sigma0"]

@@ -1,0 +1,79 @@
+"""First-order small-perturbation model: Bragg scattering of slightly rough surfaces."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.materials.diffuse_law import (
+    LAWS,
+    DiffuseLaw,
+    Sigma0,
+    Surface,
+    correlation_length_of,
+    permittivity_of,
+)
+from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
+from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
+
+F64 = NDArray[np.float64]
+
+
+def small_perturbation_sigma0(
+    theta: F64,
+    permittivity: complex,
+    wavenumber: float,
+    rms_height: float,
+    correlation_length: float,
+    correlation: Correlation = "exponential",
+) -> tuple[F64, F64]:
+    r"""First-order small-perturbation model, hh and vv.
+
+    .. math::
+        \sigma^0_{pp} = 8 k^4 s^2 \cos^4\theta |\alpha_{pp}|^2 W(2 k \sin\theta), \quad
+        \alpha_{hh} = R_{TE}, \quad
+        \alpha_{vv} = (\varepsilon - 1) \frac{\sin^2\theta - \varepsilon (1 + \sin^2\theta)}
+        {(\varepsilon \cos\theta + q)^2}
+
+    Source: Ulaby, Moore and Fung, Microwave Remote Sensing, volume II (1982), chapter 12. W as in
+    ``roughness_spectrum`` with n = 1.
+    """
+    c, sin2 = np.cos(theta), np.sin(theta) ** 2
+    q = refracted_cosine(c, permittivity)
+    alpha_h, _ = fresnel(c, permittivity)
+    alpha_v = (permittivity - 1.0) * (sin2 - permittivity * (1.0 + sin2)) / (permittivity * c + q) ** 2
+    first = np.ones(1)
+    spectrum = np.array(
+        [
+            roughness_spectrum(first, 2.0 * wavenumber * float(np.sin(t)), correlation_length, correlation)[0]
+            for t in theta
+        ]
+    )
+    common = 8.0 * wavenumber**4 * rms_height**2 * spectrum
+    return common * np.abs(c**2 * alpha_h) ** 2, common * np.abs(c**2 * alpha_v) ** 2
+
+
+class SmallPerturbation(DiffuseLaw):
+    """Exponential correlation; vv above hh. Leaves out the quasi-specular lobe about the vertical."""
+
+    name = "small_perturbation"
+    title = "Bragg scattering of slightly rough surfaces, vv above hh"
+    needs = ("rms_height", "correlation_length")
+
+    def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
+        """See `small_perturbation_sigma0`."""
+        length = correlation_length_of(surface, self.name)
+        k, s = 2.0 * np.pi / wavelength, surface.rms_height
+        if s == 0.0:
+            return Sigma0.none(theta)
+        slope = np.sqrt(2.0) * s / length
+        notes = []
+        if k * s > 0.3:
+            notes.append(f"k s = {k * s:.3g} is above 0.3; use iem, or kirchhoff for a very rough surface")
+        if slope > 0.3:
+            notes.append(f"rms slope {slope:.3g} is above 0.3; lengthen correlation_length")
+        sigma_h, sigma_v = small_perturbation_sigma0(theta, permittivity_of(surface), k, s, length)
+        return Sigma0(sigma_h, sigma_v, np.radians(15.0), np.radians(75.0), tuple(notes))
+
+
+LAWS.register(SmallPerturbation())
+
+__all__ = ["SmallPerturbation", "small_perturbation_sigma0"]

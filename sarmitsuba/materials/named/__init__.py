@@ -1,0 +1,1 @@
+"""Named materials, one source of figures per file."""

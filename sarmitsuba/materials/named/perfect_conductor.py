@@ -1,0 +1,18 @@
+"""The perfect electric conductor."""
+
+from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+
+
+class PerfectConductor(NamedMaterial):
+    """Reflects everything at every angle."""
+
+    name = "pec"
+    title = "perfect electric conductor"
+    pec = True
+
+    def permittivity(self, frequency: float) -> complex:
+        """Not used: the limit is taken analytically."""
+        return 1.0 + 0.0j
+
+
+MATERIALS.register(PerfectConductor())

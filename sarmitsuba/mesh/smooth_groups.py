@@ -1,0 +1,87 @@
+"""Smooth pieces of surface: which faces stand for one curved or flat surface."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from sarmitsuba.mesh.welding import weld
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+
+# edges shared by more faces than this (hubs of fans of billboards) join nothing
+_MAX_FACES_AT_EDGE = 32
+
+
+def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0) -> I32:
+    """Label the smooth pieces of surface: faces joined over shared edges that bend less than an angle.
+
+    Edges are matched by the position of their ends, so meshes that repeat vertices at every corner work. The
+    bend does not depend on the winding: a neighbour wound the other way counts with its normal turned over.
+
+    Parameters
+    ----------
+    vertices : (n_v, 3) float, m
+    faces : (n_f, 3) int, none of zero area
+    angle_deg : largest bend that still joins, degrees
+
+    Returns
+    -------
+    (n_f,) int32, group of every face, 0 ... n_groups - 1
+
+    Notes
+    -----
+    Ignores T-junctions: faces that touch along parts of their edges are not joined. Nor are those around an
+    edge shared by more than 32 faces.
+    """
+    v = np.asarray(vertices, dtype=np.float64)
+    f = np.asarray(faces, dtype=np.int64)
+    n_f = f.shape[0]
+    if n_f == 0:
+        return np.zeros(0, dtype=np.int32)
+    normal = _unit_normals(v, f)
+    ids = weld(v)[f]
+    start = ids.ravel()
+    end = np.roll(ids, -1, axis=1).ravel()
+    forward = start < end
+    n_ids = int(ids.max()) + 1
+    key = np.minimum(start, end) * n_ids + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    key, forward = key[order], forward[order]
+    owner = order // 3
+
+    # faces around one edge are neighbours in the sorted list; compare every pair of them
+    change = np.flatnonzero(np.diff(key)) + 1
+    run = np.diff(np.concatenate([[0], change, [key.size]]))
+    length = np.repeat(run, run)
+    cos_limit = float(np.cos(np.deg2rad(angle_deg)))
+    rows, cols = [], []
+    candidate = np.flatnonzero((length > 1) & (length <= _MAX_FACES_AT_EDGE))
+    for step in range(1, int(min(run.max(), _MAX_FACES_AT_EDGE))):
+        candidate = candidate[candidate + step < key.size]
+        candidate = candidate[key[candidate] == key[candidate + step]]
+        if not candidate.size:
+            break
+        a, b = owner[candidate], owner[candidate + step]
+        cosine = np.einsum("ij,ij->i", normal[a], normal[b])
+        # neighbours of one winding walk their common edge in opposite directions
+        cosine = np.where(forward[candidate] == forward[candidate + step], -cosine, cosine)
+        smooth = cosine > cos_limit
+        rows.append(a[smooth])
+        cols.append(b[smooth])
+    row = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    col = np.concatenate(cols) if cols else np.zeros(0, dtype=np.int64)
+    graph = coo_matrix((np.ones(row.size, dtype=np.int8), (row, col)), shape=(n_f, n_f))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(label, dtype=np.int32)
+
+
+def _unit_normals(v: F64, f: I64) -> F64:
+    cross = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
+    norm = np.linalg.norm(cross, axis=1, keepdims=True)
+    return np.asarray(cross / np.where(norm > 0.0, norm, 1.0))
+
+
+__all__ = ["smooth_groups"]

@@ -1,0 +1,331 @@
+"""Declarative tables of parameters: kind, unit, default, bounds, meaning; they validate and document."""
+
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+from sarmitsuba.errors import ExtensionError, SarmitsubaError, SceneError
+
+Kind = Literal["float", "integer", "string", "boolean", "integer or auto", "ignored"]
+Value = float | int | str | bool
+Choices = tuple[str, ...] | Callable[[], tuple[str, ...]]
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T")
+D = TypeVar("D", bound="DataclassInstance")
+_PARAM = "param"  # key in the metadata of a field
+
+_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
+
+
+@dataclass(frozen=True)
+class Param:
+    """One parameter of a plugin.
+
+    Parameters
+    ----------
+    name : as in the XML file
+    kind : XML element that carries it; ``integer or auto`` also takes the string ``auto`` (read as 0);
+        ``ignored`` is accepted in any form and has no effect
+    default : value when absent; None where absent has a meaning of its own
+    doc : meaning, one sentence
+    unit : SI unit, ``deg`` or ``dB``; empty when it has none
+    minimum, maximum : inclusive bounds
+    positive : True also refuses the minimum itself
+    choices : allowed strings, or a function that returns them (names of a registry that modules of the user fill)
+    auto : True when the default 0 means automatic
+    python : errors give an example in Python, not in XML
+    """
+
+    name: str
+    kind: Kind
+    default: Value | None
+    doc: str
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    positive: bool = False
+    choices: Choices = ()
+    auto: bool = False
+    python: bool = False
+
+    @property
+    def tag(self) -> str:
+        """XML element to write it with."""
+        return {"integer or auto": "integer", "ignored": "float"}.get(self.kind, self.kind)
+
+    @property
+    def allowed(self) -> tuple[str, ...]:
+        """The choices now; empty where every string is allowed."""
+        return self.choices() if callable(self.choices) else self.choices
+
+    def convert(self, value: object, where: str, error: type[SarmitsubaError]) -> Value | None:
+        """Return ``value`` with the parameter's type, or raise ``error`` with one line."""
+        if self.kind == "ignored":
+            return self.default
+        if self.kind == "boolean":
+            if not isinstance(value, bool):
+                raise self._wrong_type(value, where, error)
+            return value
+        if self.kind == "string":
+            return self._string(value, where, error)
+        return self._number(value, where, error)
+
+    def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value | None:
+        """Return the value written as ``text`` (a command-line override)."""
+        value: object = text
+        if self.kind == "boolean":
+            lower = text.strip().lower()
+            value = True if lower in _TRUE else False if lower in _FALSE else text
+        elif self.kind in ("integer", "integer or auto"):
+            value = _as_number(text, int)
+        elif self.kind == "float":
+            value = _as_number(text, float)
+        return self.convert(value, where, error)
+
+    def _number(self, value: object, where: str, error: type[SarmitsubaError]) -> Value:
+        if self.kind == "integer or auto" and isinstance(value, str):
+            value = 0 if value == "auto" else _as_number(value, int)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong_type(value, where, error)
+        if self.kind != "float" and not isinstance(value, int):
+            raise self._wrong_type(value, where, error)
+        if not math.isfinite(value):
+            raise error(f"{where}: {self.name} = {value} is not a finite number; {self._remedy()}")
+        low = value <= self.minimum if self.positive else value < self.minimum
+        if low or value > self.maximum:
+            side = "above" if value > self.maximum else "not above" if self.positive else "below"
+            bound = self.maximum if value > self.maximum else self.minimum
+            raise error(
+                f"{where}: {self.name} = {_text(value, self.unit)} is {side} the bound "
+                f"{_text(bound, self.unit)}; {self._remedy()}"
+            )
+        return float(value) if self.kind == "float" else value
+
+    def _string(self, value: object, where: str, error: type[SarmitsubaError]) -> str:
+        if not isinstance(value, str):
+            raise self._wrong_type(value, where, error)
+        if self.choices and value not in self.allowed:
+            raise error(
+                f'{where}: {self.name} = "{one_line(value)}" is not one of {", ".join(self.allowed)}'
+                f"{did_you_mean(value, self.allowed)}"
+            )
+        return value
+
+    def _wrong_type(self, value: object, where: str, error: type[SarmitsubaError]) -> SarmitsubaError:
+        shown = f'"{one_line(value)}"' if isinstance(value, str) else one_line(value)
+        return error(f"{where}: {self.name} = {shown} is not of type {self.kind}; {self._remedy()}")
+
+    def _remedy(self) -> str:
+        example = self.default if self.default != "" or not self.choices else self.allowed[0]
+        if example is None:
+            example = 0.0
+        if self.python:
+            return f"give {self.bounds_text()}, for example {self.name}={example!r}"
+        if isinstance(example, bool):
+            example = "true" if example else "false"
+        elif not isinstance(example, str):
+            example = f"{example:g}"
+        return f'give {self.bounds_text()}, for example <{self.tag} name="{self.name}" value="{example}"/>'
+
+    def bounds_text(self) -> str:
+        """Bounds or choices in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.choices:
+            return "one of " + ", ".join(self.allowed)
+        if self.kind == "boolean":
+            return "true or false"
+        if self.kind == "string":
+            return "a text"
+        if self.kind == "ignored":
+            return "anything"
+        noun = "an integer" if self.kind.startswith("integer") else "a number"
+        low, high = math.isfinite(self.minimum), math.isfinite(self.maximum)
+        if low and high:
+            from_ = "above" if self.positive else "from"
+            text = f"{noun} {from_} {_compact(self.minimum)} to {_compact(self.maximum)}{unit}"
+        elif low:
+            text = f"{noun} {'above' if self.positive else 'of at least'} {_compact(self.minimum)}{unit}"
+        elif high:
+            text = f"{noun} of at most {_compact(self.maximum)}{unit}"
+        else:
+            text = f"{noun}{f' in{unit}' if unit else ''}"
+        return text + (' or "auto"' if self.kind == "integer or auto" else "")
+
+
+@dataclass(frozen=True)
+class ParamTable:
+    """All parameters of one plugin.
+
+    Parameters
+    ----------
+    plugin : name in the XML ``type`` attribute
+    element : XML element (``sensor``, ``film``, ``integrator``, ``bsdf``)
+    doc : what the plugin is, one or two sentences
+    params : its own parameters
+    more : returns parameters that come on top, those of registered modes or laws
+    error : class of the errors raised
+    hints : remedies for names that people from Mitsuba try here
+    """
+
+    plugin: str
+    element: str
+    doc: str
+    params: tuple[Param, ...]
+    error: type[SarmitsubaError] = SceneError
+    hints: Mapping[str, str] = field(default_factory=dict)
+    more: Callable[[], tuple[Param, ...]] = tuple
+
+    @property
+    def rows(self) -> tuple[Param, ...]:
+        """Every parameter, its own and those that come on top.
+
+        Raises
+        ------
+        ExtensionError : what comes on top takes the name of another parameter
+        """
+        rows = (*self.params, *self.more())
+        if len({p.name for p in rows}) < len(rows):
+            names = [p.name for p in rows]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ExtensionError(f"{self.plugin} has a parameter {twice!r} already; take another name")
+        return rows
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.rows)
+
+    def __getitem__(self, name: str) -> Param:
+        """Return the parameter of that name."""
+        for param in self.rows:
+            if param.name == name:
+                return param
+        raise KeyError(name)
+
+    def defaults(self) -> dict[str, Value | None]:
+        """Every parameter with its default."""
+        return {p.name: p.default for p in self.rows}
+
+    def read(
+        self, given: Mapping[str, object], where: str, *, python: bool = False
+    ) -> dict[str, Value | None]:
+        """Validate what a file gives and fill in defaults.
+
+        Parameters
+        ----------
+        given : name to value as the XML parser typed it
+        where : start of every error, for example ``scene.xml: sensor "radar"``
+        python : errors give examples in Python, not in XML
+
+        Returns
+        -------
+        every parameter of the table with its value
+
+        Raises
+        ------
+        ``self.error`` with one line on an unknown name, a wrong type or a value out of bounds
+        """
+        for name in given:
+            self.check_name(name, where)
+        rows = tuple(replace(p, python=True) for p in self.rows) if python else self.rows
+        return {
+            p.name: p.convert(given[p.name], where, self.error) if p.name in given else p.default
+            for p in rows
+        }
+
+    def check_name(self, name: str, where: str) -> None:
+        """Raise unless ``name`` is a parameter."""
+        if name in self.names:
+            return
+        if name in self.hints:
+            raise self.error(f'{where}: unknown parameter "{one_line(name)}"; {self.hints[name]}')
+        guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {', '.join(self.names)}"
+        raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
+
+    def markdown(self) -> str:
+        """Return the table of parameters in Markdown."""
+        rows = ["| parameter | type | unit | default | bounds | meaning |", "|---|---|---|---|---|---|"]
+        for p in self.rows:
+            default = (
+                ""
+                if p.default in ("", None)
+                else str(p.default).lower()
+                if p.kind == "boolean"
+                else f"{p.default}"
+            )
+            if isinstance(p.default, float):
+                default = _compact(p.default)
+            if p.auto:
+                default += " (automatic)"
+            bounds = p.bounds_text().removeprefix("a number ").removeprefix("an integer ")
+            rows.append(f"| `{p.name}` | {p.kind} | {p.unit} | {default} | {bounds} | {p.doc} |")
+        return "\n".join(rows)
+
+
+def described(
+    default: T,
+    doc: str,
+    unit: str = "",
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    *,
+    positive: bool = False,
+    choices: Choices = (),
+    auto: bool = False,
+) -> T:
+    """Field of a dataclass whose name, type and default are also a `Param` with this documentation and these bounds."""
+    kinds: dict[type, Kind] = {bool: "boolean", int: "integer", str: "string"}
+    param = Param(
+        "", kinds.get(type(default), "float"), None, doc, unit, minimum, maximum, positive, choices, auto
+    )
+    made: T = field(default=default, metadata={_PARAM: param})
+    return made
+
+
+def params_of(description: type) -> tuple[Param, ...]:
+    """Parameters of a dataclass whose fields are made by `described`; other fields are none."""
+    return tuple(
+        replace(f.metadata[_PARAM], name=f.name, default=f.default)
+        for f in fields(description)
+        if _PARAM in f.metadata
+    )
+
+
+def filled(description: D, values: Mapping[str, object]) -> D:
+    """Copy of a dataclass with validated values of its fields put in."""
+    return replace(description, **values)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """``; did you mean "..."?`` when a known name is close to ``name``, else an empty string."""
+    close = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
+    return f'; did you mean "{close[0]}"?' if close else ""
+
+
+def one_line(value: object, limit: int = 60) -> str:
+    """Text of a value on one line, shortened."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _as_number(text: str, kind: type[int] | type[float]) -> object:
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def _compact(value: float) -> str:
+    return f"{value:.7g}"
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{_compact(value)} {unit}".strip()
+
+
+__all__ = ["Param", "ParamTable", "Value", "described", "did_you_mean", "filled", "one_line", "params_of"]

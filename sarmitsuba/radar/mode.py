@@ -1,0 +1,186 @@
+"""What a radar mode is: how the beam is steered over the track, and what follows from it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import ExtensionError
+from sarmitsuba.parameters import Param, Value
+from sarmitsuba.radar.antenna import Pointing
+from sarmitsuba.radar.track import Track
+from sarmitsuba.registry import Registry
+
+F64 = NDArray[np.float64]
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class AimGeometry:
+    """Where the radar is at mid-aperture, seen from its aim point.
+
+    Parameters
+    ----------
+    aim : (3,) float64, m, scene frame; aim point
+    center : (3,) float64, m, scene frame; mid-aperture position
+    along, across : (3,) float64, horizontal unit vectors of flight and to the look side
+    """
+
+    aim: F64
+    center: F64
+    along: F64
+    across: F64
+
+    @property
+    def slant_range(self) -> float:
+        """Distance from mid-aperture to the aim point, m."""
+        return float(np.linalg.norm(self.center - self.aim))
+
+    @property
+    def line_of_sight(self) -> F64:
+        """(3,) unit vector from mid-aperture to the aim point."""
+        return np.asarray((self.aim - self.center) / self.slant_range)
+
+    @property
+    def cos_squint(self) -> float:
+        """Cosine of the squint angle, at least 1e-6."""
+        sine = float((self.aim - self.center) @ self.along) / self.slant_range
+        return float(np.sqrt(max(1.0 - sine * sine, 1e-12)))
+
+    @property
+    def axes(self) -> F64:
+        """(3, 3) rows along, across and up."""
+        return np.stack([self.along, self.across, UP])
+
+
+@dataclass(frozen=True, eq=False)
+class TrackAxes:
+    """The antenna's own axes at every pulse, orthonormal, scene frame.
+
+    Parameters
+    ----------
+    forward, right, over : (n_pulses, 3) float64; along the velocity, horizontal to its right, and across both
+    """
+
+    forward: F64
+    right: F64
+    over: F64
+
+    @staticmethod
+    def of(track: Track, along: F64) -> "TrackAxes":
+        """Axes of a track; ``along`` (3,) stands for the velocity where the antenna is still or climbs vertically."""
+        speed = np.linalg.norm(track.velocity, axis=1, keepdims=True)
+        forward = np.where(speed > 0.0, track.velocity / np.maximum(speed, 1e-300), along)
+        right = np.cross(forward, UP)
+        size = np.linalg.norm(right, axis=1, keepdims=True)
+        right = np.where(size > 1e-9, right / np.maximum(size, 1e-9), right_of(along))
+        return TrackAxes(forward, right, np.cross(right, forward))
+
+
+class RadarMode(ABC):
+    """How the beam is steered, and how aperture, resolution and Doppler bandwidth follow from it.
+
+    A mode is one module with one registered instance; a module of the user can hold it too.
+
+    Attributes
+    ----------
+    name : as users write it
+    doc : where the beam points, one phrase
+    parameters : of the sensor that only this mode has
+    instantaneous_doppler : the Doppler bandwidth is what the image spreads over at one instant, because beam and
+        focuser follow the aim point; False counts the spread over the whole aperture
+    own_apertures : the beam passes over the pixels in turn, so that each has an aperture of its own, about its
+        own closest approach; False where all pixels are lit by the same pulses
+    """
+
+    name: str
+    doc: str
+    parameters: tuple[Param, ...] = ()
+    instantaneous_doppler: bool = False
+    own_apertures: bool = False
+
+    @abstractmethod
+    def boresight(
+        self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
+    ) -> F64:
+        """Direction of the beam at every pulse.
+
+        Parameters
+        ----------
+        track, axes : the antenna's positions and its axes
+        geometry : aim point and mid-aperture
+        values : of ``parameters``
+
+        Returns
+        -------
+        (n_pulses, 3) float64 unit vectors, scene frame
+        """
+
+    def aperture_length(self, geometry: AimGeometry, wavelength: float, azimuth_cell: float) -> float:
+        r"""Length of track that gives an azimuth cell, m.
+
+        .. math:: L = \lambda R / (2 \delta_a \cos\psi)
+
+        Parameters
+        ----------
+        geometry : gives slant range R and squint psi
+        wavelength, azimuth_cell : m
+        """
+        return wavelength * geometry.slant_range / (2.0 * azimuth_cell * geometry.cos_squint)
+
+    def azimuth_cell(self, geometry: AimGeometry, wavelength: float, length: float) -> float:
+        """Azimuth cell of a track of that length, m: the inverse of `aperture_length`."""
+        return wavelength * geometry.slant_range / (2.0 * length * geometry.cos_squint)
+
+    def pointing(
+        self, track: Track, geometry: AimGeometry, values: Mapping[str, Value] | None = None
+    ) -> Pointing:
+        """Boresight and aperture axes of every pulse.
+
+        Parameters
+        ----------
+        track : in the scene frame
+        geometry : aim point and mid-aperture
+        values : of ``parameters``; None takes their defaults
+        """
+        axes = TrackAxes.of(track, geometry.along)
+        given = {p.name: p.default for p in self.parameters if p.default is not None} | dict(values or {})
+        boresight = self.boresight(track, axes, geometry, given)
+        azimuth = axes.forward - np.einsum("ij,ij->i", axes.forward, boresight)[:, None] * boresight
+        size = np.linalg.norm(azimuth, axis=1, keepdims=True)
+        azimuth = np.where(size > 1e-9, azimuth / np.maximum(size, 1e-9), np.cross(boresight, axes.right))
+        elevation = np.cross(azimuth, boresight)
+        elevation *= np.where(elevation[:, 2:] < 0.0, -1.0, 1.0)
+        return Pointing(boresight, azimuth, elevation)
+
+
+MODES: Registry[RadarMode] = Registry("radar mode", "sarmitsuba.radar.modes")
+
+
+def mode_parameters() -> tuple[Param, ...]:
+    """Parameters that only some modes have, each once.
+
+    Raises
+    ------
+    ExtensionError
+        Two modes give one name different meanings.
+    """
+    found: dict[str, Param] = {}
+    for mode in MODES:
+        for param in mode.parameters:
+            if found.setdefault(param.name, param) != param:
+                raise ExtensionError(
+                    f'radar mode {mode.name}: parameter "{param.name}" has another meaning in another mode; rename it'
+                )
+    return tuple(found.values())
+
+
+def right_of(along: F64) -> F64:
+    """(3,) horizontal vector to the right of a horizontal direction."""
+    return np.array([along[1], -along[0], 0.0])
+
+
+__all__ = ["MODES", "AimGeometry", "RadarMode", "TrackAxes", "mode_parameters", "right_of"]

@@ -1,0 +1,55 @@
+"""Layers of a run: channels, times bounce orders and ray subsets where those are kept apart."""
+
+from dataclasses import dataclass
+
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """What is kept apart.
+
+    Parameters
+    ----------
+    channels : polarisation channels
+    orders : bounce orders that are kept apart; (0,) where all are summed
+    subsets : ray subsets that are kept apart; (0,) for one set of all rays
+    """
+
+    channels: tuple[str, ...]
+    orders: tuple[int, ...]
+    subsets: tuple[int, ...]
+
+    @staticmethod
+    def of(scene: Scene, plan: EffectsPlan) -> "LayerPlan":
+        """Layers that the settings ask for; ``scene`` as the effects plan leaves it."""
+        settings = scene.settings
+        return LayerPlan(
+            channels=scene.radar.channels,
+            orders=tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,),
+            subsets=(1, 2) if settings.keep_subsets else (0,),
+        )
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """Labels: subset after subset, order after order, channel after channel."""
+        return tuple(Layer(c, o, s) for s in self.subsets for o in self.orders for c in self.channels)
+
+    @property
+    def per_subset(self) -> int:
+        """Layers of one ray subset."""
+        return len(self.orders) * len(self.channels)
+
+    @property
+    def max_order(self) -> int:
+        """Highest bounce order that is kept apart; 0 where all are summed."""
+        return self.orders[-1]
+
+    def of_subset(self, index: int) -> slice:
+        """Where the layers of the ``index``-th subset are."""
+        return slice(index * self.per_subset, (index + 1) * self.per_subset)
+
+
+__all__ = ["LayerPlan"]

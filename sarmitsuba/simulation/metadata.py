@@ -1,0 +1,43 @@
+"""What raw data and images say about the run that made them."""
+
+from collections.abc import Mapping, Sequence
+
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.simulation.run import Run
+
+
+def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
+    """Of raw data; ``image`` is what makes them focus to the image that the scene asks for."""
+    scene = run.scene
+    return {
+        **_common(run, plan, notes),
+        "scene_path": str(scene.path) if scene.path else None,
+        "scene_offset_m": scene.offset.tolist(),
+        "sampling": run.report.as_dict() if run.report else {},
+        "image": dict(vars(scene.image)),
+    }
+
+
+def image_metadata(run: Run, method: str, focus: Mapping[str, object]) -> dict[str, object]:
+    """Of an image that was made without raw data; ``focus``: how its pixels are to be read."""
+    return {
+        **_common(run, run.plan, run.notes),
+        "method": method,
+        "image_request": dict(vars(run.scene.image)),
+        "focus": dict(focus),
+    }
+
+
+def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
+    return {
+        "scene": run.scene.name,
+        "settings": {k: v for k, v in vars(run.scene.settings).items() if k != "effects"},
+        "effects": dict(plan.as_dict()),
+        "plan": plan.summary(),
+        "statistics": dict(vars(run.statistics)),
+        "seconds": dict(run.timer.seconds),
+        "notes": list(notes),
+    }
+
+
+__all__ = ["image_metadata", "raw_metadata"]

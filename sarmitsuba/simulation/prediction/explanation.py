@@ -1,0 +1,125 @@
+"""What a scene will be simulated with and why, and what the run will take, before it is made."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.prediction.prediction import Prediction, predict
+
+_WITHOUT_RAW = ("image", "raster")
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Plan and prediction of a run; ``str`` of it is a readable table.
+
+    Parameters
+    ----------
+    scene : as loaded
+    plan : decided effects
+    prediction : time and memory; None for methods without raw data, or where none was asked for
+    """
+
+    scene: Scene
+    plan: EffectsPlan
+    prediction: Prediction | None
+
+    def as_dict(self) -> Mapping[str, object]:
+        """JSON-able form."""
+        out: dict[str, object] = {
+            "scene": self.scene.name,
+            "method": self.scene.settings.method,
+            "plan": dict(self.plan.as_dict()),
+        }
+        p = self.prediction
+        if p is None:
+            return out
+        out["prediction"] = {
+            "seconds": {stage: round(s, 4) for stage, s in p.seconds.items()},
+            "total_seconds": round(p.total, 4),
+            "memory_bytes": p.memory,
+            "rays": p.rays,
+            "key_pulses": p.key_pulses,
+            "contributions": p.contributions,
+            "pixels": p.pixels,
+            "facts": {
+                "key_pulse_interval": float(p.key_pulse_interval),
+                "rays_per_second": p.rays_per_second,
+                "pixel_pulses_per_second": p.pixel_pulses_per_second,
+                "raw_bytes": float(p.raw_bytes),
+            },
+        }
+        return out
+
+    def __str__(self) -> str:
+        """One line per effect, then the pilot and the prediction."""
+        plan = self.plan
+        rows = [("effect", "", "if not", "cost", "why")]
+        for d in plan.decisions:
+            state = str(d.value) if d.value is not None else "on" if d.on else "off"
+            rows.append((d.name, state, _error(d.error_db), _cost(d.cost), d.why))
+        widths = [max(len(row[i]) for row in rows) for i in range(4)]
+        lines = [
+            "  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[4]])
+            for row in rows
+        ]
+        lines.insert(1, "-" * len(lines[0]))
+        lines.insert(
+            0, f"{self.scene.name}: {self.scene.settings.method}, channels {', '.join(plan.flags.channels)}"
+        )
+        lines.append(
+            "if not: error of the image, relative to its clutter or peak, if the effect were switched the other way; "
+            "cost: the effect's share of the time of a run with everything on"
+        )
+        if plan.pilot:
+            p = plan.pilot
+            lines.append(
+                f"pilot: {p['rays']} rays at pulses {', '.join(str(i) for i in p['pulses'])}, "
+                f"{1e3 * p['seconds']:.0f} ms"
+            )
+        if self.prediction is not None:
+            lines.append(_prediction_text(self.prediction))
+        return "\n".join(lines)
+
+
+def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
+    """Decide the effects of a scene and predict what simulating and focusing it will take.
+
+    Parameters
+    ----------
+    scene : as loaded
+    predicted : off saves the prediction, which traces a part of the run; there is none for ``image`` and ``raster``
+    """
+    if predicted and scene.settings.method not in _WITHOUT_RAW:
+        return Explanation(scene, *predict(scene))
+    return Explanation(scene, plan_scene(scene), None)
+
+
+def _prediction_text(prediction: Prediction) -> str:
+    stages = ", ".join(f"{stage} {_seconds(s)}" for stage, s in prediction.seconds.items())
+    return (
+        f"predicted: {_seconds(prediction.total)} ({stages}), {prediction.memory / 2**20:.0f} MiB; "
+        f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "
+        f"{prediction.pixels / 1e6:.3g} million pixels"
+    )
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f} s" if value >= 1.0 else f"{1e3 * value:.0f} ms"
+
+
+def _error(value_db: float) -> str:
+    if np.isnan(value_db):
+        return "?"
+    return f"{value_db:.0f} dB" if value_db > -200.0 else "none"
+
+
+def _cost(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.005 else "-"
+
+
+__all__ = ["Explanation", "explain"]

@@ -1,0 +1,243 @@
+"""What a run will take before it is made: time by stage and memory, from one batch of the run itself."""
+
+import gc
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.points import add_points
+from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
+from sarmitsuba.simulation.raw import block_error_db
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.piece import middle_pulses
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.timing import Clock, StageTimer
+
+# part of the pulses that the focuser is timed on, and the least number
+FOCUS_SHARE, FOCUS_PULSES = 16, 32
+# shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
+STEADY, TRIES = 0.2, 4
+# most that loading compiled kernels and making transforms ready takes at the first batch, s; more was compilation
+FIRST_USE = 0.06
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Time and memory of a run, start-up and compilation of kernels (once per machine) left out.
+
+    Parameters
+    ----------
+    seconds : by stage, in the order of the run
+    memory : bytes, most that the process will hold at a time, interpreter and libraries included
+    rays, key_pulses, contributions : of the whole run
+    pixels : of the image, all layers
+    key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
+    rays_per_second, pixel_pulses_per_second : measured rates
+    raw_bytes : of the raw data
+    """
+
+    seconds: Mapping[str, float]
+    memory: int
+    rays: int
+    key_pulses: int
+    contributions: int
+    pixels: int
+    key_pulse_interval: int
+    rays_per_second: float
+    pixel_pulses_per_second: float
+    raw_bytes: int
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages."""
+        return float(sum(self.seconds.values()))
+
+
+@dataclass(frozen=True)
+class _Traced:
+    """What tracing and synthesis of the whole run take.
+
+    Parameters
+    ----------
+    seconds : by stage
+    statistics : of the whole run
+    share : of one ray subset's pulses that was traced to find out
+    """
+
+    seconds: Mapping[str, float]
+    statistics: TraceStatistics
+    share: float
+
+
+def predict(
+    scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+) -> tuple[EffectsPlan, Prediction]:
+    """Plan a scene and predict what simulating and focusing it takes.
+
+    One batch of the real run is traced and synthesised twice (the first time compiles its kernels, which the run then
+    finds compiled), and a sixteenth of the pulses is focused onto the whole image.
+
+    Parameters
+    ----------
+    scene : as loaded, with the method ``raw`` or ``hybrid``
+    plan : overrides the automatic effects plan
+    clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
+
+    Notes
+    -----
+    Takes every batch to cost what the first costs. Ignores reading the scene, writing the results, and passes of
+    rays beyond the first.
+    """
+    run = Run(scene, plan=plan, clock=clock)
+    seconds, planned = dict(run.timer.seconds), run.plan
+    if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
+        start = clock()
+        plan_scene(scene, run.trace_scene, clock=clock)
+        seconds["plan"] = clock() - start
+    radar, settings = run.scene.radar, run.scene.settings
+    layers = run.layers.layers
+    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    stats, interval, untouched = TraceStatistics(), 0, 0.0
+    if run.sampling is not None:
+        traced = _tracing(run, run.sampling, data, clock)
+        for stage, value in traced.seconds.items():
+            seconds[stage] = seconds.get(stage, 0.0) + value
+        stats, interval = traced.statistics, run.sampling.key_pulse_interval
+        planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
+        untouched = data.nbytes * max(0.0, 1.0 - traced.share / len(run.layers.subsets))
+    if run.scene.points:
+        seconds["points"] = _points_seconds(run, clock)
+    seconds["focus"], pixels, loading = _focus_seconds(run.scene, layers, data, clock)
+    if run.trace_scene is None:  # else tracing has started the back end before
+        seconds["first use"] = min(FIRST_USE, loading)
+    prediction = Prediction(
+        seconds=seconds,
+        memory=int(peak_memory() + untouched),
+        rays=stats.rays,
+        key_pulses=stats.key_pulses,
+        contributions=stats.contributions,
+        pixels=pixels,
+        key_pulse_interval=interval,
+        rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
+        pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
+        raw_bytes=data.nbytes,
+    )
+    del data
+    gc.collect()
+    return planned, prediction
+
+
+def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
+    """Trace the first batch of the run, twice, and take all others to be like it."""
+    run.timer = StageTimer(clock)
+    lattices = run.lattices(sampling, 0)
+    seconds = dict(run.timer.seconds)
+    target = data[run.layers.of_subset(0)]
+
+    def choosing() -> Mapping[str, float]:
+        again = replace(sampling)  # works the interval out anew
+        start = clock()
+        _ = again.key_pulse_interval
+        return {"plan": clock() - start}
+
+    seconds["plan"] = _steady(choosing)["plan"]
+    tracer = run.tracer(sampling)
+    _ = sampling.key_pulse_interval  # kept from here on
+    start = clock()
+    done, stats = next(tracer.batches(lattices[0], target, run.layers.max_order))
+    first = clock() - start
+
+    def batch() -> Mapping[str, float]:
+        tracer.timer = StageTimer(clock)
+        next(tracer.batches(lattices[0], target, run.layers.max_order))
+        return {stage: tracer.timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
+
+    stages = _steady(batch)
+    more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
+    whole = stats.scaled(more / done)
+    speed = SpeedModel.measured(Work(rays=stats.rays, samples=target.size * done), stages)
+    predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
+    seconds |= {stage: predicted[stage] for stage in stages}
+    seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
+    return _Traced(seconds, whole, done)
+
+
+def _points_seconds(run: Run, clock: Clock) -> float:
+    """Seconds that ideal points take, from a sixteenth of the pulses."""
+    scene, layers = run.scene, run.layers.layers
+    radar = scene.radar
+    few = middle_pulses(radar, 1 + radar.track.n_pulses // FOCUS_SHARE)
+    part = np.zeros((len(layers), few.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    start = clock()
+    add_points(replace(scene, radar=few), run.plan.flags, run.trace_scene, part, layers)
+    return (clock() - start) * radar.track.n_pulses / few.track.n_pulses
+
+
+def _focus_seconds(
+    scene: Scene, layers: tuple[Layer, ...], data: NDArray[np.complex64], clock: Clock
+) -> tuple[float, int, float]:
+    """Seconds to focus all pulses, from two numbers of pulses onto the whole grid; pixels; what the first time adds."""
+    radar = scene.radar
+    n = radar.track.n_pulses
+    few = min(n, max(FOCUS_PULSES, n // FOCUS_SHARE))
+    grid = default_grid(radar, scene.image)
+
+    def taken(k: int) -> Mapping[str, float]:
+        part = middle_pulses(radar, k)
+        start = (n - k) // 2
+        raw = RawData(data[:, start : start + k], layers, "compressed", part)
+        before = clock()
+        focus(raw, grid)
+        return {"focus": clock() - before}
+
+    def steady(k: int) -> float:
+        return _steady(partial(taken, k))["focus"]
+
+    first = taken(min(8, few))["focus"]  # compiles
+    loading = max(0.0, first - taken(min(8, few))["focus"])
+    while True:
+        most = steady(few)
+        if most >= STEADY or few == n:
+            break
+        few = min(n, 4 * few)
+    pixels = int(np.prod(grid.shape)) * len(layers)
+    if few == n:
+        return most, pixels, loading
+    less = max(1, few // 4)
+    slope = max(0.0, (most - steady(less)) / (few - less))
+    return most + slope * (n - few), pixels, loading
+
+
+def _steady(measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
+    """Least of a few measurements (by their sum), one only where it takes long."""
+    best = dict(measure())
+    for _ in range(TRIES - 1):
+        if sum(best.values()) >= STEADY:
+            break
+        again = dict(measure())
+        best = min(best, again, key=lambda stages: sum(stages.values()))
+    return best
+
+
+def peak_memory() -> int:
+    """Most bytes that this process held at a time so far."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(most if sys.platform == "darwin" else most * 1024)
+
+
+__all__ = ["Prediction", "peak_memory", "predict"]

@@ -1,0 +1,108 @@
+"""One model of speed: seconds of a run from what there is to do, with usual rates or with measured ones."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+
+
+@dataclass(frozen=True)
+class Work:
+    """What takes the time of a run.
+
+    Parameters
+    ----------
+    rays : of all pulses traced
+    launches : of the trace kernel
+    path_pulses : contributions times the pulses they go to
+    samples : range-compressed samples that are synthesised, all layers
+    pixel_pulses : pixels of the image times pulses, all layers
+    """
+
+    rays: float = 0.0
+    launches: float = 0.0
+    path_pulses: float = 0.0
+    samples: float = 0.0
+    pixel_pulses: float = 0.0
+
+
+@dataclass(frozen=True)
+class SpeedModel:
+    """Seconds per unit of work.
+
+    Parameters
+    ----------
+    ray, launch, path_pulse, sample, pixel_pulse : s for each
+    """
+
+    ray: float
+    launch: float
+    path_pulse: float
+    sample: float
+    pixel_pulse: float
+
+    @staticmethod
+    def measured(work: Work, seconds: Mapping[str, float]) -> "SpeedModel":
+        """From a part of a run: its work, and its seconds by stage; tracing goes by rays alone."""
+        rates = {
+            "ray": ("trace", work.rays),
+            "sample": ("synthesise", work.samples),
+            "pixel_pulse": ("focus", work.pixel_pulses),
+        }
+        each = {k: seconds.get(stage, 0.0) / done if done else 0.0 for k, (stage, done) in rates.items()}
+        return SpeedModel(launch=0.0, path_pulse=0.0, **each)
+
+    def stages(self, work: Work) -> dict[str, float]:
+        """Seconds by stage."""
+        return {
+            "trace": work.launches * self.launch + work.rays * self.ray + work.path_pulses * self.path_pulse,
+            "synthesise": work.samples * self.sample,
+            "focus": work.pixel_pulses * self.pixel_pulse,
+        }
+
+    def seconds(self, work: Work) -> float:
+        """Seconds of all stages."""
+        return float(sum(self.stages(work).values()))
+
+
+# two cores: 5 million rays per second with all that a hit does, 2 million samples, 400 million pixel-pulses. The
+# launch is what recording, laying out a block and reading its grid back take; adding to the grid is in the rays
+TWO_CORES = SpeedModel(ray=1 / 5e6, launch=2e-3, path_pulse=0.0, sample=1 / 2e6, pixel_pulse=1 / 4e8)
+
+
+def expected_work(sampling: SamplingPlan) -> Work:
+    """About what simulating and focusing a scene takes, one ray subset and all bounce orders in one layer."""
+    radar, image = sampling.scene.radar, sampling.scene.image
+    n, channels = radar.track.n_pulses, len(radar.channels)
+    cell = sampling.scatterer_cell * sampling.range_cell
+    pixels = image.extent_azimuth * image.extent_range / max(cell, 1e-9) * 2.0
+    keys = sampling.expected_key_pulses
+    return Work(
+        rays=sampling.rays_per_pulse * keys,
+        samples=n * radar.window.n_samples * channels,
+        pixel_pulses=pixels * n * channels,
+    )
+
+
+def run_seconds(sampling: SamplingPlan) -> float:
+    """About what simulating and focusing takes on two cores, s; :func:`predict` measures."""
+    return TWO_CORES.seconds(expected_work(sampling))
+
+
+def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
+    """Seconds by stage, tracing split into what goes by launches and what goes by rays.
+
+    Parameters
+    ----------
+    full, sparse : of two runs that differ in their rays
+    fewer : rays of ``full`` over those of ``sparse``
+    """
+    out = {k: v for k, v in full.items() if k != "trace"}
+    seconds = full.get("trace", 0.0)
+    rays = (seconds - sparse.get("trace", 0.0)) / (1.0 - 1.0 / fewer)
+    out["rays"] = min(max(rays, 0.05 * seconds), seconds)
+    out["launches"] = seconds - out["rays"]
+    return out
+
+
+__all__ = ["TWO_CORES", "SpeedModel", "Work", "expected_work", "run_seconds", "split_trace"]

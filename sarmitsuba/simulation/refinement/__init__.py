@@ -1,0 +1,1 @@
+"""How good an image is, and passes of rays until it is good enough."""

@@ -1,0 +1,377 @@
+"""Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
+
+import dataclasses
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.encoding import to_json
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.refinement.error_bars import estimate_error, with_error_bars
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.timing import Clock
+
+STATE_FILE = "passes.npz"
+# weight of a pass as a power of its rays: a little above the 2 by which error energy falls, so that what the coarser
+# passes share does not stay
+WORTH = 3.0
+# most rays of one lattice; denser passes are repeated instead
+MAX_RAYS = 16_000_000
+
+
+@dataclass
+class Passes:
+    """Running mean of the passes so far.
+
+    Parameters
+    ----------
+    fingerprint : of the scene and settings that the passes belong to
+    count : passes done
+    seconds : spent on them, over all runs
+    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, subsets apart
+    layers : labels
+    history : after every pass: seconds so far, error (dB)
+    metadata : of the last pass's raw data
+    levels : of every pass, how often its rays were doubled
+    weight : of all passes together
+    rays : of one key pulse of the last pass
+    """
+
+    fingerprint: str
+    count: int = 0
+    seconds: float = 0.0
+    data: NDArray[np.complex64] | None = None
+    layers: tuple[Layer, ...] = ()
+    history: list[tuple[float, float]] = field(default_factory=list)
+    metadata: dict[str, object] = field(default_factory=dict)
+    levels: list[int] = field(default_factory=list)
+    weight: float = 0.0
+    rays: int = 0
+
+    def add(self, raw: RawData, level: int) -> None:
+        """Take in one more pass, weighted by what its rays are worth."""
+        own = 2.0 ** (WORTH * level)
+        self.weight += own
+        self.count += 1
+        self.levels.append(level)
+        self.layers, self.metadata = raw.layers, dict(raw.metadata)
+        self.rays = raw.metadata["sampling"].get("rays_per_key_pulse", 0)
+        if self.data is None:
+            self.data = raw.data.copy()
+        else:
+            self.data += (raw.data - self.data) * np.float32(own / self.weight)
+
+    def save(self, path: Path) -> None:
+        """Write all of it; the file appears whole or not at all."""
+        record = {
+            "fingerprint": self.fingerprint,
+            "count": self.count,
+            "seconds": self.seconds,
+            "history": self.history,
+            "levels": self.levels,
+            "weight": self.weight,
+            "rays": self.rays,
+            "layers": [dataclasses.astuple(layer) for layer in self.layers],
+            "metadata": to_json(self.metadata),
+        }
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
+            np.savez(
+                file,
+                data=np.asarray(self.data),
+                record=np.frombuffer(json.dumps(record).encode(), dtype=np.uint8),
+            )
+
+    @staticmethod
+    def load(path: Path, fingerprint: str) -> "Passes":
+        """Read what an earlier run left; start afresh where there is none.
+
+        Raises
+        ------
+        DataError
+            The file belongs to another scene or other settings, or cannot be read.
+        """
+        if not path.exists():
+            return Passes(fingerprint)
+        try:
+            with np.load(path) as file:
+                record = json.loads(file["record"].tobytes().decode())
+                data = file["data"]
+            passes = Passes(
+                fingerprint=str(record["fingerprint"]),
+                count=int(record["count"]),
+                seconds=float(record["seconds"]),
+                data=data,
+                layers=tuple(Layer(*row) for row in record["layers"]),
+                history=[(float(a), float(b)) for a, b in record["history"]],
+                metadata=record["metadata"],
+                levels=[int(v) for v in record["levels"]],
+                weight=float(record["weight"]),
+                rays=int(record["rays"]),
+            )
+        except (OSError, KeyError, ValueError, EOFError) as error:
+            raise DataError(
+                f"{path}: cannot read the passes of an earlier run: {error}; remove the file"
+            ) from error
+        if passes.fingerprint != fingerprint:
+            raise DataError(
+                f"{path}: holds passes of another scene or of other settings; remove it or choose another output"
+            )
+        return passes
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What :func:`refine` came to.
+
+    Parameters
+    ----------
+    raw : mean over all passes, subsets apart
+    image : focused from it, with ``sampling_error`` in its metadata
+    passes : done, over all runs
+    error_db : estimated sampling error of the image (worst channel), dB
+    met : whether the target was reached
+    history : after every pass: seconds so far, error (dB)
+    """
+
+    raw: RawData
+    image: SarImage
+    passes: int
+    error_db: float
+    met: bool
+    history: tuple[tuple[float, float], ...]
+
+
+def refine(
+    scene: Scene,
+    *,
+    target_error_db: float | None = None,
+    time_limit: float | None = None,
+    state: Path | str | None = None,
+    grid: ImageGrid | None = None,
+    range_window: str = "rectangular",
+    azimuth_window: str = "rectangular",
+    max_passes: int = 1000,
+    progress: Progress | None = None,
+    clock: Clock = time.perf_counter,
+) -> Refinement:
+    """Add passes of rays until the estimated sampling error meets the target or the time is up.
+
+    Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
+    pass before as far as memory and the time left allow: error energy falls faster than one over the rays, so denser
+    lattices beat more of them. The result is the mean of all passes, weighted by their density. The error of the image
+    is estimated from the two ray subsets.
+
+    Parameters
+    ----------
+    scene : method ``hybrid`` or ``raw``
+    target_error_db : energy of the error over that of the image; default the scene's; 0 = no target
+    time_limit : s, of this run; default the scene's; 0 = no limit. At least one pass is made
+    state : file that holds the passes between runs; None keeps nothing
+    grid : of the image; default what the scene asks for
+    range_window, azimuth_window : of the image
+    max_passes : bound on all passes
+    progress : called after every pass with the error and, where there is one, the limit
+    clock : that ``time_limit`` is measured with
+
+    Returns
+    -------
+    Refinement
+
+    Raises
+    ------
+    DataError
+        Neither a target nor a limit is given, or the state file belongs to another scene.
+
+    Notes
+    -----
+    The passes reduce the error of ray sampling and no other; see
+    :func:`sarmitsuba.simulation.refinement.error_bars.estimate_error`.
+    """
+    target = scene.settings.target_error_db if target_error_db is None else target_error_db
+    limit = scene.settings.time_limit if time_limit is None else time_limit
+    if target >= 0.0 and limit <= 0.0:
+        raise DataError(
+            f"{scene.name}: adding passes needs target_error_db below 0 dB or time_limit above 0 s; set one of them"
+        )
+    noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
+    quiet = {**scene.settings.effects, "noise": "off"}
+    scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
+    file = Path(state) if state is not None else None
+    mark = fingerprint(scene)
+    passes = Passes.load(file, mark) if file else Passes(mark)
+    focuser = _Focuser(
+        scene, passes, grid or default_grid(scene.radar, scene.image), range_window, azimuth_window
+    )
+    plan = plan_scene(scene, clock=clock)
+    spacings = SamplingPlan.of(scene, plan.flags).spacings if scene.geometry.n_faces else None
+
+    goal = _Goal(target, limit, max_passes, clock)
+    took = 0.0  # seconds of the last pass with its check
+    while True:
+        error, elapsed = np.inf, goal.elapsed
+        if passes.data is not None:
+            error = focuser.error_db(goal)
+            elapsed = goal.elapsed
+            info = {"dB error": error} | ({"dB wanted": target} if target < 0.0 else {})
+            (progress or silent)("refine", *goal.share(error, elapsed), info)
+            passes.history[-1] = (passes.seconds, error)
+        level = None if goal.reached(error, passes) else _next_level(passes, took, goal.left(elapsed))
+        if level is None:
+            break
+        start = clock()
+        denser = spacings.at(2.0 ** (-0.5 * level)) if spacings else {}
+        settings = replace(scene.settings, **denser)  # type: ignore[arg-type]
+        raw = simulate(replace(scene, settings=settings), plan=plan, pass_index=passes.count, clock=clock)
+        passes.add(raw, level)
+        took = clock() - start
+        passes.seconds += took
+        passes.history.append((passes.seconds, float("nan")))
+        if file:
+            passes.save(file)
+    return _finished(focuser, goal, noisy)
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """What ends the passes: the error wanted (dB; 0: none), a time limit (s; 0: none), the most passes."""
+
+    target: float
+    limit: float
+    max_passes: int
+    clock: Clock
+    begin: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "begin", self.clock())
+
+    @property
+    def elapsed(self) -> float:
+        return self.clock() - self.begin
+
+    def left(self, elapsed: float) -> float:
+        return self.limit - elapsed if self.limit > 0.0 else np.inf
+
+    def met(self, error: float) -> bool:
+        return self.target < 0.0 and error <= self.target
+
+    def reached(self, error: float, passes: Passes) -> bool:
+        return self.met(error) or passes.count >= self.max_passes
+
+    def share(self, error: float, elapsed: float) -> tuple[float, float]:
+        """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
+        # error energy falls as 1 / rays^2
+        by_error = 10.0 ** ((self.target - error) / 20.0) if self.target < 0.0 else 0.0
+        by_time = elapsed / self.limit if self.limit > 0.0 else 0.0
+        return 100.0 * min(1.0, max(by_error, by_time)), 100.0
+
+
+class _Focuser:
+    """Image of the passes so far, and its error; focused only when it matters, else the raw data's error stands in."""
+
+    def __init__(
+        self, scene: Scene, passes: Passes, grid: ImageGrid, range_window: str, azimuth_window: str
+    ) -> None:
+        self.scene, self.passes, self.grid = scene, passes, grid
+        self.range_window, self.azimuth_window = range_window, azimuth_window
+        self.ratio_db: float | None = None  # image error less raw error
+        self.image: SarImage | None = None  # of the passes so far, where it was focused
+
+    def raw(self) -> RawData:
+        passes = self.passes
+        assert passes.data is not None
+        return RawData(passes.data, passes.layers, "compressed", self.scene.radar, passes.metadata)
+
+    def focus(self, raw: RawData) -> SarImage:
+        return focus(raw, self.grid, range_window=self.range_window, azimuth_window=self.azimuth_window)
+
+    def error_db(self, goal: _Goal) -> float:
+        """Of the image, worst channel."""
+        raw, self.image = self.raw(), None
+        raw_error = _worst_error_db(raw.data, raw.layers)
+        error = raw_error + (self.ratio_db or 0.0)
+        if self.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
+            self.image = self.focus(raw)
+            error = _worst_error_db(self.image.data, self.image.layers)
+            self.ratio_db = error - raw_error
+        return error
+
+
+def _worst_error_db(data: NDArray[np.complex64], layers: Sequence[Layer]) -> float:
+    return float(max(estimate_error(data, layers, pixels=False).error_db))
+
+
+def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
+    """Raw data and image of all passes, with their record; receiver noise last."""
+    passes, raw = focuser.passes, focuser.raw()
+    image = focuser.image or focuser.focus(raw)
+    error = _worst_error_db(image.data, image.layers)
+    passes.history[-1] = (passes.seconds, error)
+    if noisy:
+        raw = add_noise(raw, seed=focuser.scene.settings.seed)
+        image = focuser.focus(raw)
+    met = goal.met(error)
+    record = {
+        "passes": passes.count,
+        "levels": passes.levels,
+        "seconds": passes.seconds,
+        "target_error_db": goal.target,
+        "time_limit_s": goal.limit,
+        "met": met,
+        "history": [[round(s, 3), round(e, 3)] for s, e in passes.history],
+    }
+    raw = replace(raw, metadata={**raw.metadata, "refinement": record})
+    image = with_error_bars(replace(image, metadata={**image.metadata, "refinement": record}))
+    return Refinement(raw, image, passes.count, error, met, tuple(passes.history))
+
+
+def _next_level(passes: Passes, took: float, left: float) -> int | None:
+    """Density of the next pass: twice the rays if that fits time and memory, else as before, None when time is up."""
+    if not passes.levels:
+        return 0
+    level = max(passes.levels)
+    if 2.0 * took <= 1.2 * left and passes.rays <= MAX_RAYS:
+        return level + 1
+    return level if took <= 1.5 * left and left > 0.0 else None
+
+
+def fingerprint(scene: Scene) -> str:
+    """Hash of everything that the passes of a scene depend on."""
+    digest = hashlib.sha256()
+
+    def feed(value: object) -> None:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for item in dataclasses.fields(value):
+                digest.update(item.name.encode())
+                feed(getattr(value, item.name))
+        elif isinstance(value, np.ndarray):
+            digest.update(str(value.dtype).encode() + str(value.shape).encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, (tuple, list)):
+            for item in value:
+                feed(item)
+        elif isinstance(value, dict):
+            feed(sorted(value.items()))
+        else:
+            digest.update(repr(value).encode())
+
+    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
+    feed((scene.geometry, scene.materials, scene.points, scene.radar, settings, scene.image))
+    return digest.hexdigest()
+
+
+__all__ = ["STATE_FILE", "Passes", "Refinement", "fingerprint", "refine"]

@@ -1,0 +1,92 @@
+"""The ladder of methods: one scene, one image grid, four ways to fill it, from interactive to exact.
+
+``raster``: one bounce by projection, incoherent; ``image``: coherent multi-bounce paths of one look;
+``hybrid``: raw data with paths shared by neighbouring pulses, focused; ``raw``: the same with every pulse traced.
+"""
+
+import time
+from dataclasses import replace
+
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import SceneError
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import METHODS, Method
+from sarmitsuba.simulation.image import Imager
+from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.timing import Clock
+
+
+def render(
+    scene: Scene,
+    *,
+    method: Method | None = None,
+    seed: int | None = None,
+    grid: ImageGrid | None = None,
+    focuser: str = "backprojection",
+    range_window: str = "rectangular",
+    azimuth_window: str = "rectangular",
+    plan: EffectsPlan | None = None,
+    pass_index: int = 0,
+    progress: Progress | None = None,
+    clock: Clock = time.perf_counter,
+) -> SarImage:
+    """Simulate a scene and focus it: the calibrated image, by any method of the ladder.
+
+    Parameters
+    ----------
+    scene : as loaded
+    method : ``raster``, ``image``, ``hybrid`` or ``raw``; default: the scene's
+    seed : of every random number; default: the scene's
+    grid : pixels; default: those that the scene asks for, the same for every method
+    focuser, range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
+    plan : overrides the automatic effects plan
+    pass_index : other values shift the ray lattices and nothing else
+    progress : called after every batch
+    clock : of the stages' seconds in the metadata
+
+    Returns
+    -------
+    SarImage : the same grid, units and, but for ``raster``, phase from every method
+
+    Raises
+    ------
+    SceneError
+        There is no such method.
+    RadarError
+        When nothing comes back.
+
+    Notes
+    -----
+    What ``image`` and ``raster`` ignore: see :class:`sarmitsuba.simulation.image.Imager`.
+    """
+    name = method or scene.settings.method
+    if name not in METHODS:
+        raise SceneError(f"{scene.name}: method {name!r} is unknown; choose one of {', '.join(METHODS)}")
+    settings = replace(scene.settings, method=name)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    run = Run(replace(scene, settings=settings), plan=plan, clock=clock)
+    report = progress or silent
+    if name in ("image", "raster"):
+        imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window)
+        image = imager.image(pass_index) if name == "image" else imager.raster()
+        report(name, 1.0, 1.0, {})
+        return image
+    raw = echoes(run, pass_index=pass_index, progress=progress)
+    with run.timer.stage("focus"):
+        image = focus(
+            raw,
+            grid or default_grid(scene.radar, scene.image),
+            focuser=focuser,
+            range_window=range_window,
+            azimuth_window=azimuth_window,
+            progress=report,
+        )
+    return replace(image, metadata={**image.metadata, "method": name, "seconds": dict(run.timer.seconds)})
+
+
+__all__ = ["render"]

@@ -1,0 +1,82 @@
+"""A run of a scene, made ready for any method: effects decided, geometry on the device, sampling planned."""
+
+import time
+from dataclasses import replace
+
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.layers import LayerPlan
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
+from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.timing import Clock, StageTimer
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.launch import LaunchGrid
+
+
+class Run:
+    """What every method of simulation starts from.
+
+    Parameters
+    ----------
+    scene : as loaded
+    plan : overrides the automatic effects plan
+    clock : of the run's stages
+
+    Attributes
+    ----------
+    scene : as the effects plan leaves it
+    plan : decided effects
+    trace_scene : geometry on the device; None where there is no mesh
+    sampling : how the scene is sampled; None where there is no mesh
+    layers : what is kept apart
+    timer : seconds by stage
+    statistics : of the last image or raw data
+    report : the rays that raw data took; None before, and where there is no mesh
+    notes : one line each; what was assumed, repaired or is worth a warning
+    """
+
+    def __init__(
+        self, scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+    ) -> None:
+        ensure_backend()
+        self.timer = StageTimer(clock)
+        self.trace_scene: TraceScene | None = None
+        self.sampling: SamplingPlan | None = None
+        if scene.geometry.n_faces:
+            wavelength = scene.radar.waveform.wavelength
+            self.trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
+            self.timer.lap("build")
+            self.sampling = SamplingPlan.of(scene)
+            self.timer.lap("launch grid")
+        self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
+        self.scene = self.plan.apply(scene)
+        if self.sampling is not None:
+            self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
+        self.layers = LayerPlan.of(self.scene, self.plan)
+        self.statistics = TraceStatistics()
+        self.report: SamplingReport | None = None
+        self.notes = [*scene.notes, *self.plan.notes]
+        self.timer.lap("plan")
+
+    def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
+        """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""
+        assert self.trace_scene is not None
+        flags = replace(
+            sampling.flags,
+            taper=sampling.flags.taper and sampling.window.taper > 0,
+            antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
+        )
+        return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
+
+    def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
+        """Lattices of every ray subset; other values of ``pass_index`` give independent ones."""
+        subsets = self.layers.subsets
+        made = [sampling.lattices(draw=subset + 2 * pass_index, subset=subset) for subset in subsets]
+        self.timer.lap("launch grid")
+        return made
+
+
+__all__ = ["Run"]

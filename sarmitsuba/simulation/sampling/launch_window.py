@@ -1,0 +1,109 @@
+"""Which part of the scene is lit by rays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LaunchWindow:
+    """Lit part of the scene.
+
+    Parameters
+    ----------
+    box : (2, 3) float64, m, scene frame; everything inside is lit at full weight
+    center : (3,) float64, m, scene frame; the launch plane's centre
+    frame : launch plane of the mid-aperture line of sight
+    half_x, half_y : m, half extents of the window in the plane
+    taper : m, fade-out beyond; 0 where the scene ends within the window
+    incidence : rad, on level ground at the centre
+    """
+
+    box: F64
+    center: F64
+    frame: LaunchFrame
+    half_x: float
+    half_y: float
+    taper: float
+    incidence: float
+
+    @property
+    def area(self) -> float:
+        """Area of the window with its fade-out, m^2."""
+        return 4.0 * (self.half_x + self.taper) * (self.half_y + self.taper)
+
+
+def launch_window(scene: Scene) -> LaunchWindow:
+    """Find the window that lights all geometry which can reach the requested image.
+
+    Tall objects beyond the far edge lay over into the image, so the box reaches further out by their height over
+    the tangent of the incidence angle.
+
+    Raises
+    ------
+    RadarError
+        When no geometry lies within the image's footprint.
+    """
+    radar, image = scene.radar, scene.image
+    low, high = scene.geometry.bounds
+    along, across = radar.track.along, radar.across
+    antenna = radar.track.center_position
+    middle = np.array([image.center_x, image.center_y, image.height])
+    look = middle - antenna
+    incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
+
+    # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
+    axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
+    local = (scene.geometry.vertices - middle) @ axes.T
+    g_low, g_high = local.min(axis=0), local.max(axis=0)
+    reach = max(0.0, float(g_high[2])) / max(np.tan(incidence), 0.1)
+    sink = max(0.0, float(-g_low[2])) / max(np.tan(incidence), 0.1)
+    ha, hr = 0.5 * image.extent_azimuth, 0.5 * image.extent_range
+    i_low = np.array([-ha, -hr - sink, g_low[2]])
+    i_high = np.array([ha, hr + reach, g_high[2]])
+    b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
+    if (b_low > b_high).any():
+        where = "azimuth" if b_low[0] > b_high[0] else "range"
+        raise RadarError(
+            f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "
+            f"({image.center_x:g}, {image.center_y:g}) m) contains no geometry of {where}, which spans "
+            f"x {low[0]:g} ... {high[0]:g} m, y {low[1]:g} ... {high[1]:g} m; move image_center_x, image_center_y "
+            f"or enlarge the image"
+        )
+    cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
+
+    corners = np.array(
+        [
+            [x, y, z]
+            for x in (b_low[0], b_high[0])
+            for y in (b_low[1], b_high[1])
+            for z in (b_low[2], b_high[2])
+        ]
+    )
+    corners = corners @ axes + middle
+    center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    frame = frame_towards(antenna[None], center, along)
+    spans = [
+        window_of(corners, radar.track.position[i], frame)
+        for i in {0, radar.track.center_index, radar.track.n_pulses - 1}
+    ]
+    lo = np.min([s[0] for s in spans], axis=0)
+    hi = np.max([s[1] for s in spans], axis=0)
+    shift = 0.5 * (lo + hi)
+    center = center + frame.axis_x[0] * shift[0] + frame.axis_y[0] * shift[1]
+    half = 0.5 * (hi - lo)
+    frame = LaunchFrame(center[None], frame.axis_x, frame.axis_y)
+    # five per cent of the window, at least ten resolution cells, keeps the frame's edge lobe below the clutter
+    taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
+    box = np.stack([corners.min(axis=0), corners.max(axis=0)])
+    return LaunchWindow(box, center, frame, float(half[0]), float(half[1]), taper, incidence)
+
+
+__all__ = ["LaunchWindow", "launch_window"]

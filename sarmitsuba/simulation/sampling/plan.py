@@ -1,0 +1,299 @@
+"""The sampling plan: how densely a run samples its scene, worked out once and handed to every stage."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.block import choose_block_length
+from sarmitsuba.echo.direct import box_distance
+from sarmitsuba.effects.context import Sampling
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.cell_grid import cell_grid
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_window
+from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
+
+F64 = NDArray[np.float64]
+
+# rays per wavelength that curved and small parts want (a sphere of ka = 60 is then within 0.1 dB of physical optics)
+RAYS_PER_WAVELENGTH = 4.5
+# rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve
+FINE_RAYS = 2_000_000
+# a tube's footprint on level ground over a scatterer cell: up to one, tubes share their area among the cells they
+# overlap and leave none out
+FOOTPRINT_PER_CELL = 1.0
+# scatterer cells per resolution cell and axis: at one or more the speckle of a pixel is exactly Gaussian
+CELLS_PER_RESOLUTION = 1.05
+# automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
+# (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
+LOOK_SPACING = 2.0**0.75
+# key pulses share about this many pulses when nothing else is known
+USUAL_INTERVAL = 100
+
+
+@dataclass(frozen=True)
+class RaySpacings:
+    """Distances between neighbouring rays, all subsets together.
+
+    Parameters
+    ----------
+    coherent : m, of the rays for coherent returns, or of all rays where nothing returns coherently
+    diffuse : m, of the rays for diffuse returns; 0 where nothing scatters diffusely
+    """
+
+    coherent: float
+    diffuse: float
+
+    def at(self, factor: float) -> dict[str, float]:
+        """Settings that ask for this many times the distances."""
+        out = {"ray_spacing": factor * self.coherent}
+        return out | ({"diffuse_ray_spacing": factor * self.diffuse} if self.diffuse else {})
+
+
+@dataclass(frozen=True, eq=False)
+class SamplingPlan:
+    """How a run samples its scene.
+
+    Parameters
+    ----------
+    scene : as the effects plan leaves it
+    flags : of the trace kernel; they say which kinds of return there are
+    window : lit part of the scene
+    azimuth_cell : m, azimuth resolution of the whole aperture at the image's centre
+    scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer
+    footprint_spacing : m, distance between rays whose footprints are as large as the scatterer cells
+    spacings : distances between rays, as asked for or automatic
+    """
+
+    scene: Scene
+    flags: KernelFlags
+    window: LaunchWindow
+    azimuth_cell: float
+    scatterer_cell: float
+    footprint_spacing: float
+    spacings: RaySpacings
+
+    @staticmethod
+    def of(scene: Scene, flags: KernelFlags | None = None) -> "SamplingPlan":
+        """Work the plan out.
+
+        Parameters
+        ----------
+        scene : with a mesh
+        flags : kinds of return there are; None: coherent ones, and diffuse ones where a material has a diffuse law
+
+        Raises
+        ------
+        RadarError
+            When no geometry lies within the image's footprint.
+        """
+        if flags is None:
+            rough = any(m.scatters for m in scene.materials)
+            flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
+        window = launch_window(scene)
+        azimuth = azimuth_cell(scene)
+        ground = scene.radar.waveform.range_cell / max(np.sin(window.incidence), 0.05)
+        cell = scene.settings.scatterer_cell or float(min(azimuth, ground) / CELLS_PER_RESOLUTION)
+        footprint = _footprint_spacing(scene, window, cell)
+        spacings = _spacings(scene, flags, window, azimuth, footprint)
+        return SamplingPlan(scene, flags, window, azimuth, cell, footprint, spacings)
+
+    def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
+        """The plan of the same scene under decided effects; a track that they straighten starts anew."""
+        if scene.radar.track is not self.scene.radar.track:
+            return SamplingPlan.of(scene, flags)
+        spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
+        return replace(self, scene=scene, flags=flags, spacings=spacings)
+
+    def of_one_look(self) -> "SamplingPlan":
+        """The plan with wider coherent rays, where the scene does not set their distance: enough for one look.
+
+        Scenes small enough for several rays per wavelength keep them, and diffuse rays are as for raw data: wider ones
+        would leave scatterer cells out.
+        """
+        if self.scene.settings.ray_spacing > 0.0 or not self.flags.coherent:
+            return self
+        if self.spacings.coherent <= 1.001 * self.fine_spacing:
+            return self
+        wider = replace(self.spacings, coherent=LOOK_SPACING * self.spacings.coherent)
+        return replace(self, spacings=wider)
+
+    @property
+    def range_cell(self) -> float:
+        """Slant-range resolution, m."""
+        return self.scene.radar.waveform.range_cell
+
+    @property
+    def half_cell(self) -> float:
+        """Half of the finer resolution, m: the most that coherent rays may lie apart."""
+        return 0.5 * min(self.azimuth_cell, self.range_cell)
+
+    @property
+    def fine_spacing(self) -> float:
+        """Distance between rays that curved and small parts want, m."""
+        return self.scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
+
+    @property
+    def through_cells(self) -> bool:
+        """Whether rays go through the scatterer cells, one per cell: bare level ground with one bounce."""
+        f = self.flags
+        return f.diffuse and not (f.footprint_splitting or f.coherent or f.multi_bounce)
+
+    @property
+    def rays_per_pulse(self) -> int:
+        """About as many rays as all lattices of one pulse have; diffuse rays only where they are automatic."""
+        rays = self.window.area / self.spacings.coherent**2
+        both = self.flags.diffuse and self.flags.coherent
+        if both and self.scene.settings.diffuse_ray_spacing == 0:
+            rays += self.window.area / self.spacings.diffuse**2
+        return int(rays)
+
+    @property
+    def expected_key_pulses(self) -> int:
+        """About as many pulses as will be traced; :attr:`key_pulse_interval` knows, but takes time."""
+        n, settings = self.scene.radar.track.n_pulses, self.scene.settings
+        by_method = {"raw": 1, "image": n, "raster": n}
+        return -(-n // by_method.get(settings.method, settings.key_pulse_interval or USUAL_INTERVAL))
+
+    @cached_property
+    def key_pulse_interval(self) -> int:
+        """Pulses that share one tracing: as asked, or as many as the error of a block allows."""
+        settings = self.scene.settings
+        if settings.method == "raw":
+            return 1
+        return settings.key_pulse_interval or choose_block_length(
+            self.scene.radar,
+            self.window.center,
+            self.phase_box,
+            settings.gridding_width,
+            settings.tolerance_db,
+            extra_slant_range=self.extra_slant_range,
+        )
+
+    @cached_property
+    def phase_box(self) -> F64:
+        """Bounds of the phase centres whose Doppler is kept, (2, 3) m: the lit box and a quarter for mirror images."""
+        low, high = self.window.box
+        margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.scatterer_cell
+        return np.stack([low - margin, high + margin])
+
+    @cached_property
+    def extra_slant_range(self) -> float:
+        """What multiple reflections may add to a slant range and still be inside the receive window, m."""
+        window, track = self.scene.radar.window, self.scene.radar.track
+        end = float(window.start_range.max()) + window.extent
+        far = float(box_distance(self.phase_box, track.position)[1].min())
+        return max(0.0, end - far)
+
+    def for_effects(self) -> Sampling:
+        """What the effects may know of the sampling."""
+        return Sampling(
+            ray_spacing=self.spacings.coherent,
+            n_rays=self.rays_per_pulse,
+            cell=self.scatterer_cell,
+            box=self.window.box,
+            key_pulses=self.expected_key_pulses,
+        )
+
+    def lattices(self, *, draw: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
+        """Lattices that together sample one pulse: one for all returns, or a coarser one of its own for the diffuse.
+
+        Diffuse returns depend on their cells and hardly on the rays, so they need far fewer rays than coherent tubes.
+
+        Parameters
+        ----------
+        draw : number of the independent lattice (ray subsets, passes)
+        subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
+            footprints wider than a cell would leave cells out
+        """
+        if self.through_cells:
+            return (cell_grid(self.scene, self.window, self.scatterer_cell),)
+        sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
+        settings = self.scene.settings
+        if not (self.flags.diffuse and self.flags.coherent):
+            if self.flags.diffuse:
+                return (self._lattice(self.spacings.coherent, "diffuse", draw),)
+            return (self._lattice(sparser * self.spacings.coherent, "coherent", draw),)
+        coherent, diffuse = sparser * self.spacings.coherent, self.spacings.diffuse
+        if settings.ray_spacing > 0 and settings.diffuse_ray_spacing == 0:
+            diffuse = max(diffuse, coherent / sparser)
+        if 0.8 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
+            return (self._lattice(min(coherent, diffuse), "all", draw),)
+        return (self._lattice(coherent, "coherent", draw), self._lattice(diffuse, "diffuse", draw))
+
+    def _lattice(self, spacing: float, purpose: Purpose, draw: int) -> LaunchGrid:
+        window = self.window
+        return lattice(
+            window.half_x,
+            window.half_y,
+            spacing,
+            taper=window.taper,
+            seed=self.scene.settings.seed,
+            draw=draw,
+            purpose=purpose,
+        )
+
+
+def azimuth_cell(scene: Scene) -> float:
+    """Azimuth resolution cell lambda / (2 theta) of the whole aperture at the image centre, m."""
+    track = scene.radar.track
+    middle = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
+    first, last = track.position[0] - middle, track.position[-1] - middle
+    mean_range = 0.5 * (np.linalg.norm(first) + np.linalg.norm(last))
+    cosine = first @ last / (np.linalg.norm(first) * np.linalg.norm(last))
+    # small angles lose all digits in the cosine: take the sine there
+    sine = np.linalg.norm(np.cross(first, last)) / (np.linalg.norm(first) * np.linalg.norm(last))
+    angle = float(np.arctan2(sine, cosine))
+    if track.n_pulses < 2 or angle == 0.0:
+        return float(mean_range)
+    return float(scene.radar.waveform.wavelength / (2.0 * angle))
+
+
+def _footprint_spacing(scene: Scene, window: LaunchWindow, cell: float) -> float:
+    """Distance between rays whose footprints are as large as the cells, m.
+
+    The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
+    on walls (over its sine).
+    """
+    v = scene.geometry.vertices[scene.geometry.faces]
+    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    steep = float(area[np.abs(normal[:, 2]) < 0.5 * area].sum()) > 0.01 * float(area.sum())
+    slant = np.cos(window.incidence)
+    if steep:
+        slant = min(slant, np.sin(window.incidence))
+    return float(FOOTPRINT_PER_CELL * cell * max(slant, 0.2))
+
+
+def _spacings(
+    scene: Scene, flags: KernelFlags, window: LaunchWindow, azimuth: float, footprint: float
+) -> RaySpacings:
+    """Distances as asked for, or what the returns that there are need.
+
+    Coherent tubes want ``RAYS_PER_WAVELENGTH`` where that is affordable (``FINE_RAYS``), else half a resolution cell.
+    """
+    settings = scene.settings
+    diffuse = settings.diffuse_ray_spacing or footprint
+    if settings.ray_spacing > 0:
+        coherent = settings.ray_spacing
+    elif flags.diffuse and not flags.coherent:
+        coherent = diffuse
+    else:
+        coherent = scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
+        if window.area / coherent**2 > FINE_RAYS:
+            half_cell = 0.5 * min(azimuth, scene.radar.waveform.range_cell)
+            coherent = float(min(half_cell, np.sqrt(window.area / 1e5)))
+    return RaySpacings(coherent, diffuse if flags.diffuse else 0.0)
+
+
+__all__ = [
+    "FOOTPRINT_PER_CELL",
+    "LOOK_SPACING",
+    "RAYS_PER_WAVELENGTH",
+    "RaySpacings",
+    "SamplingPlan",
+    "azimuth_cell",
+]

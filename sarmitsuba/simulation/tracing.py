@@ -1,0 +1,220 @@
+"""Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
+from sarmitsuba.echo.direct import finish, plan_direct
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.timing import StageTimer
+from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+
+# lanes of one launch; bounds the memory of a batch whatever the number of pulses
+MAX_LANES = 8_000_000
+# bytes of one accumulator grid; bounds the pulses of a direct batch
+MAX_GRID_BYTES = 256_000_000
+
+
+class Tracer:
+    """Everything about tracing a scene that does not change from batch to batch.
+
+    Parameters
+    ----------
+    sampling : plan of the run
+    flags : switches of the kernel
+    trace_scene : geometry and materials on the device
+    max_depth : most bounces
+    timer : stages ``trace`` and ``synthesise`` are added to it
+
+    Attributes
+    ----------
+    largest_grid : bytes of the largest accumulator grid so far
+    """
+
+    def __init__(
+        self,
+        sampling: SamplingPlan,
+        flags: KernelFlags,
+        trace_scene: TraceScene,
+        max_depth: int,
+        timer: StageTimer,
+    ) -> None:
+        self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
+        self.largest_grid = 0
+        radar, center = sampling.scene.radar, sampling.window.center
+        antenna = radar.track.center_position
+        self.kernel = KernelSettings(
+            wavelength=radar.waveform.wavelength,
+            max_depth=max_depth,
+            cell=sampling.scatterer_cell,
+            seed=sampling.scene.settings.seed,
+            amplitude=radar.amplitude_constant,
+            reference_range=float(np.linalg.norm(center - antenna)),
+            up=polarisation_up(radar, center, antenna),
+        )
+
+    def batches(
+        self, rays: Sequence[LaunchGrid], data: NDArray[np.complex64], max_order: int
+    ) -> Iterator[tuple[float, TraceStatistics]]:
+        """Fill ``data`` (layers, pulses, samples) batch by batch; yields the share done and that batch's figures."""
+        sampling = self.sampling
+        radar = sampling.scene.radar
+        n = radar.track.n_pulses
+        length = sampling.key_pulse_interval
+        self.timer.lap("plan")
+        if length > 1:
+            for start in range(0, n, length):
+                stop = min(n, start + length)
+                plan = plan_block(
+                    radar,
+                    start,
+                    stop,
+                    sampling.window.center,
+                    sampling.phase_box,
+                    sampling.scene.settings.gridding_width,
+                    extra_slant_range=sampling.extra_slant_range,
+                )
+                yield stop / n, self.block(rays, plan, data, max_order)
+            return
+        row = data.shape[0] * 2 * radar.window.n_samples * 2 * 16
+        step = int(max(1, min(MAX_LANES // max(g.n_rays for g in rays), MAX_GRID_BYTES // row, n)))
+        for start in range(0, n, step):
+            stop = min(n, start + step)
+            yield stop / n, self.direct(rays, start, stop, data, max_order)
+
+    def block(
+        self, rays: Sequence[LaunchGrid], plan: BlockPlan, data: NDArray[np.complex64], max_order: int
+    ) -> TraceStatistics:
+        """Trace one key pulse and synthesise its block."""
+        radar = self.sampling.scene.radar
+        accumulator = BlockAccumulator(
+            plan,
+            data.shape[0] // len(radar.channels),
+            len(radar.channels),
+            max_order,
+            radar.waveform.wavelength,
+        )
+        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
+        position, velocity = plan.position[None], plan.velocity[None]
+        pick = slice(plan.key, plan.key + 1)
+        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+        stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
+        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar)
+        self.timer.lap("synthesise")
+        return stats
+
+    def direct(
+        self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int
+    ) -> TraceStatistics:
+        """Trace every pulse of ``start:stop`` in one launch."""
+        sampling = self.sampling
+        radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
+        plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
+        accumulator = DirectAccumulator(
+            plan,
+            data.shape[0] // len(radar.channels),
+            len(radar.channels),
+            max_order,
+            radar.waveform.wavelength,
+        )
+        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
+        pick = slice(start, stop)
+        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+        stats = self.launch_all(
+            rays, radar.track.position[pick], radar.track.velocity[pick], pick, accumulator, 1
+        )
+        data[:, pick] = finish(accumulator.grid(), plan, radar)
+        self.timer.lap("synthesise")
+        return stats
+
+    def launch_all(
+        self,
+        rays: Sequence[LaunchGrid],
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+        accumulator: GridAccumulator,
+        pulses_each: int,
+    ) -> TraceStatistics:
+        """Run one kernel for each lattice, all into the same grid."""
+        each = [self.launch(grid, position, velocity, pick, accumulator, pulses_each) for grid in rays]
+        total = each[0]
+        for more in each[1:]:
+            total = total.plus(replace(more, key_pulses=0))
+        return total
+
+    def launch(
+        self,
+        grid: LaunchGrid,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+        accumulator: GridAccumulator,
+        pulses_each: int,
+    ) -> TraceStatistics:
+        """Record and run one kernel."""
+        radar, flags = self.sampling.scene.radar, self.flags
+        frame = grid.frame or self.sampling.window.frame
+        batch = pulse_batch(radar, pick, position, velocity, frame, patterned=flags.antenna_pattern)
+        if grid.purpose == "coherent":
+            flags = replace(flags, diffuse=False)
+        elif grid.purpose == "diffuse":
+            flags = replace(flags, coherent=False)
+        counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
+        dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
+        totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
+        self.timer.lap("trace")
+        return TraceStatistics(
+            rays=grid.n_rays * batch.n_pulses,
+            hits=totals[0],
+            contributions=totals[1],
+            outside=totals[2],
+            key_pulses=batch.n_pulses,
+            path_pulses=totals[1] * pulses_each,
+        )
+
+
+def pulse_batch(
+    radar: Radar,
+    pick: slice,
+    position: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    frame: LaunchFrame,
+    *,
+    patterned: bool,
+) -> PulseBatch:
+    """Antenna state of a launch; ``pick``: pulses whose pointing holds, where the antenna is ``patterned``."""
+    pointing = radar.pointing
+    return PulseBatch(
+        position=position,
+        velocity=velocity,
+        frame=frame,
+        boresight=pointing.boresight[pick] if patterned else None,
+        azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
+        elevation_axis=pointing.elevation_axis[pick] if patterned else None,
+    )
+
+
+def polarisation_up(
+    radar: Radar, center: NDArray[np.float64], antenna: NDArray[np.float64]
+) -> tuple[float, float, float]:
+    """Vertical reference of the polarisation basis: the scene's vertical, or across track when looking down."""
+    look = center - antenna
+    look = look / np.linalg.norm(look)
+    up = np.array([0.0, 0.0, 1.0])
+    if abs(look[2]) > np.cos(np.radians(1.0)):  # within a degree of nadir H and V lose their meaning
+        up = radar.across
+    return (float(up[0]), float(up[1]), float(up[2]))
+
+
+__all__ = ["MAX_GRID_BYTES", "MAX_LANES", "Tracer", "polarisation_up", "pulse_batch"]

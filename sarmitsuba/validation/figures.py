@@ -1,0 +1,31 @@
+"""The picture of a validation case."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sarmitsuba.validation.comparison import Case, Comparison
+from sarmitsuba.view.deviation import DeviationPanel, save_deviation
+
+
+def plot_case(case: Case, path: Path) -> None:
+    """Write the plot of a case as PNG; one panel per comparison, curve above and deviation below."""
+    panels = [_panel(c) for c in case.comparisons]
+    save_deviation(panels, path, title=case.title, x_label=case.x_label, y_label=case.y_label)
+
+
+def _panel(c: Comparison) -> DeviationPanel:
+    compared = c.compared
+    in_db = c.unit in ("dBsm", "dB")
+    return DeviationPanel(
+        title=c.label,
+        x=c.x,
+        reference=c.theory,
+        measured=c.simulated,
+        compared=compared,
+        tolerance=c.tolerance,
+        depth=c.floor if in_db and np.isfinite(c.floor) and compared.any() else None,
+    )
+
+
+__all__ = ["plot_case"]

@@ -1,0 +1,47 @@
+"""Choose validation cases and run them."""
+
+from collections.abc import Collection
+
+from sarmitsuba.errors import OutputError
+from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.comparison import TOPICS, Case
+
+
+def select(names: Collection[str] = (), topics: Collection[str] = ()) -> tuple[CaseEntry, ...]:
+    """Cases of these names and of these topics, in the order of the page; all of them when none are given.
+
+    Raises
+    ------
+    OutputError
+        There is no such case or topic.
+    """
+    entries = tuple(CASES)
+    known = {entry.topic for entry in entries}
+    for name in names:
+        if name not in CASES:
+            raise OutputError(f"validate: there is no case {name!r}; `validate --list` shows all cases")
+    for topic in topics:
+        if topic not in known:
+            raise OutputError(f"validate: there is no topic {topic!r}; `validate --list` shows all topics")
+    order = [*TOPICS, *sorted(known - set(TOPICS))]
+    chosen = [e for e in entries if not (names or topics) or e.name in names or e.topic in topics]
+    return tuple(sorted(chosen, key=lambda entry: order.index(entry.topic)))
+
+
+def run_case(entry: CaseEntry, quick: bool = False) -> Case:
+    """Run one case; ``quick`` takes fewer bands, angles and looks, as the tests do.
+
+    Raises
+    ------
+    OutputError
+        The case calls itself otherwise than its entry does, so that page and plots would not meet.
+    """
+    case = entry.build(quick)
+    if (case.name, case.topic) != (entry.name, entry.topic):
+        raise OutputError(
+            f"validate: case {entry.name!r} of topic {entry.topic!r} returned {case.name!r} of {case.topic!r}"
+        )
+    return case
+
+
+__all__ = ["run_case", "select"]

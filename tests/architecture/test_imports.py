@@ -1,0 +1,241 @@
+"""Imports point one way, in no circle, and leave Mitsuba and Dr.Jit to the rooms that trace."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+
+# an importer stands above what it imports; rooms of one line may import each other as long as there is no circle
+FLOORS = (
+    ("", "__main__", "cli", "commands", "doctor", "plugins"),
+    ("cost",),
+    ("validation",),
+    ("view",),
+    ("simulation",),
+    ("focusing",),
+    ("io",),
+    ("loader",),
+    ("trace",),
+    ("effects",),
+    ("image",),
+    ("echo",),
+    ("scene",),
+    ("materials",),
+    ("mesh",),
+    ("radar",),
+    ("theory",),
+    (
+        "backend",
+        "constants",
+        "errors",
+        "extensions",
+        "parameters",
+        "progress",
+        "registry",
+        "timing",
+        "units",
+    ),
+)
+FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
+# closed forms share no code with what they check
+THEORY_MAY = {"theory", "constants", "units"}
+
+# rooms that work on data from elsewhere too, and so need neither Mitsuba nor, but for focusing's kernel, Dr.Jit
+DATA = {
+    "echo",
+    "effects",
+    "focusing",
+    "image",
+    "io",
+    "materials",
+    "mesh",
+    "radar",
+    "scene",
+    "theory",
+    "view",
+}
+# who may go through the door to Mitsuba and Dr.Jit
+BACKEND_USERS = {
+    "__main__",
+    "cli",
+    "commands",
+    "cost",
+    "doctor",
+    "focusing",
+    "loader",
+    "plugins",
+    "simulation",
+    "trace",
+    "validation",
+}
+FOREIGN = {"mitsuba", "drjit"}
+
+
+def test_every_module_has_its_floor(house: Any) -> None:
+    assert sorted({module.where for module in house if module.room not in FLOOR}) == []
+
+
+def test_imports_point_down(house: Any) -> None:
+    """Late imports and those for type checking too: knowing a name is knowing its room."""
+    wrong = []
+    for found in house.imports:
+        if found.target not in house.modules:
+            continue
+        here, there = house.modules[found.source].room, house.modules[found.target].room
+        if here != there and FLOOR.get(there, 0) < FLOOR.get(here, 0):
+            wrong.append(f"{house.modules[found.source].where}:{found.line} imports {found.target}, above it")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_theory_shares_no_code_with_what_it_checks(house: Any) -> None:
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line} imports {found.target}"
+        for found in house.imports
+        if house.modules[found.source].room == "theory"
+        and found.target in house.modules
+        and house.modules[found.target].room not in THEORY_MAY
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_no_circles(house: Any) -> None:
+    """Between modules, whenever the import runs."""
+    edges: dict[str, set[str]] = {module.name: set() for module in house}
+    for found in house.imports:
+        if found.target in edges and found.target != found.source:
+            edges[found.source].add(found.target)
+    assert circles(edges) == []
+
+
+def circles(edges: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of more than one node that reach each other (Kosaraju's algorithm)."""
+    order: list[str] = []
+    seen: set[str] = set()
+    for start in edges:
+        stack = [(start, iter(sorted(edges[start])))] if start not in seen else []
+        seen.add(start)
+        while stack:
+            node, rest = stack[-1]
+            for child in rest:
+                if child not in seen:
+                    seen.add(child)
+                    stack.append((child, iter(sorted(edges[child]))))
+                    break
+            else:
+                order.append(node)
+                stack.pop()
+    back: dict[str, set[str]] = {node: set() for node in edges}
+    for node, targets in edges.items():
+        for target in targets:
+            back[target].add(node)
+    groups, placed = [], set()
+    for node in reversed(order):
+        group, todo = [], [node]
+        while todo:
+            here = todo.pop()
+            if here not in placed:
+                placed.add(here)
+                group.append(here)
+                todo += back[here]
+        if len(group) > 1:
+            groups.append(sorted(group))
+    return sorted(groups)
+
+
+def test_circles_are_found() -> None:
+    edges = {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a", "e"}, "e": set()}
+    assert circles(edges) == [["a", "b", "c"]]
+    assert circles({"a": {"b"}, "b": set()}) == []
+
+
+def test_the_back_end_is_the_only_door(house: Any) -> None:
+    """Mitsuba and Dr.Jit come from ``sarmitsuba.backend``, which finds LLVM first."""
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line} imports {found.target}"
+        for found in house.imports
+        if found.target.split(".")[0] in FOREIGN and house.modules[found.source].room != "backend"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_only_rooms_that_trace_use_the_door(house: Any) -> None:
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line}"
+        for found in house.imports
+        if found.target == "sarmitsuba.backend"
+        and house.modules[found.source].room not in BACKEND_USERS | {"", "backend"}
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_data_rooms_do_not_reach_mitsuba(house: Any) -> None:
+    """By the imports of what they import, and theirs, as far as they run."""
+    wrong = []
+    for module in house:
+        if module.room in DATA:
+            reached = {name.split(".")[0] for name in house.run_with(module.name)} & FOREIGN
+            rooms = {
+                house.modules[name].room
+                for name in house.run_with(module.name)
+                if name in house.modules and house.modules[name].room == "trace"
+            }
+            wrong += [f"{module.where} reaches {name}" for name in sorted(reached | rooms)]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_focusing_uses_dr_jit_but_not_mitsuba(house: Any) -> None:
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line}"
+        for found in house.imports
+        if (found.target, found.name) == ("sarmitsuba.backend", "mi")
+        and house.modules[found.source].room == "focusing"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def loaded_by(names: list[str]) -> set[str]:
+    """Which of Mitsuba, Dr.Jit and Matplotlib a fresh interpreter holds after importing modules."""
+    code = (
+        "import importlib, sys\n"
+        f"for name in {names!r}:\n    importlib.import_module(name)\n"
+        "print(*sorted({'mitsuba', 'drjit', 'matplotlib'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    return set(run.stdout.split())
+
+
+def test_importing_the_data_rooms_leaves_mitsuba_alone(house: Any) -> None:
+    """The same as above, seen in the running interpreter."""
+    names = [module.name for module in house if module.room in DATA - {"view"}]
+    assert names and loaded_by(names) == set()
+
+
+def test_importing_the_view_loads_no_more_than_matplotlib(house: Any) -> None:
+    names = [module.name for module in house if module.room == "view"]
+    assert names and loaded_by(names) <= {"matplotlib"}
+
+
+def test_importing_the_package_and_its_names_is_light() -> None:
+    code = """
+import sys, sarmitsuba
+assert not {"mitsuba", "drjit", "matplotlib", "scipy"} & set(sys.modules)
+for name in sarmitsuba.__all__:
+    getattr(sarmitsuba, name)
+assert callable(sarmitsuba.focus) and callable(sarmitsuba.simulate)
+print(*sorted({"mitsuba", "drjit", "matplotlib"} & set(sys.modules)))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split() == []
+
+
+def test_matplotlib_is_imported_by_the_view_alone(house: Any) -> None:
+    wrong = [
+        f"{house.modules[found.source].where}:{found.line}"
+        for found in house.imports
+        if found.target.split(".")[0] == "matplotlib" and house.modules[found.source].room != "view"
+    ]
+    assert not wrong, "\n".join(wrong)

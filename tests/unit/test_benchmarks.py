@@ -1,0 +1,49 @@
+"""Benchmarks are found by their files; one's own is run by its path."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RUN_ALL = ROOT / "benchmarks" / "run_all.py"
+
+
+def example() -> str:
+    """The benchmark of the documentation."""
+    pages = (ROOT / "docs").glob("extending*.md")
+    text = next(t for t in (p.read_text(encoding="utf-8") for p in pages) if "## A benchmark\n" in t)
+    found = re.search(r"```python\n(.*?)```", text[text.index("## A benchmark\n") :], re.DOTALL)
+    assert found
+    return found.group(1)
+
+
+def run_all(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, str(RUN_ALL), *arguments], capture_output=True, text=True, cwd=ROOT
+    )
+
+
+def test_a_benchmark_of_ones_own_is_given_by_its_path(tmp_path: Path) -> None:
+    file = tmp_path / "my_transform.py"
+    file.write_text(example(), encoding="utf-8")
+    done = run_all(str(file), "--only", "my_transform", "--quick", "-o", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert "Fourier transforms" in done.stdout
+    report = json.loads((tmp_path / "out" / "my_transform.json").read_text(encoding="utf-8"))
+    assert [row[0] for row in report["tables"][0]["rows"]] == ["one piece", "two pieces"]
+
+
+def test_every_benchmark_beside_run_all_is_found(tmp_path: Path) -> None:
+    """The names are listed when one is wrong."""
+    done = run_all("--only", "nothing")
+    assert done.returncode == 2
+    listed = set(done.stderr.rpartition("choose one of ")[2].strip().split(", "))
+    files = {p.stem for p in RUN_ALL.parent.glob("*.py") if "\n@harness.benchmark\n" in p.read_text("utf-8")}
+    assert listed == files and {"speed", "focusers", "accumulators"} <= files
+    # a second benchmark of one name would hide the first
+    double = tmp_path / "speed.py"
+    double.write_text(example(), encoding="utf-8")
+    done = run_all(str(double))
+    assert done.returncode == 2 and "there is a benchmark 'speed' already" in done.stderr

@@ -1,0 +1,237 @@
+"""The examples of docs/extending.md run as they stand, and what they add works."""
+
+import gc
+import re
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.focusing import focus
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.io import write_image
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, SENSOR
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.registry import Registry
+from sarmitsuba.scene.settings import ImageRequest
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.units import db_from_power
+
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
+
+
+@dataclass(frozen=True)
+class Example:
+    """One section of the page.
+
+    Parameters
+    ----------
+    heading : of the section
+    python : its Python blocks, joined
+    xml : its XML blocks
+    """
+
+    heading: str
+    python: str
+    xml: tuple[str, ...]
+
+
+def examples() -> dict[str, Example]:
+    """Sections that hold Python, by heading."""
+    found = {}
+    for section in PAGE.read_text(encoding="utf-8").split("\n## ")[1:]:
+        heading, _, text = section.partition("\n")
+        blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+        if blocks and heading != "A benchmark":  # test_benchmarks.py runs that one, in the benchmarks' own folder
+            xml = tuple(re.findall(r"```xml\n(.*?)```", text, re.DOTALL))
+            found[heading] = Example(heading, "\n".join(blocks), xml)
+    return found
+
+
+EXAMPLES = examples()
+
+
+@pytest.fixture(autouse=True)
+def registries_as_they_were() -> Iterator[None]:
+    """Take what an example has registered out again; every registry there is, whoever made it."""
+    found = [thing for thing in gc.get_objects() if isinstance(thing, Registry)]
+    for registry in found:
+        registry.names  # noqa: B018  loads the built-in entries, which are to stay
+    before = [(registry, dict(registry._entries), dict(registry._owners)) for registry in found]
+    yield
+    for registry, entries, owners in before:
+        registry._entries, registry._owners = entries, owners
+
+
+@pytest.fixture
+def module() -> Iterator[ModuleType]:
+    """A module of its own for an example to run in."""
+    made = ModuleType("sarmitsuba_example")
+    sys.modules[made.__name__] = made
+    yield made
+    del sys.modules[made.__name__]
+
+
+SCENE = """<scene version="3.0.0">
+    {integrator}
+    <sensor type="sar_antenna">
+        <string name="polarisation" value="HH,VV"/>
+        <float name="look_angle_deg" value="40"/>
+        <float name="bandwidth" value="150e6"/>
+        <film type="range_film"/>
+    </sensor>
+    {bsdf}
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="8" y="8"/></transform>
+        <ref id="{id}"/>
+    </shape>
+    {shape}
+</scene>
+"""
+METAL = '<bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>'
+AUTO = '<integrator type="sar_path"/>'
+POINT = """<shape type="sphere">
+    <point name="center" x="0" y="0" z="2"/>
+    <bsdf type="point_scatterer"><float name="rcs_dbsm" value="40"/></bsdf>
+</shape>"""
+
+
+def write(
+    folder: Path, bsdf: str = METAL, identifier: str = "metal", integrator: str = AUTO, shape: str = ""
+) -> Path:
+    path = folder / "scene.xml"
+    text = SCENE.format(bsdf=bsdf, id=identifier, integrator=integrator, shape=shape)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def check_a_diffuse_law(example: Example, folder: Path) -> None:
+    """From the scene file to the echoes: level, polarisation, a documented and bounded parameter of its own."""
+    scene = load_scene(write(folder, example.xml[0], "meadow"))
+    material = scene.materials[0]
+    assert material.diffuse_law == "mylaw" and material.law_parameter("fall_db_per_deg") == 0.25
+    wavelength = scene.radar.waveform.wavelength
+    h, v = diffuse_tables(material, wavelength).sigma0(np.radians(40.0))
+    # tol: linear interpolation between 256 nodes
+    assert db_from_power(h) == pytest.approx(-5.0 - 10.0 + 10.0 * np.log10(np.cos(np.radians(40))), abs=1e-3)
+    assert db_from_power(v / h) == pytest.approx(2.0, abs=1e-9)
+    raw = simulate(scene)
+    power = [float((np.abs(raw.total(channel)) ** 2).sum()) for channel in ("HH", "VV")]
+    # tol: both channels carry the same speckle; 16 m of ground at 10 km
+    assert db_from_power(power[1] / power[0]) == pytest.approx(2.0, abs=0.05)
+    assert "fall_db_per_deg" in RADAR_MATERIAL.markdown() and "mylaw" in RADAR_MATERIAL.markdown()
+    with pytest.raises(SceneError, match="fall_db_per_deg = -1 dB is below the bound 0 dB"):
+        load_scene(write(folder, example.xml[0].replace("0.25", "-1"), "meadow"))
+    with pytest.raises(
+        SceneError, match="fall_db_per_deg has no effect with diffuse_law = lambert; take mylaw"
+    ):
+        load_scene(write(folder, example.xml[0].replace("mylaw", "lambert"), "meadow"))
+
+
+def check_a_material(example: Example, folder: Path) -> None:
+    """Its permittivity is the scene's, at the scene's frequency."""
+    scene = load_scene(write(folder, example.xml[0], "sea"))
+    eps = scene.materials[0].permittivity
+    assert eps.real == pytest.approx(55.0, abs=1.0) and eps.imag == pytest.approx(-37.0, abs=1.0)
+    tile = example.xml[0].replace("sea_water", "roof_tile")
+    assert load_scene(write(folder, tile, "sea")).materials[0].permittivity == 4.0 - 0.1j
+    with pytest.raises(SceneError, match=r'"sea_watr" is not one of .*; did you mean "sea_water"'):
+        load_scene(write(folder, example.xml[0].replace("sea_water", "sea_watr"), "sea"))
+
+
+def check_an_effect(example: Example, folder: Path) -> None:
+    """A line in the plan, a switch in the scene file and the table, and points that leave the echoes."""
+    assert "point_targets" in INTEGRATOR.markdown()
+    on = load_scene(write(folder, shape=POINT))
+    off = load_scene(write(folder, integrator=example.xml[0], shape=POINT))
+    bare = load_scene(write(folder))
+    assert [plan_effects(s, warn=False).on("point_targets") for s in (on, off, bare)] == [True, False, False]
+    seen = simulate(on)
+    with pytest.warns(SarmitsubaWarning, match="point_targets is switched off; predicted error 0 dB"):
+        hidden = simulate(off)
+    assert hidden.metadata["effects"]["effects"]["point_targets"]["on"] is False
+    # the plate alone is far below the point
+    assert np.abs(seen.total("VV")).max() > 10.0 * np.abs(hidden.total("VV")).max()
+
+
+def check_a_radar_mode(example: Example, folder: Path) -> None:
+    """Its beam is the scene's, whose footprint moves as fast as the file says; its parameter is its own."""
+    sensor = '<sensor type="sar_antenna">'
+    path = write(folder)
+    path.write_text(path.read_text().replace(sensor, example.xml[0].replace("</sensor>", "")))
+    radar = load_scene(path).radar
+    footprint = radar.track.position + 10e3 * radar.pointing.boresight
+    moved, flown = ((line[-1] - line[0]) @ radar.track.along for line in (footprint, radar.track.position))
+    # tol: the aim point's range changes over the aperture
+    assert moved / flown == pytest.approx(0.5, abs=1e-3)
+    assert "footprint_speed_ratio" in SENSOR.markdown()
+    path.write_text(path.read_text().replace("sliding_spotlight", "stripmap"))
+    with pytest.raises(RadarError, match="footprint_speed_ratio"):
+        load_scene(path)
+
+
+def check_a_focuser(example: Example, folder: Path) -> None:
+    """The built-in backprojection's image and levels; its option bounds what it takes."""
+    raw = ideal_echoes(
+        ideal_radar(slant_range=10e3, resolution=2.0, n_samples=128), np.array([1.3, -2.1, 0.0]), rcs=2.5
+    )
+    request = ImageRequest(extent_azimuth=20.0, extent_range=20.0)
+    image, exact = (
+        focus(raw, request=request, focuser=name, range_window="taylor")
+        for name in ("numpy_backprojection", "backprojection")
+    )
+    # tol: linear interpolation
+    assert np.linalg.norm(image.data - exact.data) < 0.01 * np.linalg.norm(exact.data)
+    np.testing.assert_allclose(image.sigma0(), exact.sigma0(), rtol=0.05, atol=1e-3 * exact.sigma0().max())
+    with pytest.raises(DataError, match=r"largest = 1e\+03; take focuser backprojection or omega_k"):
+        focus(raw, request=request, focuser="numpy_backprojection,largest=1000")
+
+
+def check_a_window(example: Example, folder: Path) -> None:
+    """Its limits are a Hann and no window; it broadens with its parameter."""
+    u = np.linspace(-0.5, 0.5, 101)
+    assert str(parse_window("tukey")) == "tukey:0.5"
+    np.testing.assert_allclose(parse_window("tukey:1")(u), parse_window("hann")(u), atol=1e-12)
+    np.testing.assert_allclose(parse_window("tukey:0")(u[1:-1]), 1.0)
+    assert 1.0 < parse_window("tukey:0.25").broadening < parse_window("tukey:0.75").broadening
+
+
+def check_a_file_format(example: Example, folder: Path) -> None:
+    """Found by its suffix, and holds what was written."""
+    raw = ideal_echoes(ideal_radar(n_samples=64, resolution=4.0), np.zeros(3))
+    image = focus(raw, request=ImageRequest(extent_azimuth=16.0, extent_range=16.0))
+    write_image(image, folder / "image.npz")
+    with np.load(folder / "image.npz") as saved:
+        np.testing.assert_array_equal(saved[image.channels[0]], image.total())
+        np.testing.assert_array_equal(saved["range"], image.grid.range)
+
+
+CHECKS: dict[str, Callable[[Example, Path], None]] = {
+    "A diffuse law": check_a_diffuse_law,
+    "A material": check_a_material,
+    "An effect": check_an_effect,
+    "A radar mode": check_a_radar_mode,
+    "A focuser": check_a_focuser,
+    "A window": check_a_window,
+    "A file format": check_a_file_format,
+}
+
+
+@pytest.mark.parametrize("heading", EXAMPLES)
+def test_an_example_of_the_page_runs_and_works(heading: str, module: ModuleType, tmp_path: Path) -> None:
+    assert heading in CHECKS, "a section with code has no check"
+    example = EXAMPLES[heading]
+    exec(compile(example.python, f"{PAGE.name}: {heading}", "exec"), vars(module))
+    CHECKS[heading](example, tmp_path)
+
+
+def test_every_check_has_its_section() -> None:
+    assert set(CHECKS) <= set(EXAMPLES)
