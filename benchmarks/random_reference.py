@@ -89,7 +89,9 @@ def _cell_numbers(radar: Radar, point: F64, antenna: F64) -> NDArray[np.int64]:
     heading = np.radians(radar.heading_deg)
     along = point @ np.array([np.sin(heading), np.cos(heading), 0.0])
     slant = np.linalg.norm(point - antenna, axis=1)
-    return np.floor(np.column_stack([along / radar.azimuth_resolution, slant / radar.range_cell])).astype(np.int64)
+    return np.floor(np.column_stack([along / radar.azimuth_resolution, slant / radar.range_cell])).astype(
+        np.int64
+    )
 
 
 def _hidden(point: F64, of: NDArray[np.intp], antenna: F64, triangles: F64) -> NDArray[np.bool_]:
@@ -212,7 +214,9 @@ def _cut(triangles: F64, size: float) -> F64:
         rows = np.arange(k.size)
         a, b, c = (triangles[long][rows, (k + i) % 3] for i in range(3))
         m = 0.5 * (a + b)
-        triangles = np.concatenate([triangles[~long], np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
+        triangles = np.concatenate(
+            [triangles[~long], np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)]
+        )
 
 
 def focused(h: C128, position: F64, frequency: F64, pixel: F64) -> C128:

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 SPEED_OF_LIGHT = 299_792_458.0
 # carrier in Hz and the bandwidths that such radars have
-BANDS = {"L": (1.3e9, (60e6, 200e6)), "C": (5.4e9, (80e6, 400e6)), "X": (9.65e9, (150e6, 900e6)), "Ku": (16e9, (0.3e9, 1.2e9))}
+BANDS = {
+    "L": (1.3e9, (60e6, 200e6)),
+    "C": (5.4e9, (80e6, 400e6)),
+    "X": (9.65e9, (150e6, 900e6)),
+    "Ku": (16e9, (0.3e9, 1.2e9)),
+}
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,14 @@ class Draw:
         for name in ("mode", "look_side", "polarisation", "pattern"):
             text.append(f'<string name="{name}" value="{getattr(r, name)}"/>')
         for name in (
-            *("center_frequency", "bandwidth", "azimuth_resolution", "slant_range", "look_angle_deg", "heading_deg"),
+            *(
+                "center_frequency",
+                "bandwidth",
+                "azimuth_resolution",
+                "slant_range",
+                "look_angle_deg",
+                "heading_deg",
+            ),
             "azimuth_beamwidth_deg",
         ):
             value = getattr(r, name)
@@ -108,7 +120,9 @@ class Draw:
                 ]
             text.append("</bsdf>")
             mesh = trimesh.Trimesh(
-                body.triangles.reshape(-1, 3), np.arange(3 * len(body.triangles)).reshape(-1, 3), process=False
+                body.triangles.reshape(-1, 3),
+                np.arange(3 * len(body.triangles)).reshape(-1, 3),
+                process=False,
             )
             mesh.merge_vertices()
             mesh.export(folder / f"b{i}.ply")
@@ -242,10 +256,22 @@ def draw_diffuse(seed: int) -> Draw:
         "gabled": lambda: (gabled(rng, size * rng.uniform(0.3, 1.0, 3)), True, True),
         "post": lambda: (box(np.array([0.03, 0.03, 1.0]) * size), True, True),
         "sphere": lambda: (np.asarray(trimesh.creation.icosphere(4, 0.5 * size).triangles), True, False),
-        "cylinder": lambda: (np.asarray(trimesh.creation.cylinder(0.3 * size, size, sections=48).triangles), True, False),
+        "cylinder": lambda: (
+            np.asarray(trimesh.creation.cylinder(0.3 * size, size, sections=48).triangles),
+            True,
+            False,
+        ),
         "frame": lambda: (frame(size, size * rng.uniform(0.02, 0.2)), False, False),
-        "terrain": lambda: (terrain(rng, size, size / rng.integers(2, 50), rng.uniform(0.02, 0.4)), False, True),
-        "plate": lambda: (polygon(size * np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])), False, False),
+        "terrain": lambda: (
+            terrain(rng, size, size / rng.integers(2, 50), rng.uniform(0.02, 0.4)),
+            False,
+            True,
+        ),
+        "plate": lambda: (
+            polygon(size * np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])),
+            False,
+            False,
+        ),
         "cut plate": lambda: (terrain(rng, size, size / rng.integers(3, 50), 1e-9), False, False),
     }
     law = ("lambert", "constant", "constant_gamma")
@@ -267,7 +293,15 @@ def draw_diffuse(seed: int) -> Draw:
         # the ground ends within the image
         side = 2.5 * size + 4.0 * cell
         ground = turned(terrain(rng, side, side / rng.integers(1, 30), 1e-9), rng, upright=True)
-        bodies.append(Body("ground", ground - [0.0, 0.0, 0.013], False, str(rng.choice(law)), float(rng.uniform(-15.0, 0.0))))
+        bodies.append(
+            Body(
+                "ground",
+                ground - [0.0, 0.0, 0.013],
+                False,
+                str(rng.choice(law)),
+                float(rng.uniform(-15.0, 0.0)),
+            )
+        )
     reach = max(float(np.abs(b.triangles).max()) for b in bodies)
     return Draw(seed, "diffuse", tuple(bodies), radar, 2.0 * reach * 2.2 + 60.0 * cell)
 
@@ -283,7 +317,10 @@ def draw_metal(seed: int) -> Draw:
         angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
     ring = 0.5 * size * np.column_stack([np.cos(angle), np.sin(angle)])  # on a circle: convex
     arm = size * rng.uniform(0.15, 0.5)
-    corner = size * np.array([[0, 0], [1, 0], [1, arm / size], [arm / size, arm / size], [arm / size, 1], [0, 1]]) - size / 2
+    corner = (
+        size * np.array([[0, 0], [1, 0], [1, arm / size], [arm / size, arm / size], [arm / size, 1], [0, 1]])
+        - size / 2
+    )
     shapes: dict[str, Callable[[], tuple[F64, bool]]] = {
         "box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True),
         "gabled": lambda: (gabled(rng, size * rng.uniform(0.3, 1.0, 3)), True),
@@ -291,12 +328,17 @@ def draw_metal(seed: int) -> Draw:
         "L": lambda: (polygon(corner), False),
         "frame": lambda: (frame(size, size * rng.uniform(0.05, 0.2)), False),
         "sphere": lambda: (np.asarray(trimesh.creation.icosphere(5, 0.5 * size).triangles), True),
-        "cylinder": lambda: (np.asarray(trimesh.creation.cylinder(0.25 * size, size, sections=180).triangles), True),
+        "cylinder": lambda: (
+            np.asarray(trimesh.creation.cylinder(0.25 * size, size, sections=180).triangles),
+            True,
+        ),
     }
     kind = str(rng.choice(list(shapes)))
     triangles, closed = shapes[kind]()
     triangles = turned(triangles, rng, upright=False)
-    if not closed or rng.random() < 0.5:  # facing the radar to a few lobe widths, else there is only side lobe
+    if (
+        not closed or rng.random() < 0.5
+    ):  # facing the radar to a few lobe widths, else there is only side lobe
         triangles = _facing(triangles, radar, rng, 3.0 * radar.wavelength / size)
     cell = max(radar.range_cell, radar.azimuth_resolution)
     return Draw(seed, "metal", (Body(kind, triangles, closed),), radar, 2.2 * size + 60.0 * cell)

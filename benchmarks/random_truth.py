@@ -85,8 +85,12 @@ def run(topic: str, seed: int, folder: Path) -> Result:
         scene = sarmitsuba.load_scene(path)
         if topic == "diffuse":
             expected = reference.diffuse(draw)
-            runs = int(np.clip(np.ceil((4.343 / GOOD_ENOUGH_DB) ** 2 / max(expected.cells, 1e-9)), 1, MOST_RUNS))
-            levels = [total_rcs(sarmitsuba.focus(sarmitsuba.simulate(scene, seed=seed + s))) for s in range(runs)]
+            runs = int(
+                np.clip(np.ceil((4.343 / GOOD_ENOUGH_DB) ** 2 / max(expected.cells, 1e-9)), 1, MOST_RUNS)
+            )
+            levels = [
+                total_rcs(sarmitsuba.focus(sarmitsuba.simulate(scene, seed=seed + s))) for s in range(runs)
+            ]
             level, rcs = float(np.mean(levels)), expected.rcs
             sigma_db = 4.343 / math.sqrt(max(expected.cells, 1e-9) * runs)
         else:
@@ -141,9 +145,14 @@ def report(results: list[Result]) -> str:
         )
         edges = np.array([-99.0, -3.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 3.0, 99.0])
         count = np.histogram(error, edges)[0]
-        lines += [f"  {a:+6.1f} ... {b:+6.1f} dB {n:4d} {'#' * n}" for a, b, n in zip(edges[:-1], edges[1:], count, strict=True)]
+        lines += [
+            f"  {a:+6.1f} ... {b:+6.1f} dB {n:4d} {'#' * n}"
+            for a, b, n in zip(edges[:-1], edges[1:], count, strict=True)
+        ]
         for r in sorted(good, key=lambda r: -abs(r.level_db))[:10]:
-            extra = "" if math.isnan(r.peak_db) else f", peak {r.peak_db:+.2f} dB, coherence {r.coherence:.4f}"
+            extra = (
+                "" if math.isnan(r.peak_db) else f", peak {r.peak_db:+.2f} dB, coherence {r.coherence:.4f}"
+            )
             lines.append(
                 f"  {r.level_db:+7.2f} dB (+-{r.sigma_db:.2f}){extra}: {r.kinds}; {r.radar}; "
                 f"{'warned' if r.said else 'silent'}; {r.command}"
