@@ -124,7 +124,7 @@ class DiffuseReturns:
         return self.lattice.count * (1 if self.retro is None else 2)
 
     def there(self, slot: mi.UInt32) -> mi.Bool:
-        """Whether a slot holds a return: its node lies in the patch, and the antenna sees it or the chain leads back."""
+        """Whether a slot holds a return: its node lies in the patch, and a way leads home."""
         hit = self.hit
         if self.retro is None:
             return hit.sees & self.lattice.inside(slot)

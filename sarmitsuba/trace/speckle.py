@@ -28,11 +28,11 @@ def mix(x: mi.UInt32) -> mi.UInt32:
 
 @dataclass(frozen=True, eq=False)
 class ScattererLattice:
-    """The scatterers that one ray stands for: nodes of a lattice fixed to the scene that lie in its patch of the facet.
+    """The scatterers that one ray stands for: nodes fixed to the scene that lie in its patch of the facet.
 
-    Every node has a square cell in the two axes that span the surface best (the normal's largest component ``nc`` is left
-    out), so that it stands for ``cell^2 / |nc|`` of surface whatever the facet's position. Patches tile
-    the facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
+    Every node has a square cell in the two axes that span the surface best (the normal's largest component ``nc`` is
+    left out), so that it stands for ``cell^2 / |nc|`` of surface whatever the facet's position. Patches tile the
+    facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
     however the mesh is cut.
 
     Parameters
