@@ -167,7 +167,7 @@ class Tracer:
     ) -> TraceStatistics:
         """Record and run one kernel."""
         radar, flags = self.sampling.scene.radar, self.flags
-        frame = grid.frame or self.sampling.window.frame
+        frame = self.sampling.window.frame
         batch = pulse_batch(radar, pick, position, velocity, frame, patterned=flags.antenna_pattern)
         if isinstance(accumulator, BlockAccumulator):
             batch = replace(batch, azimuth_axis=None)

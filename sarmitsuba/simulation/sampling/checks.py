@@ -23,8 +23,6 @@ def check_sampling(sampling: SamplingPlan, spacings: LatticeSpacings) -> list[st
 
 
 def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str]:
-    if sampling.through_cells:
-        return
     coherent, half_cell, fine = spacings.of_coherent, sampling.half_cell, sampling.fine_spacing
     if coherent > 1.01 * half_cell:
         yield (
