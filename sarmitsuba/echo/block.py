@@ -310,7 +310,45 @@ def spread_reference(
     return grid.astype(np.complex64)
 
 
-def synthesise(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar) -> C64:
+def azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
+    r"""Two-way azimuth pattern of every pulse over the grid's range rates, (n_range_rate, K) float64.
+
+    The range rate is the sine of a path's angle off the zero-Doppler plane times the speed, so it tells where in the
+    beam the path is, pulse by pulse: along the unit vector
+
+    .. math:: u = -\frac{\dot R}{v} \hat v + \sqrt{1 - (\dot R / v)^2}\, \hat b_\perp
+
+    with :math:`\hat b_\perp` the boresight's direction across the velocity.
+
+    Notes
+    -----
+    Ignores the elevation within the azimuth pattern, and that out and back along a mirror chain take two directions:
+    the pattern is taken at their mean.
+    """
+    pulses = slice(plan.start, plan.stop)
+    position, velocity = radar.track.position[pulses], radar.track.velocity[pulses]
+    speed = np.linalg.norm(velocity, axis=1)
+    ahead = velocity / speed[:, None]
+    leg = plan.reference - position
+    reference_rate = -np.einsum("ki,ki->k", leg, velocity) / np.linalg.norm(leg, axis=1)
+    rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
+    sine = np.clip(-(rate[:, None] + reference_rate) / speed, -1.0, 1.0)
+    boresight = radar.pointing.boresight[pulses]
+    across = boresight - np.einsum("ki,ki->k", boresight, ahead)[:, None] * ahead
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    cosine = np.sqrt(1.0 - sine * sine)
+
+    def component(axis: F64) -> F64:
+        along, beside = np.einsum("ki,ki->k", ahead, axis), np.einsum("ki,ki->k", across, axis)
+        return np.asarray(sine * along + cosine * beside)
+
+    gain = radar.antenna.two_way_amplitude(component(radar.pointing.azimuth_axis[pulses]), 0.0)
+    return np.asarray(np.where(component(boresight) > 0.0, gain, 0.0))
+
+
+def synthesise(
+    grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, *, beam: bool = False
+) -> C64:
     r"""Make the block's range-compressed profiles from a filled grid.
 
     .. math:: S(f, t) = e^{-j 4 \pi f_c R_{ref}(t) / c} \sum_j G(f, \dot R_j) \,
@@ -322,6 +360,7 @@ def synthesise(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar)
     Parameters
     ----------
     grid : (n_layers, n_range, n_range_rate) complex, any strides
+    beam : weigh every pulse with its own azimuth pattern, which the grid then is without
 
     Returns
     -------
@@ -329,9 +368,9 @@ def synthesise(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar)
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
-        parts = [synthesise(grid[i : i + group], plan, radar) for i in range(0, len(grid), group)]
+        parts = [synthesise(grid[i : i + group], plan, radar, beam=beam) for i in range(0, len(grid), group)]
         return np.concatenate(parts)
-    spectrum = _pulses_from_range_rates(grid, plan, radar)
+    spectrum = _pulses_from_range_rates(grid, plan, radar, azimuth_gain(plan, radar) if beam else None)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
     bins = first + plan.range_step * np.arange(plan.n_inner)
@@ -347,7 +386,9 @@ def synthesise(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar)
     return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
 
 
-def _pulses_from_range_rates(grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar) -> C64:
+def _pulses_from_range_rates(
+    grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, gain: F64 | None
+) -> C64:
     """Transform along range, then range rates to pulses by a matrix for every frequency: (n_layers, K, n_inner)."""
     n, n_layers, n_pulses = plan.n_inner, grid.shape[0], plan.n_pulses
     spectrum = scipy.fft.fft(grid, n=n, axis=1, workers=-1)
@@ -374,6 +415,8 @@ def _pulses_from_range_rates(grid: NDArray[np.complexfloating], plan: BlockPlan,
         m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
         center = int(m[len(m) // 2])
         terms = [unit_phasor(-(wavenumber + center * per_bin) * drift)]
+        if gain is not None:
+            terms[0] *= gain.astype(np.float32)
         for step in steps:
             terms.append(terms[-1] * step)
         rows = spectrum[:, m % n] if m[0] < 0 <= m[-1] else spectrum[:, m[0] % n : m[-1] % n + 1]

@@ -18,6 +18,7 @@ from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
@@ -140,6 +141,8 @@ class Imager:
         assert self.sampling is not None
         if pass_index not in self._lattices:
             self._lattices[pass_index] = self.run.lattices(self.sampling, pass_index)
+            if pass_index == 0:
+                self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:

@@ -142,7 +142,7 @@ class Raster:
         wide = dr.float64_array_t(mi.Vector4f)
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
-        material = dr.gather(mi.Vector2u, scene.face_info, pi.prim_index, seen).x
+        material = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
 
         # ---- sigma0 of the law at the local incidence angle
         theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))

@@ -3,12 +3,15 @@
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
@@ -35,6 +38,7 @@ class Run:
     timer : seconds by stage
     statistics : of the last image or raw data
     report : the rays that raw data took; None before, and where there is no mesh
+    shortfalls : surface that the lattices made last are too coarse for
     notes : one line each; what was assumed, repaired or is worth a warning
     """
 
@@ -58,6 +62,7 @@ class Run:
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
+        self.shortfalls: tuple[Shortfall, ...] = ()
         self.notes = [*scene.notes, *self.plan.notes]
         self.timer.lap("plan")
 
@@ -74,7 +79,21 @@ class Run:
     def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
         """Lattices of every ray subset; other values of ``pass_index`` give independent ones."""
         subsets = self.layers.subsets
-        made = [sampling.lattices(draw=subset + 2 * pass_index, subset=subset) for subset in subsets]
+        assert self.trace_scene is not None
+        track = self.scene.radar.track
+        antennas = track.position[[0, track.center_index, -1]]
+        made, short = [], []
+        for subset in subsets:
+            draw = subset + 2 * pass_index
+            rng = np.random.default_rng([self.scene.settings.seed & 0x7FFFFFFF, draw, 0x50A1])
+            plain = sampling.lattices(draw=draw, subset=subset)
+            finer: list[LaunchGrid] = []
+            for one in plain:
+                grids, missed = with_small_parts(one, self.trace_scene, sampling.window.frame, antennas, rng)
+                finer += grids
+                short += [missed] if missed is not None else []
+            made.append(tuple(grid for grid in finer if grid.n_rays) or plain)
+        self.shortfalls = tuple(short)
         self.timer.lap("launch grid")
         return made
 

@@ -109,7 +109,10 @@ class Tracer:
         pick = slice(plan.key, plan.key + 1)
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
-        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar)
+        beam = (
+            self.flags.antenna_pattern
+        )  # each pulse's own: the block's rays carry the elevation pattern only
+        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return stats
 
@@ -164,8 +167,10 @@ class Tracer:
     ) -> TraceStatistics:
         """Record and run one kernel."""
         radar, flags = self.sampling.scene.radar, self.flags
-        frame = grid.frame or self.sampling.window.frame
+        frame = self.sampling.window.frame
         batch = pulse_batch(radar, pick, position, velocity, frame, patterned=flags.antenna_pattern)
+        if isinstance(accumulator, BlockAccumulator):
+            batch = replace(batch, azimuth_axis=None)
         if grid.purpose == "coherent":
             flags = replace(flags, diffuse=False)
         elif grid.purpose == "diffuse":

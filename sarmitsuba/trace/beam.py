@@ -21,19 +21,25 @@ def fade(x: mi.Float, half: float, taper: float) -> mi.Float:
 
 
 class BeamPattern:
-    """One-way amplitude pattern of the pulse that a lane belongs to."""
+    """One-way amplitude pattern of the pulse that a lane belongs to.
+
+    Without azimuth axes only the elevation pattern counts: a block of pulses has each pulse's own azimuth pattern from
+    its synthesis (:func:`sarmitsuba.echo.block.synthesise`).
+    """
 
     def __init__(self, antenna: Antenna, pulses: PulseBatch, pulse: mi.UInt32) -> None:
-        assert pulses.azimuth_axis is not None and pulses.elevation_axis is not None
-        assert pulses.boresight is not None
+        assert pulses.elevation_axis is not None and pulses.boresight is not None
         self.antenna = antenna
-        self.azimuth = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(pulses.azimuth_axis), pulse))
+        self.azimuth = None
+        if pulses.azimuth_axis is not None:
+            self.azimuth = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(pulses.azimuth_axis), pulse))
         self.elevation = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(pulses.elevation_axis), pulse))
         self.boresight = mi.Vector3f(dr.gather(mi.Vector3d, vector_rows(pulses.boresight), pulse))
 
     def one_way(self, u: mi.Vector3f) -> mi.Float:
         """Relative one-way amplitude towards the unit vector ``u`` (antenna to scene); zero behind the aperture."""
-        two_way = self.antenna.two_way_amplitude(dr.dot(u, self.azimuth), dr.dot(u, self.elevation), dr)
+        azimuth = mi.Float(0.0) if self.azimuth is None else dr.dot(u, self.azimuth)
+        two_way = self.antenna.two_way_amplitude(azimuth, dr.dot(u, self.elevation), dr)
         return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, tube
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
-from sarmitsuba.trace.speckle import N_CELLS, CellFrame
+from sarmitsuba.trace.speckle import ScattererLattice, cell_on
 from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
@@ -98,11 +98,11 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
 
 @dataclass(frozen=True, eq=False)
 class DiffuseReturns:
-    """The diffuse returns of one hit, less what its scatterer cells have of their own.
+    """The diffuse returns of one hit, less what its scatterers have of their own.
 
     Parameters
     ----------
-    frame : scatterer cells that the patch of the facet overlaps
+    lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors on the way home
     retro : the same back along the ray's own chain; None where there are no such paths
     straight_weight, retro_weight : factors of both
@@ -112,34 +112,32 @@ class DiffuseReturns:
     lane: Lane
     ray: RayState
     hit: Hit
-    frame: CellFrame
+    lattice: ScattererLattice
     straight: list[list[mi.Complex2f]]
     retro: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
 
-    def pending(self) -> mi.UInt32:
-        """One bit per return that there is: ``N_CELLS`` on the way home, then as many back along the chain."""
-        reached = [self.frame.share(i >= 2, i % 2 == 1) > 0.0 for i in range(N_CELLS)]
-        if not self.kernel.flags.footprint_splitting:
-            reached = [mi.Bool(True)]
-        bits = mi.UInt32(0)
-        for i, inside in enumerate(reached):
-            bits |= dr.select(self.hit.sees & inside, mi.UInt32(1 << i), 0)
-            if self.retro is not None:
-                chain = self.hit.active & ~self.hit.first
-                bits |= dr.select(chain & inside, mi.UInt32(1 << (i + N_CELLS)), 0)
-        return bits
+    @property
+    def slots(self) -> mi.UInt32:
+        """Number of returns that there may be: one per node of the lattice, or two, home and back along the chain."""
+        return self.lattice.count * (1 if self.retro is None else 2)
 
-    def contribution(self, index: mi.UInt32, active: mi.Bool) -> Contribution:
-        """The return that a bit of :meth:`pending` stands for; every lane may ask for another one."""
+    def there(self, slot: mi.UInt32) -> mi.Bool:
+        """Whether a slot holds a return: its node lies in the patch, and a way leads home."""
+        hit = self.hit
+        if self.retro is None:
+            return hit.sees & self.lattice.inside(slot)
+        back = (slot & 1) == 1
+        reached = dr.select(back, hit.active & ~hit.first, hit.sees)
+        return reached & self.lattice.inside(slot >> 1)
+
+    def contribution(self, slot: mi.UInt32, active: mi.Bool) -> Contribution:
+        """The return of a slot, another one in every lane."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        if flags.footprint_splitting:
-            second_a, second_b = (index & 2) != 0, (index & 1) != 0
-            share = self.frame.share(second_a, second_b)
-        else:
-            second_a, second_b, share = mi.Bool(False), mi.Bool(False), mi.Float(1.0)
-        centre, key = self.frame.cell(second_a, second_b)
+        centre, key = self.lattice.scatterer(
+            slot if self.retro is None else slot >> 1, self.kernel.constants.seed
+        )
         random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
@@ -151,9 +149,7 @@ class DiffuseReturns:
             pulse=lane.pulse,
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
-            amplitudes=tuple(
-                _mixed(terms, random) * (self.straight_weight * share) for terms in self.straight
-            ),
+            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
         )
         if self.retro is None:
@@ -164,9 +160,9 @@ class DiffuseReturns:
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(_mixed(terms, random) * (self.retro_weight * share) for terms in self.retro),
+            amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
-        return selected(index >= N_CELLS, retro, straight)
+        return selected((slot & 1) == 1, retro, straight)
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -206,24 +202,23 @@ def close_diffuse(
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
 
     patch = tube_here.patch
-    middle, wide_u, wide_v = patch.box(tube_here.u, tube_here.v)
-    frame = CellFrame(
-        hit.p + mi.Vector3d(middle) if flags.footprint_splitting else hit.p,
+    lattice = ScattererLattice.of(
+        hit.p,
         hit.normal64,
-        (tube_here.u, tube_here.v),
-        (wide_u, wide_v),
-        hit.group,
-        constants.cell,
-        constants.seed,
+        tube_here.u,
+        tube_here.v,
+        patch,
+        cell_on(constants.cell, hit.largest_cell),
+        hit.active,
     )
-    bias = frame.bias if flags.footprint_splitting else 1.0
-    weight = constants.amplitude * tube_here.area * patch.area() * dr.rsqrt(frame.area * bias)
+    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
     return DiffuseReturns(
         kernel=kernel,
         lane=lane,
         ray=ray,
         hit=hit,
-        frame=frame,
+        lattice=lattice,
         straight=straight,
         retro=retro,
         straight_weight=weight * tube_here.loss * receive.gain,

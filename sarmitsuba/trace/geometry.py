@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +14,14 @@ from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges
 from sarmitsuba.mesh.curvature import facet_curvature
+from sarmitsuba.mesh.pieces import piece_of, piece_sizes, ray_needs
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 
 DIFFUSE_NODES = 256
+# diffuse scatterers on the smallest piece of surface: what it returns then follows its area to a few per cent
+LEAST_SCATTERERS = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +34,15 @@ class TraceScene:
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
-    face_info : (2 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), smooth group
+    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), then the bits of
+        float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
-    bend : works out :func:`sarmitsuba.mesh.curvature.facet_curvature`, which single bounces do not need
+    curvature_table : (8 n_faces,) float32 of how the smooth surfaces bend, see
+        :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
+    needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
+    triangles : (n_faces, 3, 3) float64, m
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -49,13 +54,9 @@ class TraceScene:
     diffuse_table: mi.Float
     bounds: NDArray[np.float64]
     n_faces: int
-    bend: Callable[[], NDArray[np.float64] | None]
-
-    @cached_property
-    def curvature_table(self) -> mi.Float | None:
-        """(8 n_faces,) float32 of how the smooth surfaces bend, None in a flat scene."""
-        rows = self.bend()
-        return None if rows is None else device_array(mi.Float, rows.astype(np.float32))
+    curvature_table: mi.Float | None
+    needs: tuple[NDArray[np.float64], NDArray[np.float64]]
+    triangles: NDArray[np.float64]
 
     @property
     def extent(self) -> float:
@@ -126,12 +127,20 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
     halfway = np.array([LAWS[m.diffuse_law].half_vector for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
-    info = np.stack(
-        [material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)), geometry.face_group[rows_kept]], axis=1
-    )
     triangles = np.stack([v0, v1, v2], axis=1)
     vertex = weld(triangles.reshape(-1, 3))
+    area, width = piece_sizes(triangles, piece_of(triangles, vertex))
+    largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
+    bend = facet_curvature(triangles, group, wavelength, vertex)
+    needs = ray_needs(triangles, area, width, bend, wavelength)
+    info = np.stack(
+        [
+            material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)),
+            *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
+        ],
+        axis=1,
+    )
     return TraceScene(
         mi_scene=mi_scene,
         face_table=device_array(mi.Float64, packed),
@@ -141,7 +150,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         diffuse_table=_table32(tables),
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
-        bend=lambda: facet_curvature(triangles, group, wavelength, vertex),
+        curvature_table=None if bend is None else _table32(bend),
+        needs=needs,
+        triangles=triangles,
     )
 
 

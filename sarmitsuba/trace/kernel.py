@@ -118,31 +118,47 @@ def _add(
         if coherent is None:
             return added, mi.UInt32(0)
         return accumulator.add(added, coherent), dr.select(coherent.active, mi.UInt32(1), 0)
-    pending = diffuse.pending()
-    if coherent is not None:
-        pending = (pending << 1) | dr.select(coherent.active, mi.UInt32(1), 0)
+    extra = 0 if coherent is None else 1  # slot 0 is the coherent return
+    slots = diffuse.slots + extra
 
-    def some_left(left: mi.UInt32, added: LaneArrays) -> mi.Bool:
-        return left != 0
-
-    def add_next(left: mi.UInt32, added: LaneArrays) -> tuple[mi.UInt32, LaneArrays]:
-        number = dr.tzcnt(left)
-        active = left != 0
+    def there(slot: mi.UInt32) -> mi.Bool:
         if coherent is None:
-            contribution = diffuse.contribution(number, active)
-        else:
-            contribution = selected(number == 0, coherent, diffuse.contribution(number - 1, active))
-        return left & (left - 1), accumulator.add(added, contribution)
+            return diffuse.there(slot)
+        return dr.select(slot == 0, coherent.active, diffuse.there(slot - 1))
 
-    _, added = dr.while_loop(
-        (pending, added),
+    def next_slot(slot: mi.UInt32) -> mi.UInt32:
+        """The first slot from this one on that holds a return."""
+        return dr.while_loop(
+            (slot,),
+            lambda slot: (slot < slots) & ~there(slot),
+            lambda slot: (slot + 1,),
+            labels=("slot",),
+            label="slots",
+            mode="symbolic",
+        )[0]
+
+    def some_left(slot: mi.UInt32, count: mi.UInt32, added: LaneArrays) -> mi.Bool:
+        return slot < slots
+
+    def add_next(
+        slot: mi.UInt32, count: mi.UInt32, added: LaneArrays
+    ) -> tuple[mi.UInt32, mi.UInt32, LaneArrays]:
+        active = slot < slots
+        if coherent is None:
+            contribution = diffuse.contribution(slot, active)
+        else:
+            contribution = selected(slot == 0, coherent, diffuse.contribution(slot - 1, active))
+        return next_slot(slot + 1), count + 1, accumulator.add(added, contribution)
+
+    _, count, added = dr.while_loop(
+        (next_slot(mi.UInt32(0)), mi.UInt32(0), added),
         some_left,
         add_next,
-        labels=("left", "added"),
+        labels=("slot", "count", "added"),
         label="contributions",
         mode="symbolic",
     )
-    return added, dr.popcnt(pending)
+    return added, count
 
 
 __all__ = ["Accumulator", "KernelSettings", "TraceCounts", "trace"]

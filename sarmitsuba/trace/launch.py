@@ -28,8 +28,7 @@ class LaunchGrid:
     half_x, half_y : m, half extents of the window that is to be covered at full weight
     taper : m, width of the fade-out beyond the half extents
     purpose : returns that these rays are for; the two kinds want different densities
-    frame : plane of its own, None for that of the launch window
-    weight : (n_rays,) float32, amplitude of every ray, None where the window's fade-out holds
+    needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
     """
 
     x: F32
@@ -40,8 +39,7 @@ class LaunchGrid:
     half_y: float
     taper: float
     purpose: Purpose = "all"
-    frame: "LaunchFrame | None" = None
-    weight: F32 | None = None
+    needs: tuple[float, float] | None = None
 
     @property
     def n_rays(self) -> int:
@@ -180,7 +178,8 @@ class PulseBatch:
     ----------
     position, velocity : (n, 3) float64, m and m/s, scene frame
     frame : launch planes, one for all pulses or one each
-    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
+    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic; without
+        ``azimuth_axis`` alone the azimuth pattern is left to the synthesis of a block
     """
 
     position: F64

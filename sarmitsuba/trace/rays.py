@@ -14,6 +14,7 @@ from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Refle
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.launch import LaunchGrid
 
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
@@ -44,7 +45,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
 
     edge_a, edge_b = _lattice_edges(kernel, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
-    weight = _launch_weight(kernel, ray, gx, gy)
+    weight = _launch_weight(kernel, gx, gy)
     pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
     if pattern is not None:
         weight *= pattern.one_way(d)
@@ -92,14 +93,22 @@ def _lattice_edges(
     return a - d * dr.dot(a, d), b - d * dr.dot(b, d)
 
 
-def _launch_weight(kernel: Kernel, ray: mi.UInt32, gx: mi.Float, gy: mi.Float) -> mi.Float:
+def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     """Amplitude of a ray by where in the launch window it starts."""
     grid = kernel.grid
-    if grid.weight is not None:
-        return dr.gather(mi.Float, device_array(mi.Float, grid.weight), ray)
     if kernel.flags.taper:
         return fade(gx, grid.half_x, grid.taper) * fade(gy, grid.half_y, grid.taper)
     return mi.Float(1.0)
+
+
+def _served(grid: LaunchGrid, info: mi.Vector4u) -> mi.Bool:
+    """Whether the rays of this lattice stand for a face: each face has the lattice that is fine enough for it."""
+    if grid.needs is None:
+        return mi.Bool(True)
+    coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
+    need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[grid.purpose]
+    low, high = (dr.opaque(mi.Float, x) for x in grid.needs)
+    return (need >= low) & (need < high)
 
 
 def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
@@ -120,7 +129,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
-    info = dr.gather(mi.Vector2u, scene.face_info, face, active)
+    info = dr.gather(mi.Vector4u, scene.face_info, face, active)
+    active &= ~first | _served(kernel.grid, info)
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
@@ -150,7 +160,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
         material=info.x,
-        group=info.y,
+        largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
         vertex0=vertex0,
         centroid=centroid,

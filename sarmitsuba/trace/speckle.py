@@ -1,16 +1,20 @@
-"""Persistent diffuse scatterers: surface-anchored cells, each with its own fixed complex Gaussian.
+"""Persistent diffuse scatterers: nodes of a lattice on every surface, each with its own fixed complex Gaussian.
 
-A hit is snapped to the centre of a square cell of a grid fixed to the scene, so that the same piece of surface
-has the same complex reflectivity and the same phase centre in every pulse, whichever rays find it.
+The lattice is fixed to the scene, so the same piece of surface has the same complex reflectivity and the same phase
+centre in every pulse, whichever rays find it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 from sarmitsuba.backend import dr, mi
 
-TWO_PI = 6.283185307179586
+if TYPE_CHECKING:
+    from sarmitsuba.trace.tube import Patch
 
-N_CELLS = 4  # that a tube can reach: its own and the nearer neighbour, along either axis
+TWO_PI = 6.283185307179586
 
 
 def mix(x: mi.UInt32) -> mi.UInt32:
@@ -22,118 +26,163 @@ def mix(x: mi.UInt32) -> mi.UInt32:
     return x ^ (x >> 16)
 
 
-class CellFrame:
-    """The cell grid as seen from one hit: its own cell and the neighbours that its tube's footprint reaches into.
+@dataclass(frozen=True, eq=False)
+class ScattererLattice:
+    """The scatterers that one ray stands for: nodes fixed to the scene that lie in its patch of the facet.
 
-    Cells are square in the two axes that span the surface best (the normal's largest component is left out), so
-    that their area on the surface is ``cell^2 / |n_max|`` whatever the facet's position; the third coordinate only
-    separates layers of one smooth surface. A ray's area is shared out among the cells that its patch of the facet
-    overlaps, as a box of the patch's own second moments: patches tile the facet, so each cell receives its own
-    area almost exactly, where counting whole tubes by their centres would scatter by the number that falls in.
+    Every node has a square cell in the two axes that span the surface best (the normal's largest component ``nc`` is
+    left out), so that it stands for ``cell^2 / |nc|`` of surface whatever the facet's position. Patches tile the
+    facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
+    however the mesh is cut.
 
     Parameters
     ----------
-    p : middle of the patch that the ray stands for, float64 3-vector, m, scene frame
-    n : unit normal, float64 3-vector
-    tube, patch : edges of the whole tube's footprint and of the patch, pairs of float32 3-vectors, m
-    group : uint32, smooth surface the face belongs to
-    cell : cell edge, m, float64
-    seed : uint32
+    u, v : m, edges of the whole tube's footprint
+    point, normal : float64, m, hit point and unit normal of the facet
+    cell : m, distance between nodes
+    patch : part of the facet, in units of u and v
     """
 
-    def __init__(
-        self,
-        p: mi.Vector3d,
-        n: mi.Vector3d,
-        tube: tuple[mi.Vector3f, mi.Vector3f],
-        patch: tuple[mi.Vector3f, mi.Vector3f],
-        group: mi.UInt32,
+    take_z: mi.Bool
+    take_y: mi.Bool
+    cell: mi.Float64
+    a: mi.Float64
+    b: mi.Float64
+    c: mi.Float64
+    slope_a: mi.Float64
+    slope_b: mi.Float64
+    first_a: mi.Float64
+    first_b: mi.Float64
+    columns: mi.UInt32
+    count: mi.UInt32
+    inverse: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
+    corners: tuple[tuple[mi.Float, mi.Float], ...]
+    area: mi.Float
+
+    @classmethod
+    def of(
+        cls,
+        point: mi.Vector3d,
+        normal: mi.Vector3d,
+        u: mi.Vector3f,
+        v: mi.Vector3f,
+        patch: Patch,
         cell: mi.Float64,
-        seed: mi.UInt32,
-    ) -> None:
-        self.edge, self.group, self.seed = cell, group, seed
-        ax, ay, az = dr.abs(n.x), dr.abs(n.y), dr.abs(n.z)
+        active: mi.Bool,
+    ) -> ScattererLattice:
+        """Lattice about a hit; lanes that are not active have no nodes."""
+        ax, ay, az = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
         # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
-        self.take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
-        self.take_y = ~self.take_z & (ay >= ax - 1e-6)
-        self.a, self.b, self.c = self._axes(p)
-        self.na, self.nb, self.nc = self._axes(n)
-        inverse = 1.0 / cell
-        self.ia, self.ib = dr.floor(self.a * inverse), dr.floor(self.b * inverse)
-        # layers 64 cells apart: far enough that a tilted face rarely crosses one
-        self.ic = dr.floor(self.c * (inverse / 64.0) + 0.4142)
-        scale = mi.Float(inverse)
-        width_a, width_b = self._widths(*patch, scale)
-        self.share_a, self.step_a = self._shares(mi.Float(self.a * inverse - self.ia), width_a)
-        self.share_b, self.step_b = self._shares(mi.Float(self.b * inverse - self.ib), width_b)
-        # tubes wider than a cell leave cells out, the rest gets their power: mean square over squared mean
-        pitch_a, pitch_b = self._widths(*tube, scale)
-        self.bias = _missed(pitch_a) * _missed(pitch_b)
-        self.area = mi.Float(cell * cell / dr.abs(self.nc))
-
-    def _axes(
-        self, w: mi.Vector3d | mi.Vector3f
-    ) -> tuple[mi.Float64 | mi.Float, mi.Float64 | mi.Float, mi.Float64 | mi.Float]:
-        """Components along the two cell axes and the one left out."""
-        s = dr.select
-        return (
-            s(self.take_z | self.take_y, w.x, w.y),
-            s(self.take_z, w.y, w.z),
-            s(self.take_z, w.z, s(self.take_y, w.y, w.x)),
+        take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
+        take_y = ~take_z & (ay >= ax - 1e-6)
+        a, b, c = _axes(point, take_z, take_y)
+        na, nb, nc = _axes(normal, take_z, take_y)
+        ua, ub, _ = _axes(u, take_z, take_y)
+        va, vb, _ = _axes(v, take_z, take_y)
+        scale = mi.Float(1.0 / cell)
+        across = [(alpha * ua + beta * va) * scale for alpha, beta in patch.corners]
+        along = [(alpha * ub + beta * vb) * scale for alpha, beta in patch.corners]
+        # a node stands within its cell
+        place_a, place_b = a / cell, b / cell
+        first_a = dr.floor(place_a + mi.Float64(_least(across)))
+        first_b = dr.floor(place_b + mi.Float64(_least(along)))
+        last_a = dr.floor(place_a + mi.Float64(_most(across)))
+        last_b = dr.floor(place_b + mi.Float64(_most(along)))
+        columns = mi.UInt32(mi.Int32(dr.clip(last_b - first_b + 1.0, 0.0, MOST_NODES)))
+        rows = mi.UInt32(mi.Int32(dr.clip(last_a - first_a + 1.0, 0.0, MOST_NODES)))
+        determinant = ua * vb - ub * va
+        usable = active & (dr.abs(determinant) > 1e-30)
+        over = dr.rcp(dr.select(usable, determinant, 1.0))
+        return cls(
+            take_z=take_z,
+            take_y=take_y,
+            cell=cell,
+            a=a,
+            b=b,
+            c=c,
+            slope_a=na / nc,
+            slope_b=nb / nc,
+            first_a=first_a,
+            first_b=first_b,
+            columns=dr.maximum(columns, 1),
+            count=dr.select(usable, rows * columns, 0),
+            inverse=(vb * over, -va * over, -ub * over, ua * over),
+            corners=patch.corners,
+            area=mi.Float(cell * cell / dr.abs(nc)),
         )
 
-    def _widths(self, u: mi.Vector3f, v: mi.Vector3f, scale: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Box of a parallelogram's second moments along the two axes, cells."""
-        ua, ub, _ = self._axes(u)
-        va, vb, _ = self._axes(v)
-        return dr.sqrt(ua * ua + va * va) * scale, dr.sqrt(ub * ub + vb * vb) * scale
+    def _node(self, index: mi.UInt32) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64]:
+        """Lattice numbers and the two coordinates (m) of a node, counted within the patch's bounds."""
+        row = index // self.columns
+        ia = self.first_a + mi.Float64(row)
+        ib = self.first_b + mi.Float64(index - row * self.columns)
+        return ia, ib, (ia + _fraction(ib * STEP_A)) * self.cell, (ib + _fraction(ia * STEP_B)) * self.cell
 
-    def _shares(self, fraction: mi.Float, width: mi.Float) -> tuple[tuple[mi.Float, mi.Float], mi.Float]:
-        """Overlap of a box about ``fraction`` (0..1) with its cell and the nearer neighbour; step to the latter."""
-        width = dr.clip(width, 1e-3, 1.0)
-        low = fraction < 0.5
-        other = dr.maximum(0.5 * width - dr.select(low, fraction, 1.0 - fraction), 0.0) / width
-        return (1.0 - other, other), dr.select(low, -1.0, 1.0)
+    def inside(self, index: mi.UInt32) -> mi.Bool:
+        """Whether a node lies in the patch."""
+        _, _, ca, cb = self._node(index)
+        da, db = mi.Float(ca - self.a), mi.Float(cb - self.b)
+        ka, kb, la, lb = self.inverse
+        alpha, beta = ka * da + kb * db, la * da + lb * db
+        inside = mi.Bool(True)
+        for (px, py), (qx, qy) in zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True):
+            inside &= (qx - px) * (beta - py) - (qy - py) * (alpha - px) >= 0.0
+        return inside
 
-    def share(self, second_a: mi.Bool | bool, second_b: mi.Bool | bool) -> mi.Float:
-        """Share of the tube that falls in its own cell or, along one axis or both, in the nearer neighbour."""
-        a, b = (
-            dr.select(second, shares[1], shares[0])
-            for second, shares in ((second_a, self.share_a), (second_b, self.share_b))
-        )
-        return a * b
-
-    def cell(self, second_a: mi.Bool, second_b: mi.Bool) -> tuple[mi.Vector3d, mi.UInt32]:
-        """Phase centre (float64 m) and hash (uint32) of the hit's own cell or, along one axis or both, the next."""
-        ia = self.ia + mi.Float64(dr.select(second_a, self.step_a, 0.0))
-        ib = self.ib + mi.Float64(dr.select(second_b, self.step_b, 0.0))
-        ca, cb = (ia + 0.5) * self.edge, (ib + 0.5) * self.edge
-        # the cell's centre, along the left-out axis onto the tangent plane
-        cc = self.c - ((ca - self.a) * self.na + (cb - self.b) * self.nb) / self.nc
-        i32, u32 = mi.Int32, mi.UInt32
-        axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
-        key = mix(u32(i32(ia)) * 0x9E3779B1 + self.seed)
-        key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
-        key = mix(key ^ (u32(i32(self.ic)) * 0xC2B2AE3D + axis * 0x165667B1 + self.group * 0xD3A2646C))
-        centre = mi.Vector3d(
+    def scatterer(self, index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
+        """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
+        ia, ib, ca, cb = self._node(index)
+        # along the left-out axis onto the tangent plane
+        cc = self.c - (ca - self.a) * self.slope_a - (cb - self.b) * self.slope_b
+        point = mi.Vector3d(
             dr.select(self.take_z | self.take_y, ca, cc),
             dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
             dr.select(self.take_z, cc, cb),
         )
-        return centre, key
+        # layers of a few cells tell surfaces apart that lie over one another
+        layer = dr.floor(cc / (self.cell * LAYER_CELLS) + 0.4142)
+        u32, i32 = mi.UInt32, mi.Int32
+        axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
+        size = dr.reinterpret_array(u32, mi.Float(self.cell))
+        key = mix(u32(i32(ia)) * 0x9E3779B1 + seed)
+        key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
+        key = mix(key ^ (u32(i32(layer)) * 0xC2B2AE3D + axis * 0x165667B1 + size * 0xD3A2646C))
+        return point, key
 
 
-def _missed(width: mi.Float) -> mi.Float:
-    r"""Mean square over squared mean of what cells receive along one axis from tubes ``width`` cells apart.
+# a node's place in its cell goes on by these irrational steps from row to row and column to column, so that strips
+# along the axes, however narrow, hold their share of nodes
+STEP_A, STEP_B = 0.6180339887498949, 0.7548776662466927
+# most nodes along one axis of a patch: bounds the loop where a patch is degenerate
+MOST_NODES = 64.0
+# thickness of a layer, cells
+LAYER_CELLS = 4.0
 
-    .. math:: w \left(\tfrac23 + \tfrac13 \max(2 - w, 0)^3\right), \quad w \ge 1
 
-    Boxes of one cell at a pitch of w cells: their share in a cell is a triangle of half width one, whose square has
-    the mean 2/3 and whose products of neighbours the mean ``(2 - w)^3 / 6``.
-    """
-    w = dr.maximum(width, 1.0)
-    gap = dr.maximum(2.0 - w, 0.0)
-    return w * (2.0 / 3.0 + gap * gap * gap * (1.0 / 3.0))
+def cell_on(cell: mi.Float64, largest: mi.Float) -> mi.Float64:
+    """The scene's cell, or on a small piece of surface the largest of ``cell / sqrt(2)^n`` up to ``largest``, m."""
+    steps = dr.ceil(2.0 * dr.log2(mi.Float(cell) / dr.maximum(largest, 1e-6)) - 1e-4)
+    return cell * mi.Float64(dr.exp2(-0.5 * dr.clip(steps, 0.0, 40.0)))
+
+
+def _axes(
+    w: mi.Vector3d | mi.Vector3f, take_z: mi.Bool, take_y: mi.Bool
+) -> tuple[mi.Float64 | mi.Float, mi.Float64 | mi.Float, mi.Float64 | mi.Float]:
+    """Components along the two lattice axes and the one left out."""
+    s = dr.select
+    return s(take_z | take_y, w.x, w.y), s(take_z, w.y, w.z), s(take_z, w.z, s(take_y, w.y, w.x))
+
+
+def _fraction(x: mi.Float64) -> mi.Float64:
+    return x - dr.floor(x)
+
+
+def _least(values: list[mi.Float]) -> mi.Float:
+    return dr.minimum(dr.minimum(values[0], values[1]), dr.minimum(values[2], values[3]))
+
+
+def _most(values: list[mi.Float]) -> mi.Float:
+    return dr.maximum(dr.maximum(values[0], values[1]), dr.maximum(values[2], values[3]))
 
 
 def gaussian(key: mi.UInt32, stream: int) -> mi.Complex2f:
@@ -154,4 +203,4 @@ def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["N_CELLS", "CellFrame", "gaussian", "mix", "unit_phase"]
+__all__ = ["ScattererLattice", "cell_on", "gaussian", "mix", "unit_phase"]

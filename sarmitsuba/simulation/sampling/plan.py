@@ -12,7 +12,6 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling.cell_grid import cell_grid
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_window
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
@@ -22,11 +21,11 @@ F64 = NDArray[np.float64]
 RAYS_PER_WAVELENGTH = 4.5
 # rays of one pass up to which the whole window gets RAYS_PER_WAVELENGTH; beyond, tubes of several wavelengths serve
 FINE_RAYS = 2_000_000
-# a tube's footprint on level ground over a scatterer cell: up to one, tubes share their area among the cells they
-# overlap and leave none out
-FOOTPRINT_PER_CELL = 1.0
-# scatterer cells per resolution cell and axis: at one or more the speckle of a pixel is exactly Gaussian
-CELLS_PER_RESOLUTION = 1.05
+# footprint of a diffuse ray over the finer ground resolution: what hides and what is seen is told apart so finely
+FOOTPRINT_PER_RESOLUTION = 1.0 / 1.05
+# diffuse scatterers per resolution cell and axis: no lattice of theirs then shows in mean clutter at any heading, nor
+# storeys on walls of any incidence
+CELLS_PER_RESOLUTION = 1.4
 # automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
 # (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
 LOOK_SPACING = 2.0**0.75
@@ -63,8 +62,9 @@ class SamplingPlan:
     flags : of the trace kernel; they say which kinds of return there are
     window : lit part of the scene
     azimuth_cell : m, azimuth resolution of the whole aperture at the image's centre
-    scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer
-    footprint_spacing : m, distance between rays whose footprints are as large as the scatterer cells
+    scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer; the scene's own, whatever the
+        look
+    footprint_spacing : m, distance between rays whose footprints are as large as a resolution cell
     spacings : distances between rays, as asked for or automatic
     """
 
@@ -95,9 +95,10 @@ class SamplingPlan:
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         window = launch_window(scene)
         azimuth = azimuth_cell(scene)
-        ground = scene.radar.waveform.range_cell / max(np.sin(window.incidence), 0.05)
-        cell = scene.settings.scatterer_cell or float(min(azimuth, ground) / CELLS_PER_RESOLUTION)
-        footprint = _footprint_spacing(scene, window, cell)
+        range_cell = scene.radar.waveform.range_cell
+        cell = scene.settings.scatterer_cell or _rounded_down(min(azimuth, range_cell) / CELLS_PER_RESOLUTION)
+        ground = range_cell / max(np.sin(window.incidence), 0.05)
+        footprint = _footprint_spacing(scene, window, FOOTPRINT_PER_RESOLUTION * min(azimuth, ground))
         spacings = _spacings(scene, flags, window, azimuth, footprint)
         return SamplingPlan(scene, flags, window, azimuth, cell, footprint, spacings)
 
@@ -135,12 +136,6 @@ class SamplingPlan:
     def fine_spacing(self) -> float:
         """Distance between rays that curved and small parts want, m."""
         return self.scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
-
-    @property
-    def through_cells(self) -> bool:
-        """Whether rays go through the scatterer cells, one per cell: bare level ground with one bounce."""
-        f = self.flags
-        return f.diffuse and not (f.footprint_splitting or f.coherent or f.multi_bounce)
 
     @property
     def rays_per_pulse(self) -> int:
@@ -209,8 +204,6 @@ class SamplingPlan:
         subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
             footprints wider than a cell would leave cells out
         """
-        if self.through_cells:
-            return (cell_grid(self.scene, self.window, self.scatterer_cell),)
         sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
         settings = self.scene.settings
         if not (self.flags.diffuse and self.flags.coherent):
@@ -252,8 +245,13 @@ def azimuth_cell(scene: Scene) -> float:
     return float(scene.radar.waveform.wavelength / (2.0 * angle))
 
 
-def _footprint_spacing(scene: Scene, window: LaunchWindow, cell: float) -> float:
-    """Distance between rays whose footprints are as large as the cells, m.
+def _rounded_down(cell: float) -> float:
+    """The largest power of the square root of two up to ``cell``: looks that differ a little share their scatterers."""
+    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell))))
+
+
+def _footprint_spacing(scene: Scene, window: LaunchWindow, footprint: float) -> float:
+    """Distance between rays of so long footprints, m.
 
     The footprint is longest on level ground (over the cosine of the incidence angle) or, where the scene has any,
     on walls (over its sine).
@@ -265,7 +263,7 @@ def _footprint_spacing(scene: Scene, window: LaunchWindow, cell: float) -> float
     slant = np.cos(window.incidence)
     if steep:
         slant = min(slant, np.sin(window.incidence))
-    return float(FOOTPRINT_PER_CELL * cell * max(slant, 0.2))
+    return float(footprint * max(slant, 0.2))
 
 
 def _spacings(
@@ -290,7 +288,7 @@ def _spacings(
 
 
 __all__ = [
-    "FOOTPRINT_PER_CELL",
+    "FOOTPRINT_PER_RESOLUTION",
     "LOOK_SPACING",
     "RAYS_PER_WAVELENGTH",
     "RaySpacings",

@@ -1,0 +1,366 @@
+"""Scenes drawn by seed: shapes, sizes, places, materials and radars that nobody chose.
+
+Every draw is plain data (triangles in NumPy, numbers of the radar) and writes itself as an ordinary scene file, so
+that a reference can be worked out from the draw without a line of the simulator.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+SPEED_OF_LIGHT = 299_792_458.0
+# carrier in Hz and the bandwidths that such radars have
+BANDS = {
+    "L": (1.3e9, (60e6, 200e6)),
+    "C": (5.4e9, (80e6, 400e6)),
+    "X": (9.65e9, (150e6, 900e6)),
+    "Ku": (16e9, (0.3e9, 1.2e9)),
+}
+
+
+@dataclass(frozen=True)
+class Radar:
+    """Numbers of the sensor, in the units of the scene file."""
+
+    band: str
+    center_frequency: float
+    bandwidth: float
+    azimuth_resolution: float
+    slant_range: float
+    look_angle_deg: float
+    heading_deg: float
+    look_side: str
+    mode: str
+    polarisation: str
+    pattern: str = "isotropic"
+    azimuth_beamwidth_deg: float = 0.0
+
+    @property
+    def wavelength(self) -> float:
+        """M."""
+        return SPEED_OF_LIGHT / self.center_frequency
+
+    @property
+    def range_cell(self) -> float:
+        """Slant range, m."""
+        return SPEED_OF_LIGHT / (2.0 * self.bandwidth)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One object: triangles (n, 3, 3) in m, closed (seen from outside) or open (seen from both sides)."""
+
+    kind: str
+    triangles: F64
+    closed: bool
+    law: str = "none"
+    level_db: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """A scene.
+
+    Parameters
+    ----------
+    seed, topic : what drew it
+    bodies, radar : what there is and what sees it
+    extent : m, of the image on the ground, both axes
+    """
+
+    seed: int
+    topic: str
+    bodies: tuple[Body, ...]
+    radar: Radar
+    extent: float
+
+    def write(self, folder: Path) -> Path:
+        """Write the scene file with its meshes and return its path."""
+        folder.mkdir(parents=True, exist_ok=True)
+        r = self.radar
+        text = ['<scene version="3.0.0">', '<integrator type="sar_path"/>', '<sensor type="sar_antenna">']
+        for name in ("mode", "look_side", "polarisation", "pattern"):
+            text.append(f'<string name="{name}" value="{getattr(r, name)}"/>')
+        for name in (
+            *(
+                "center_frequency",
+                "bandwidth",
+                "azimuth_resolution",
+                "slant_range",
+                "look_angle_deg",
+                "heading_deg",
+            ),
+            "azimuth_beamwidth_deg",
+        ):
+            value = getattr(r, name)
+            if name != "azimuth_beamwidth_deg" or value > 0:
+                text.append(f'<float name="{name}" value="{value!r}"/>')
+        if r.pattern != "isotropic":
+            text.append('<float name="elevation_beamwidth_deg" value="30"/>')
+        text.append('<film type="range_film">')
+        for name in ("azimuth", "range"):
+            text.append(f'<float name="image_extent_{name}" value="{self.extent!r}"/>')
+        text += ["</film>", "</sensor>"]
+        for i, body in enumerate(self.bodies):
+            text.append(f'<bsdf type="radar_material" id="m{i}">')
+            if body.law == "none":
+                text.append('<string name="material" value="pec"/>')
+            else:
+                # rougher than a wavelength: nothing of the coherent wave is left
+                text += [
+                    '<float name="permittivity_real" value="6"/>',
+                    f'<float name="rms_height" value="{1.5 * r.wavelength!r}"/>',
+                    f'<string name="diffuse_law" value="{body.law}"/>',
+                    f'<float name="diffuse_level_db" value="{body.level_db!r}"/>',
+                ]
+            text.append("</bsdf>")
+            mesh = trimesh.Trimesh(
+                body.triangles.reshape(-1, 3),
+                np.arange(3 * len(body.triangles)).reshape(-1, 3),
+                process=False,
+            )
+            mesh.merge_vertices()
+            mesh.export(folder / f"b{i}.ply")
+            text.append(
+                f'<shape type="ply" id="b{i}"><string name="filename" value="b{i}.ply"/><ref id="m{i}"/></shape>'
+            )
+        path = folder / f"{self.topic}_{self.seed}.xml"
+        path.write_text("\n".join([*text, "</scene>\n"]), encoding="utf-8")
+        return path
+
+
+# ---------------------------------------------------------------- shapes, all about the origin
+
+
+def box(size: F64) -> F64:
+    """Closed box of edge lengths ``size``."""
+    mesh = trimesh.creation.box(size)
+    return np.asarray(mesh.triangles)
+
+
+def prism(outline: F64, length: float) -> F64:
+    """Closed prism of a convex outline (n, 2) in x, z along y."""
+    n = len(outline)
+    a = np.column_stack([outline[:, 0], np.full(n, -0.5 * length), outline[:, 1]])
+    b = a + [0.0, length, 0.0]
+    out = []
+    for i in range(n):
+        j = (i + 1) % n
+        out += [[a[i], b[j], b[i]], [a[i], a[j], b[j]]]
+    for i in range(1, n - 1):
+        out += [[a[0], a[i + 1], a[i]], [b[0], b[i], b[i + 1]]]
+    triangles = np.array(out)
+    middle = triangles.reshape(-1, 3).mean(axis=0)
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inward = np.einsum("ti,ti->t", normal, triangles.mean(axis=1) - middle) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return triangles
+
+
+def gabled(rng: np.random.Generator, size: F64) -> F64:
+    """House with a gabled roof of 5 to 45 degrees."""
+    w, length, h = size
+    rise = 0.5 * w * np.tan(np.radians(rng.uniform(5.0, 45.0)))
+    outline = np.array([[-w / 2, 0.0], [w / 2, 0.0], [w / 2, h], [0.0, h + rise], [-w / 2, h]])
+    return prism(outline - [0.0, 0.5 * h], length)
+
+
+def polygon(outline: F64) -> F64:
+    """Flat open polygon (n, 2) in the xy plane, cut into triangles about its first corner, which sees all others."""
+    flat = np.column_stack([outline, np.zeros(len(outline))])
+    return np.array([flat[[0, i, i + 1]] for i in range(1, len(outline) - 1)])
+
+
+def frame(outer: float, width: float) -> F64:
+    """Flat square frame of four bars."""
+    a, b = 0.5 * outer, 0.5 * outer - width
+    bars = [(-a, a, b, a), (-a, a, -a, -b), (-a, -b, -b, b), (b, a, -b, b)]
+    out = []
+    for x0, x1, y0, y1 in bars:
+        p = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
+        out += [p[[0, 1, 2]], p[[0, 2, 3]]]
+    return np.array(out)
+
+
+def terrain(rng: np.random.Generator, size: float, step: float, slope: float) -> F64:
+    """Open surface of smooth random slopes, cut into triangles of ``step``."""
+    n = int(np.clip(round(size / step), 2, 60))
+    x = np.linspace(-0.5 * size, 0.5 * size, n + 1)
+    gx, gy = np.meshgrid(x, x, indexing="ij")
+    z = np.zeros_like(gx)
+    for _ in range(6):
+        length = size * rng.uniform(0.3, 1.0)
+        angle, phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+        wave = 2.0 * np.pi / length
+        z += slope / np.sqrt(6.0) / wave * np.sin(wave * (gx * np.cos(angle) + gy * np.sin(angle)) + phase)
+    p = np.stack([gx, gy, z], axis=-1)
+    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
+    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
+
+
+def turned(triangles: F64, rng: np.random.Generator, *, upright: bool) -> F64:
+    """Rotated at random: about the vertical only, or any way."""
+    matrix = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    if upright:
+        a = rng.uniform(0.0, 2.0 * np.pi)
+        matrix = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    return triangles @ matrix.T
+
+
+# ---------------------------------------------------------------- draws
+
+
+def draw_radar(rng: np.random.Generator, bands: tuple[str, ...] = ("L", "C", "X", "Ku")) -> Radar:
+    """Radar of any band, heading, look, side and mode."""
+    band = str(rng.choice(bands))
+    carrier, (low, high) = BANDS[band]
+    bandwidth = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    cell = SPEED_OF_LIGHT / (2.0 * bandwidth)
+    mode = str(rng.choice(["stripmap", "spotlight"]))
+    resolution = float(cell * rng.uniform(0.6, 1.6))
+    slant_range = float(rng.uniform(3e3, 12e3))
+    pattern, beam = "isotropic", 0.0
+    if mode == "stripmap" and rng.random() < 0.5:
+        # the beam just holds the Doppler band of the resolution
+        pattern, beam = "gaussian", float(np.degrees(0.9 * SPEED_OF_LIGHT / carrier / (2.0 * resolution)))
+    return Radar(
+        band,
+        carrier,
+        bandwidth,
+        resolution,
+        slant_range,
+        float(rng.uniform(20.0, 65.0)),
+        float(rng.uniform(0.0, 360.0)),
+        str(rng.choice(["left", "right"])),
+        mode,
+        str(rng.choice(["VV", "HH"])),
+        pattern,
+        beam,
+    )
+
+
+def draw_diffuse(seed: int) -> Draw:
+    """Rough bodies of any size, with or without ground and a second body that hides some of them."""
+    rng = np.random.default_rng([seed, 1])
+    radar = draw_radar(rng)
+    cell = max(radar.range_cell, radar.azimuth_resolution)
+    size = float(np.exp(rng.uniform(np.log(cell / 3.0), np.log(50.0 * cell))))
+    shapes: dict[str, Callable[[], tuple[F64, bool, bool]]] = {
+        "box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True, True),
+        "tilted box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True, False),
+        "gabled": lambda: (gabled(rng, size * rng.uniform(0.3, 1.0, 3)), True, True),
+        "post": lambda: (box(np.array([0.03, 0.03, 1.0]) * size), True, True),
+        "sphere": lambda: (np.asarray(trimesh.creation.icosphere(4, 0.5 * size).triangles), True, False),
+        "cylinder": lambda: (
+            np.asarray(trimesh.creation.cylinder(0.3 * size, size, sections=48).triangles),
+            True,
+            False,
+        ),
+        "frame": lambda: (frame(size, size * rng.uniform(0.02, 0.2)), False, False),
+        "terrain": lambda: (
+            terrain(rng, size, size / rng.integers(2, 50), rng.uniform(0.02, 0.4)),
+            False,
+            True,
+        ),
+        "plate": lambda: (
+            polygon(size * np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])),
+            False,
+            False,
+        ),
+        "cut plate": lambda: (terrain(rng, size, size / rng.integers(3, 50), 1e-9), False, False),
+    }
+    law = ("lambert", "constant", "constant_gamma")
+
+    def body(lift: bool) -> Body:
+        kind = str(rng.choice(list(shapes)))
+        triangles, closed, upright = shapes[kind]()
+        triangles = turned(triangles, rng, upright=upright)
+        if lift:
+            triangles = triangles - [0.0, 0.0, triangles[:, :, 2].min()]
+        return Body(kind, triangles, closed, str(rng.choice(law)), float(rng.uniform(-15.0, 0.0)))
+
+    bodies = [body(True)]
+    if rng.random() < 0.3:  # another in the way or behind
+        other = body(True)
+        shift = np.array([*rng.uniform(-size, size, 2), 0.0])
+        bodies.append(Body(other.kind, other.triangles + shift, other.closed, other.law, other.level_db))
+    if rng.random() < 0.3:
+        # the ground ends within the image
+        side = 2.5 * size + 4.0 * cell
+        ground = turned(terrain(rng, side, side / rng.integers(1, 30), 1e-9), rng, upright=True)
+        bodies.append(
+            Body(
+                "ground",
+                ground - [0.0, 0.0, 0.013],
+                False,
+                str(rng.choice(law)),
+                float(rng.uniform(-15.0, 0.0)),
+            )
+        )
+    reach = max(float(np.abs(b.triangles).max()) for b in bodies)
+    return Draw(seed, "diffuse", tuple(bodies), radar, 2.0 * reach * 2.2 + 60.0 * cell)
+
+
+def draw_metal(seed: int) -> Draw:
+    """A single smooth metal body that is convex or flat: physical optics has one bounce and no shadow."""
+    rng = np.random.default_rng([seed, 2])
+    radar = draw_radar(rng, ("L", "C", "X"))
+    size = float(np.exp(rng.uniform(np.log(6.0), np.log(60.0)))) * radar.wavelength
+    n = int(rng.integers(3, 9))
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
+    while np.diff(angle, append=angle[0] + 2 * np.pi).max() > 0.9 * np.pi:
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
+    ring = 0.5 * size * np.column_stack([np.cos(angle), np.sin(angle)])  # on a circle: convex
+    arm = size * rng.uniform(0.15, 0.5)
+    corner = (
+        size * np.array([[0, 0], [1, 0], [1, arm / size], [arm / size, arm / size], [arm / size, 1], [0, 1]])
+        - size / 2
+    )
+    shapes: dict[str, Callable[[], tuple[F64, bool]]] = {
+        "box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True),
+        "gabled": lambda: (gabled(rng, size * rng.uniform(0.3, 1.0, 3)), True),
+        "polygon": lambda: (polygon(ring), False),
+        "L": lambda: (polygon(corner), False),
+        "frame": lambda: (frame(size, size * rng.uniform(0.05, 0.2)), False),
+        "sphere": lambda: (np.asarray(trimesh.creation.icosphere(5, 0.5 * size).triangles), True),
+        "cylinder": lambda: (
+            np.asarray(trimesh.creation.cylinder(0.25 * size, size, sections=180).triangles),
+            True,
+        ),
+    }
+    kind = str(rng.choice(list(shapes)))
+    triangles, closed = shapes[kind]()
+    triangles = turned(triangles, rng, upright=False)
+    if (
+        not closed or rng.random() < 0.5
+    ):  # facing the radar to a few lobe widths, else there is only side lobe
+        triangles = _facing(triangles, radar, rng, 3.0 * radar.wavelength / size)
+    cell = max(radar.range_cell, radar.azimuth_resolution)
+    return Draw(seed, "metal", (Body(kind, triangles, closed),), radar, 2.2 * size + 60.0 * cell)
+
+
+def _facing(triangles: F64, radar: Radar, rng: np.random.Generator, spread: float) -> F64:
+    """Turn the largest face towards the antenna, off by a random angle of standard deviation ``spread`` rad."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    n = normal[np.argmax(np.linalg.norm(normal, axis=1))]
+    n = n / np.linalg.norm(n)
+    target = -look_direction(radar) + spread * rng.standard_normal(3)
+    target /= np.linalg.norm(target)
+    return triangles @ trimesh.geometry.align_vectors(n, target)[:3, :3].T
+
+
+def look_direction(radar: Radar) -> F64:
+    """Unit vector from the antenna at mid-aperture to the aim point, east north up."""
+    heading, look = np.radians(radar.heading_deg), np.radians(radar.look_angle_deg)
+    along = np.array([np.sin(heading), np.cos(heading)])
+    right = np.array([along[1], -along[0]])
+    across = right if radar.look_side == "right" else -right
+    return np.array([*(across * np.sin(look)), -np.cos(look)])
+
+
+DRAWS: dict[str, Callable[[int], Draw]] = {"diffuse": draw_diffuse, "metal": draw_metal}

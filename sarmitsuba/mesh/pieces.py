@@ -1,0 +1,92 @@
+"""Pieces of surface that go on without a crease, and how large they are."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+F64 = NDArray[np.float64]
+
+# bend of an edge below which the surface goes on across it, rad
+GOES_ON = np.radians(20.0)
+
+
+def piece_of(corners: F64, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the piece that each triangle belongs to.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    vertex : (3 n,) label of each corner's vertex; equal where corners coincide
+
+    Notes
+    -----
+    Triangles that touch without sharing both ends of an edge (T-junctions) belong to different pieces.
+    """
+    n = len(corners)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    ids = vertex.reshape(n, 3)
+    ends = np.sort(np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    key = ends[:, 0] * (int(ids.max(initial=0)) + 1) + ends[:, 1]
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order], prepend=-1))
+    pair = first[np.diff(first, append=len(key)) == 2]
+    a, b = order[pair], order[pair + 1]
+    # wound alike, two neighbours walk their edge in opposite directions
+    alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
+    bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
+    joined = bend > np.cos(GOES_ON)
+    links = coo_matrix((np.ones(int(joined.sum())), (a[joined] // 3, b[joined] // 3)), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
+    """Area (m^2) and width (m, the area over the greatest extent) of the piece of each triangle, both (n,) float64."""
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    count = int(piece.max(initial=-1)) + 1
+    total = np.bincount(piece, area, count)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.maximum.at(high, piece, corners.max(axis=1))
+    width = total / np.maximum(np.linalg.norm(high - low, axis=1), 1e-300)
+    return np.asarray(total[piece]), np.asarray(width[piece])
+
+
+def ray_needs(
+    corners: F64, area: F64, width: F64, curvature: F64 | None, wavelength: float
+) -> tuple[F64, F64]:
+    r"""Largest distance between rays that serves each triangle, for coherent and for diffuse returns, m, (n,) each.
+
+    A piece of surface wants two rays across its width and ``RAYS_ACROSS`` across its size. For coherent returns
+    its bend within a tube must also stay small against the wavelength: with the radius of curvature :math:`\rho`
+
+    .. math:: d = \sqrt{0.1 \lambda \rho} \geq \lambda / 4.5
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    area, width : (n,) m^2 and m, of each triangle's piece
+    curvature : (n, 8) of :func:`sarmitsuba.trace.curvature.facet_curvature`, None where nothing bends
+    wavelength : m
+    """
+    size = np.minimum(0.5 * width, np.sqrt(area) / RAYS_ACROSS)
+    finest = wavelength / 4.5
+    coherent = np.maximum(size, 0.5 * finest)
+    if curvature is not None:
+        strongest = np.sqrt(
+            np.square(curvature[:, :3]).sum(axis=1) + 2.0 * np.square(curvature[:, 3:6]).sum(axis=1)
+        )
+        bent = strongest > 0.0
+        radius = 1.0 / np.where(bent, strongest, 1.0)
+        tube = np.maximum(np.sqrt(0.1 * wavelength * radius), finest)
+        coherent = np.where(bent, np.minimum(coherent, tube), coherent)
+    return coherent, size
+
+
+# rays across a small piece of surface, each way: how many a lattice lays over it then varies little
+RAYS_ACROSS = 5.0
+
+__all__ = ["GOES_ON", "RAYS_ACROSS", "piece_of", "piece_sizes", "ray_needs"]
