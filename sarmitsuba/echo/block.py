@@ -342,7 +342,8 @@ def azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
         along, beside = np.einsum("ki,ki->k", ahead, axis), np.einsum("ki,ki->k", across, axis)
         return np.asarray(sine * along + cosine * beside)
 
-    gain = radar.antenna.two_way_amplitude(component(radar.pointing.azimuth_axis[pulses]), 0.0)
+    azimuth = component(radar.pointing.azimuth_axis[pulses])
+    gain = radar.antenna.two_way_amplitude(azimuth, np.zeros_like(azimuth))
     return np.asarray(np.where(component(boresight) > 0.0, gain, 0.0))
 
 
