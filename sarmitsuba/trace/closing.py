@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field, tube
+from sarmitsuba.trace import field, polygon
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import ScattererLattice, cell_on
 from sarmitsuba.trace.state import (
@@ -57,7 +57,9 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled = tube.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, patch)
+        filled = polygon.phase_integral(
+            -constants.wavenumber * wave, tube_here.u, tube_here.v, tube_here.polygon
+        )
         rim = tube_here.u * patch.rim[0] + tube_here.v * patch.rim[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         # a point of the tube is seen along another launch direction, whatever mirrors are in between

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
-from sarmitsuba.trace import curvature, field, tube
+from sarmitsuba.trace import curvature, field, polygon, tube
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
@@ -242,6 +242,11 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         for i in range(N_EDGES)
     ]
     extent = tube.limited(ray.extent, edges, mi.Vector3f(hit.p - hit.vertex0), u, v)
+    patch = tube.patch(extent)
+    lines = polygon.facet_lines(edges, mi.Vector3f(hit.p - hit.vertex0), u, v)
+    if kernel.flags.multi_bounce:
+        # behind mirrors the facets of the whole chain limit the tube
+        lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
     if kernel.flags.spreading:
         loss = mi.Float(1.0 / (hit.length * hit.length_back))
@@ -255,7 +260,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, tube.patch(extent), area, loss, loss_retro)
+    return Footprint(u, v, extent, patch, polygon.clipped(lines, patch), area, loss, loss_retro)
 
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
