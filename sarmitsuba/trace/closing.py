@@ -48,7 +48,7 @@ def close_coherent(
 ) -> Contribution:
     """Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch."""
     flags, constants = kernel.flags, kernel.constants
-    patch, n, s = tube_here.patch, hit.normal, hit.to_antenna
+    part, n, s = tube_here.polygon, hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range = _mean_leg(kernel, hit)
@@ -57,18 +57,16 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled = polygon.phase_integral(
-            -constants.wavenumber * wave, tube_here.u, tube_here.v, tube_here.polygon
-        )
-        rim = tube_here.u * patch.rim[0] + tube_here.v * patch.rim[1]
+        filled = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
+        rim = tube_here.u * part.rim[0] + tube_here.v * part.rim[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         # a point of the tube is seen along another launch direction, whatever mirrors are in between
-        change_out = patch.rim[0] * lane.tube_rate_a + patch.rim[1] * lane.tube_rate_b
+        change_out = part.rim[0] * lane.tube_rate_a + part.rim[1] * lane.tube_rate_b
         across = rim - s * dr.dot(rim, s)
         change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
     else:
-        filled = patch.area()
+        filled = part.area()
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     amplitudes = []

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.tube import NOWHERE, Extent, Patch
+from sarmitsuba.trace.tube import NOWHERE, Extent
 
 # rows of the lattice to each side that are looked at for other rays on the facet
 ROWS = 4
-# tubes that a part reaches at most beyond its ray, where no other ray on the facet is nearer
+# tubes that a part reaches at most across its row, where no ray is nearer
 REACH = ROWS + 0.5
-# rows and columns that are looked at for a place where the facet is wider than the lattice; its width over the rows is
-# concave, so doubling steps come near its largest
-WIDTHS = (-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16)
+# the same along the row, below an edge that crosses rows at an angle of one over twice that
+REACH_ALONG = 12.0
+# of a ray to meet a narrow facet; bounds the weight
+LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -89,30 +91,34 @@ def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[L
     ]
 
 
-def clipped(lines: Sequence[Line], piece: Patch) -> Polygon:
+def clipped(lines: Sequence[Line], rim: tuple[mi.Float, mi.Float]) -> Polygon:
     """Part of the facet within ``lines`` that a ray stands for.
 
     The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all
     that is beyond it, and a row whose neighbour holds no ray takes that one too. Their parts so tile a convex facet
     without gap or overlap, up to its corners. Where a facet is narrower than the lattice everywhere, rays find it by
-    chance: they stand for their own row and column, with the weight of ``piece``.
+    chance: they stand for the facet's part of their row or column, with a weight of one over the chance.
     """
     rows = [_Axis.of(line.h, line.gu, line.gv) for line in lines]
     columns = [_Axis.of(line.h, line.gv, line.gu) for line in lines]
-    across = {j: _interval(rows, float(j)) for j in sorted({*WIDTHS, *range(-ROWS, ROWS + 1)})}
-    along = {j: _interval(columns, float(j)) for j in WIDTHS}
-    wide = _widest(across) & _widest(along)
+    across = {j: _interval(rows, float(j)) for j in range(-ROWS, ROWS + 1)}
+    wide = _wide(rows) & _wide(columns)
     low, high = across[0]
-    left = dr.select(low <= -1.0, -0.5, -REACH)
-    right = dr.select(high >= 1.0, 0.5, REACH)
-    bottom_end, top_end = along[0]
+    bottom_end, top_end = _interval(columns, 0.0)
+    left = dr.select(low <= -1.0, -0.5, -REACH_ALONG)
+    right = dr.select(high >= 1.0, 0.5, REACH_ALONG)
     # an empty row belongs to the next below it that has rays, else to the next above
     top, bottom = mi.Float(REACH), mi.Float(-REACH)
     for j in range(ROWS, 0, -1):
         top = dr.select(_holds_ray(across[j]), j - 0.5, top)
         bottom = dr.select(_holds_ray(across[-j]), -0.5, bottom)
-    top = dr.select(wide, top, dr.select(top_end >= 1.0, 0.5, REACH))
-    bottom = dr.select(wide, bottom, dr.select(bottom_end <= -1.0, -0.5, -REACH))
+    # narrow: the part of the row, or of the column, whichever the facet crosses on the shorter way
+    by_row = high - low < top_end - bottom_end
+    left = dr.select(wide, left, dr.select(by_row, -REACH, -0.5))
+    right = dr.select(wide, right, dr.select(by_row, REACH, 0.5))
+    top = dr.select(wide, top, dr.select(by_row, 0.5, REACH))
+    bottom = dr.select(wide, bottom, dr.select(by_row, -0.5, -REACH))
+    chance = dr.clip(dr.select(by_row, high - low, top_end - bottom_end), LEAST_CHANCE, 1.0)
 
     sides = []
     for value, axis, sign in ((bottom, rows, 1), (top, rows, -1)):
@@ -122,7 +128,7 @@ def clipped(lines: Sequence[Line], piece: Patch) -> Polygon:
         a, b = _span(bottom, top, _interval(axis, value))
         sides.append((value, a, value, b) if sign > 0 else (value, b, value, a))
     sides += [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
-    return Polygon(tuple(sides), piece.rim, dr.select(wide, 1.0, piece.weight))
+    return Polygon(tuple(sides), rim, dr.rcp(dr.select(wide, 1.0, chance)))
 
 
 @dataclass(frozen=True)
@@ -159,12 +165,17 @@ def _holds_ray(interval: tuple[mi.Float, mi.Float]) -> mi.Bool:
     return dr.floor(interval[1]) >= dr.ceil(interval[0])
 
 
-def _widest(intervals: dict[int, tuple[mi.Float, mi.Float]]) -> mi.Bool:
-    """Whether some row is long enough to hold a ray for certain."""
-    longest = mi.Float(0.0)
-    for low, high in intervals.values():
-        longest = dr.maximum(longest, high - low)
-    return longest >= 1.0
+def _wide(axes: Sequence[_Axis]) -> mi.Bool:
+    """Whether somewhere the row within all lines is long enough to hold a ray for certain."""
+    low, high = mi.Float(-NOWHERE), mi.Float(NOWHERE)
+    for a, b in permutations(axes, 2):
+        # between a lower end a and an upper end b
+        counts = a.lower & ~b.lower
+        length, growth = b.at - a.at - 1.0, b.slope - a.slope
+        row = -length * dr.rcp(_nonzero(growth))
+        low = dr.select(counts & (growth >= 0.0), dr.maximum(low, row), low)
+        high = dr.select(counts & (growth < 0.0), dr.minimum(high, row), high)
+    return low <= high
 
 
 def _span(

@@ -233,8 +233,8 @@ class Footprint:
     ----------
     u, v : m, edges of the whole tube's footprint
     extent : how far the facets hit so far let the tube extend
-    patch : part of the facet that the ray stands for, as a quadrilateral
-    polygon : the same up to the facet's corners
+    patch : what its diffuse return comes from, as a quadrilateral
+    polygon : what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
     loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
     """
