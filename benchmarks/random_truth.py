@@ -124,11 +124,13 @@ def metal(draw: scenes.Draw, image: "SarImage", size: float) -> tuple[float, flo
     h = reference.physical_optics(draw, position, frequency)
     pixel = image.grid.positions()
     near = (np.abs(pixel[..., :2]) <= size + 3.0 * max(r.range_cell, r.azimuth_resolution)).all(axis=-1)
-    want = reference.focused(h, position, frequency, pixel[near])
+    weight = reference.aperture_weights(r, position)
+    want = reference.focused(h, position, frequency, pixel[near], weight)
     got = image.total()[near]
     peak_db = 20.0 * math.log10(float(np.abs(got).max()) / float(np.abs(want).max()))
     coherence = float(np.abs(np.vdot(want, got)) / np.sqrt(np.vdot(want, want).real * np.vdot(got, got).real))
-    return float(np.mean(np.abs(h) ** 2)), peak_db, coherence
+    level = float(np.average(np.mean(np.abs(h) ** 2, axis=0), weights=weight**2))
+    return level, peak_db, coherence
 
 
 def report(results: list[Result]) -> str:

@@ -213,7 +213,7 @@ def _without_inner_vertices(
 
 
 def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
-    """Cut the facets of ``faces`` into triangles and convex pairs of them, across the longest edges first."""
+    """Cut the facets of ``faces`` into triangles and convex pairs of them; the narrowest find their mates first."""
     inside = np.zeros(len(edges.corners), dtype=bool)
     inside[faces] = True
     row, k = np.nonzero((edges.mate >= 0) & inside[:, None])
@@ -231,7 +231,10 @@ def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
         convex &= height > -slack
     mate = np.where(inside[:, None], -1, edges.mate)
     free = inside.copy()
-    for e in np.flatnonzero(convex)[np.argsort(-edges.length[row, k][convex], kind="stable")]:
+    sides = edges.corners[:, 1:] - edges.corners[:, :1]
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length.max(axis=1)
+    narrowest = np.minimum(height[row], height[other])
+    for e in np.flatnonzero(convex)[np.lexsort((-edges.length[row, k][convex], narrowest[convex]))]:
         a, b = int(row[e]), int(other[e])
         if free[a] and free[b]:
             free[a] = free[b] = False

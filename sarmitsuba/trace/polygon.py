@@ -14,7 +14,7 @@ ROWS = 4
 # tubes that a part reaches at most across its row, where no ray is nearer
 REACH = ROWS + 0.5
 # the same along the row, below an edge that crosses rows at an angle of one over twice that
-REACH_ALONG = 12.0
+REACH_ALONG = 30.0
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
