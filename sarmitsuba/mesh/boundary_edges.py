@@ -7,12 +7,15 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from sarmitsuba.mesh.pieces import piece_sizes
 from sarmitsuba.mesh.welding import weld
 
 F64 = NDArray[np.float64]
 
 # bend of an edge below which a curved surface goes on across it and tubes are not ended there
 SMOOTH_BEND = np.radians(20.0)
+# bend (rad) times width (wavelengths) below which it does so across narrow flat strips: an eighth of pi in phase
+LARGEST_BEND = 1.0 / 16.0
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_EDGES = 4
@@ -46,21 +49,26 @@ class Facets:
 
 
 def boundary_edges(
-    corners: F64, vertex: NDArray[np.int64] | None = None, curved: NDArray[np.bool_] | None = None
+    corners: F64,
+    vertex: NDArray[np.int64] | None = None,
+    curved: NDArray[np.bool_] | None = None,
+    wavelength: float = 0.0,
 ) -> NDArray[np.float32]:
     """The edges alone, see :func:`facets`."""
-    return facets(corners, vertex, curved).edges
+    return facets(corners, vertex, curved, wavelength).edges
 
 
 def facets(
     corners: F64,
     vertex: NDArray[np.int64] | None = None,
     curved: NDArray[np.bool_] | None = None,
+    wavelength: float = 0.0,
 ) -> Facets:
     """Flat facet that each triangle belongs to, and its boundary edges.
 
-    The surface goes on across an edge where both neighbours lie in one plane, or both stand for a curved surface and
-    bend less than ``SMOOTH_BEND``; every other edge is a boundary, a crease of a degree too. All triangles of a convex
+    The surface goes on across an edge where both neighbours lie in one plane, or bend less than ``SMOOTH_BEND`` and both
+    stand for a curved surface, or are so narrow that bend times width is below ``LARGEST_BEND`` wavelengths (the strips
+    of a cone, whose tip has no curvature). Every other edge is a boundary, a crease of a degree too. All triangles of a convex
     facet with up to four straight boundary edges have these. Other facets without inner vertices are cut into
     triangles and convex quadrilaterals, which have theirs: the cuts are boundaries too, and what tubes lose there to
     the left they have to the right. In facets cut finer a triangle has its own, and of the triangles up to ``RINGS``
@@ -71,6 +79,7 @@ def facets(
     corners : (n_faces, 3, 3) float64, m
     vertex : (3 n_faces,) welded vertex of every corner, None to work it out
     curved : (n_faces,) triangles that stand for a curved surface, see :mod:`sarmitsuba.mesh.curvature`; None: none
+    wavelength : m; 0 makes every bend a boundary
 
     Notes
     -----
@@ -100,6 +109,10 @@ def facets(
     # of both triangles, so that they agree
     flat = goes_on & (off_plane < FLAT_BEND + np.maximum(tilt[:, None], tilt[mate]))
     smooth = flat if curved is None else flat | (goes_on & curved[:, None] & curved[mate])
+    if wavelength > 0.0 and (goes_on & ~smooth).any():
+        width = piece_sizes(corners, _connected(np.where(flat, mate, -1)))[1]
+        across = off_plane * np.maximum(width[:, None], width[mate])
+        smooth = smooth | (goes_on & (across < LARGEST_BEND * wavelength))
 
     sharp = ~smooth
     boundary = _unused(n)
@@ -155,10 +168,14 @@ class _Edges:
 
     def facet(self) -> NDArray[np.int64]:
         """(n,) number of the facet of each triangle."""
-        n = len(self.corners)
-        row, k = np.nonzero(self.mate >= 0)
-        links = coo_matrix((np.ones(row.size), (row, self.mate[row, k])), shape=(n, n))
-        return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+        return _connected(self.mate)
+
+
+def _connected(mate: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the part that each triangle belongs to, with ``mate`` (n, 3) across its edges, -1 for none."""
+    row, k = np.nonzero(mate >= 0)
+    links = coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:

@@ -136,7 +136,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     group = geometry.face_group[rows_kept]
     bend = facet_curvature(triangles, group, wavelength, vertex)
     curved = None if bend is None else bend.any(axis=1)
-    flat = facets(triangles, vertex, curved)
+    flat = facets(triangles, vertex, curved, wavelength)
     sizes = part_sizes(triangles, flat.part, area, width, curved)
     needs = ray_needs(triangles, area, width, sizes, bend, wavelength)
     pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None

@@ -15,6 +15,8 @@ ROWS = 4
 REACH = ROWS + 0.5
 # the same along the row, below an edge that crosses rows at an angle of one over twice that
 REACH_ALONG = 30.0
+# the same up to the rim of a curved surface
+REACH_RIM = 1.5
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -91,13 +93,15 @@ def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[L
     ]
 
 
-def clipped(lines: Sequence[Line], rim: tuple[mi.Float, mi.Float]) -> Polygon:
+def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float]) -> Polygon:
     """Part of the facet within ``lines`` that a ray stands for.
 
     The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all
     that is beyond it, and a row whose neighbour holds no ray takes that one too. Their parts so tile a convex facet
     without gap or overlap, up to its corners. Where a facet is narrower than the lattice everywhere, rays find it by
-    chance: they stand for the facet's part of their row or column, with a weight of one over the chance.
+    chance: they stand for the facet's part of their row or column, with a weight of one over the chance. What fewer
+    than three lines bound (the rim of a curved surface) has no corners: there a ray has its own cell, and what is
+    beyond it up to an edge that is nearer than the next ray.
     """
     rows = [_Axis.of(line.h, line.gu, line.gv) for line in lines]
     columns = [_Axis.of(line.h, line.gv, line.gu) for line in lines]
@@ -119,6 +123,12 @@ def clipped(lines: Sequence[Line], rim: tuple[mi.Float, mi.Float]) -> Polygon:
     top = dr.select(wide, top, dr.select(by_row, 0.5, REACH))
     bottom = dr.select(wide, bottom, dr.select(by_row, -0.5, -REACH))
     chance = dr.clip(dr.select(by_row, high - low, top_end - bottom_end), LEAST_CHANCE, 1.0)
+    used = sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in lines), mi.Float(0.0))
+    bounded = used > 2.5
+    left = dr.select(bounded, left, dr.select(extent.left < 1.0, -REACH_RIM, -0.5))
+    right = dr.select(bounded, right, dr.select(extent.right < 1.0, REACH_RIM, 0.5))
+    top = dr.select(bounded, top, dr.select(extent.top < 1.0, REACH_RIM, 0.5))
+    bottom = dr.select(bounded, bottom, dr.select(extent.bottom < 1.0, -REACH_RIM, -0.5))
 
     sides = []
     for value, axis, sign in ((bottom, rows, 1), (top, rows, -1)):
@@ -128,7 +138,7 @@ def clipped(lines: Sequence[Line], rim: tuple[mi.Float, mi.Float]) -> Polygon:
         a, b = _span(bottom, top, _interval(axis, value))
         sides.append((value, a, value, b) if sign > 0 else (value, b, value, a))
     sides += [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
-    return Polygon(tuple(sides), rim, dr.rcp(dr.select(wide, 1.0, chance)))
+    return Polygon(tuple(sides), rim, dr.rcp(dr.select(wide | ~bounded, 1.0, chance)))
 
 
 @dataclass(frozen=True)
