@@ -66,13 +66,15 @@ def facets(
 ) -> Facets:
     """Flat facet that each triangle belongs to, and its boundary edges.
 
-    The surface goes on across an edge where both neighbours lie in one plane, or bend less than ``SMOOTH_BEND`` and both
-    stand for a curved surface, or are so narrow that bend times width is below ``LARGEST_BEND`` wavelengths (the strips
-    of a cone, whose tip has no curvature). Every other edge is a boundary, a crease of a degree too. All triangles of a convex
-    facet with up to four straight boundary edges have these. Other facets without inner vertices are cut into
-    triangles and convex quadrilaterals, which have theirs: the cuts are boundaries too, and what tubes lose there to
-    the left they have to the right. In facets cut finer a triangle has its own, and of the triangles up to ``RINGS``
-    edges away those that it lies inside of and mostly faces, the nearest first.
+    The surface goes on across an edge where both neighbours lie in one plane, or where they bend less than
+    ``SMOOTH_BEND`` and both stand for a curved surface or are so narrow that bend times width is below
+    ``LARGEST_BEND`` wavelengths (the strips of a cone, whose tip has no curvature). Every other edge is a boundary, a
+    crease of a degree too.
+
+    All triangles of a convex facet with up to four straight boundary edges have these. Other facets without inner
+    vertices are cut into triangles and convex quadrilaterals, which have theirs: the cuts are boundaries too, and what
+    tubes lose there to the left they have to the right. In facets cut finer a triangle has its own, and of the
+    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first.
 
     Parameters
     ----------

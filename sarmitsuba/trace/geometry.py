@@ -135,7 +135,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
     bend = facet_curvature(triangles, group, wavelength, vertex)
-    curved = None if bend is None else bend.any(axis=1)
+    curved = None if bend is None else np.asarray((bend != 0.0).any(axis=1))
     flat = facets(triangles, vertex, curved, wavelength)
     sizes = part_sizes(triangles, flat.part, area, width, curved)
     needs = ray_needs(triangles, area, width, sizes, bend, wavelength)

@@ -55,7 +55,9 @@ class Polygon:
         return ax * by - bx * ay
 
 
-def facet_lines(edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f) -> list[Line]:
+def facet_lines(
+    edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
+) -> list[Line]:
     """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.trace.tube.limited`."""
     lines = []
     for edge in edges:
@@ -81,7 +83,9 @@ def _line(h: mi.Float, gu: mi.Float, gv: mi.Float) -> Line:
     used = largest * NOWHERE > h
     scale = dr.rcp(dr.select(used, largest, 1.0))
     return Line(
-        dr.select(used, h * scale, NOWHERE), dr.select(used, gu * scale, 1.0), dr.select(used, gv * scale, 0.0)
+        dr.select(used, h * scale, NOWHERE),
+        dr.select(used, gu * scale, 1.0),
+        dr.select(used, gv * scale, 0.0),
     )
 
 
@@ -188,9 +192,7 @@ def _wide(axes: Sequence[_Axis]) -> mi.Bool:
     return low <= high
 
 
-def _span(
-    start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]
-) -> tuple[mi.Float, mi.Float]:
+def _span(start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]) -> tuple[mi.Float, mi.Float]:
     """Part of ``start ... end`` within an interval; without length where there is none."""
     a, b = dr.maximum(start, interval[0]), dr.minimum(end, interval[1])
     there = b > a
@@ -241,7 +243,9 @@ def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygo
         half = 0.5 * (end - start)
         s, c = dr.sincos(0.5 * (start + end))
         short = dr.abs(half) < 0.05
-        filled = dr.select(short, 1.0 - half * half * (1.0 / 6.0), dr.sin(half) * dr.rcp(dr.select(short, 1.0, half)))
+        filled = dr.select(
+            short, 1.0 - half * half * (1.0 / 6.0), dr.sin(half) * dr.rcp(dr.select(short, 1.0, half))
+        )
         turn = (qu * (by - ay) - qv * (bx - ax)) * filled
         total += mi.Complex2f(c, s) * turn
         twice = ax * by - bx * ay
