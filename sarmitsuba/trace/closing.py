@@ -57,11 +57,11 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
-        rim = tube_here.u * part.rim[0] + tube_here.v * part.rim[1]
+        filled, place = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
+        rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         # a point of the tube is seen along another launch direction, whatever mirrors are in between
-        change_out = part.rim[0] * lane.tube_rate_a + part.rim[1] * lane.tube_rate_b
+        change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
         across = rim - s * dr.dot(rim, s)
         change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))

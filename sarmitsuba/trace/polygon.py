@@ -17,6 +17,8 @@ REACH = ROWS + 0.5
 REACH_ALONG = 30.0
 # the same up to the rim of a curved surface
 REACH_RIM = 1.5
+# phase over a tube (rad) beyond which sides between the parts of a facet are left out
+INNER_UP_TO = 5.0
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -39,11 +41,13 @@ class Polygon:
     sides : (alpha, beta) of start and end of each; those that are not there have no length
     rim : point that phases refer to, see :class:`sarmitsuba.trace.tube.Patch`
     weight : of its area
+    tiles : its first four sides are those of other rays' parts too, all around the facet
     """
 
     sides: tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], ...]
     rim: tuple[mi.Float, mi.Float]
     weight: mi.Float
+    tiles: mi.Bool
 
     def area(self) -> mi.Float:
         """Area over that of a whole tube, times the weight."""
@@ -97,7 +101,9 @@ def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[L
     ]
 
 
-def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float]) -> Polygon:
+def clipped(
+    lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float], exact: mi.Bool
+) -> Polygon:
     """Part of the facet within ``lines`` that a ray stands for.
 
     The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all
@@ -142,7 +148,11 @@ def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float
         a, b = _span(bottom, top, _interval(axis, value))
         sides.append((value, a, value, b) if sign > 0 else (value, b, value, a))
     sides += [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
-    return Polygon(tuple(sides), rim, dr.rcp(dr.select(wide | ~bounded, 1.0, chance)))
+    exact &= bounded
+    own = _rim(sides[4:], (left, right, bottom, top))
+    rim = (dr.select(exact, own[0], rim[0]), dr.select(exact, own[1], rim[1]))
+    weight = dr.rcp(dr.select(wide | ~bounded, 1.0, chance))
+    return Polygon(tuple(sides), rim, weight, wide & exact)
 
 
 @dataclass(frozen=True)
@@ -223,7 +233,29 @@ def _side(
     return x + low * dx, y + low * dy, x + high * dx, y + high * dy
 
 
-def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon) -> mi.Complex2f:
+def _rim(
+    sides: Sequence[tuple[mi.Float, mi.Float, mi.Float, mi.Float]],
+    box: tuple[mi.Float, mi.Float, mi.Float, mi.Float],
+) -> tuple[mi.Float, mi.Float]:
+    """Corner of the facet within a part, else the middle of its sides, else the ray: where its return stands."""
+    left, right, bottom, top = (x + shrink for x, shrink in zip(box, (1e-3, -1e-3, 1e-3, -1e-3), strict=True))
+    corner, side = [mi.Float(0.0)] * 3, [mi.Float(0.0)] * 3
+    for ax, ay, bx, by in sides:
+        length = dr.sqrt(dr.square(bx - ax) + dr.square(by - ay))
+        side = [a + length * b for a, b in zip(side, (0.5 * (ax + bx), 0.5 * (ay + by), 1.0), strict=True)]
+        for x, y in ((ax, ay), (bx, by)):
+            within = (length > 0.0) & (x > left) & (x < right) & (y > bottom) & (y < top)
+            one = dr.select(within, 1.0, 0.0)
+            corner = [a + one * b for a, b in zip(corner, (x, y, 1.0), strict=True)]
+    has = corner[2] > 0.0
+    x, y, n = (dr.select(has, a, b) for a, b in zip(corner, side, strict=True))
+    n = dr.rcp(dr.select(n > 0.0, n, 1.0))
+    return x * n, y * n
+
+
+def phase_integral(
+    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon
+) -> tuple[mi.Complex2f, tuple[mi.Float, mi.Float]]:
     r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
 
     .. math::
@@ -237,8 +269,13 @@ def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygo
     squared = qu * qu + qv * qv
     small = squared < 1e-3
     total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
-    for ax, ay, bx, by in piece.sides:
-        ax, ay, bx, by = ax - piece.rim[0], ay - piece.rim[1], bx - piece.rim[0], by - piece.rim[1]
+    phase = dr.sqrt(squared)
+    # towards the glint all of the part returns, off it its edge
+    at_edge = dr.select(piece.tiles, dr.clip(0.5 * (phase - 1.0), 0.0, 1.0), 1.0)
+    rim = (piece.rim[0] * at_edge, piece.rim[1] * at_edge)
+    inner = dr.select(piece.tiles, dr.clip(INNER_UP_TO - phase, 0.0, 1.0), 1.0)
+    for n, (ax, ay, bx, by) in enumerate(piece.sides):
+        ax, ay, bx, by = ax - rim[0], ay - rim[1], bx - rim[0], by - rim[1]
         start, end = qu * ax + qv * ay, qu * bx + qv * by
         half = 0.5 * (end - start)
         s, c = dr.sincos(0.5 * (start + end))
@@ -247,14 +284,15 @@ def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygo
             short, 1.0 - half * half * (1.0 / 6.0), dr.sin(half) * dr.rcp(dr.select(short, 1.0, half))
         )
         turn = (qu * (by - ay) - qv * (bx - ax)) * filled
-        total += mi.Complex2f(c, s) * turn
+        total += mi.Complex2f(c, s) * (turn * inner if n < 4 else turn)
         twice = ax * by - bx * ay
         twice_area += twice
         moment += twice * (start + end)
     total = mi.Complex2f(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
     area = 0.5 * twice_area
     x = moment * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
-    return dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
+    filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
+    return filled, rim
 
 
 __all__ = ["Line", "Polygon", "clipped", "extent_lines", "facet_lines", "phase_integral", "selected"]

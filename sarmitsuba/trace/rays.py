@@ -245,7 +245,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     if kernel.flags.multi_bounce:
         # behind mirrors the facets of the whole chain limit the tube
         lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
-    part = polygon.clipped(lines, extent, patch.rim)
+    part = polygon.clipped(lines, extent, patch.rim, hit.first)
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
