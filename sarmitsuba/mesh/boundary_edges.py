@@ -41,11 +41,13 @@ class Facets:
         plane, into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
     part : (n_faces,) number of the facet, or of the convex part of one, that these edges belong to
     creased : some boundary bends less than ``SMOOTH_BEND``
+    closed : (n_faces,) these edges bound the part all around, and all its triangles have the same
     """
 
     edges: NDArray[np.float32]
     part: NDArray[np.int64]
     creased: bool
+    closed: NDArray[np.bool_]
 
 
 def boundary_edges(
@@ -133,6 +135,10 @@ def facets(
         part = pairs.facet()
         _simple_facets(pairs, shared[whole], boundary)
         shared = shared[~whole]
+    closed = ~(smooth & ~flat).any(axis=1)
+    # the whole facet, where a neighbour in the plane goes on into a curved surface
+    closed = np.bincount(part, ~closed)[part] == 0
+    closed[shared] = False
     for slab in np.array_split(shared, 1 + shared.size // SLAB):
         near = _around(edges.mate, slab)
         near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
@@ -141,7 +147,7 @@ def facets(
             rows = np.flatnonzero(count == most)
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
                 boundary[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
-    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()))
+    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()), closed)
 
 
 @dataclass(frozen=True, eq=False)

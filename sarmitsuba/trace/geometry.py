@@ -35,7 +35,8 @@ class TraceScene:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
-    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), then the bits of
+    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle; 30: the
+        edges bound a convex part of a flat facet all around), then the bits of
         float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -80,6 +81,9 @@ PEC_CHI = (0.0, -1e18)
 
 # marks laws of tilted facets: the scattered level depends on the direction halfway between both rays
 HALF_VECTOR_BIT = 31
+# marks faces whose boundary edges bound a convex part of a flat facet all around
+CLOSED_BIT = 30
+MATERIAL_MASK = (1 << CLOSED_BIT) - 1
 
 
 def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
@@ -142,7 +146,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None
     info = np.stack(
         [
-            material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)),
+            material
+            | (halfway[material] << np.uint32(HALF_VECTOR_BIT))
+            | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT)),
             *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
         ],
         axis=1,
@@ -179,4 +185,11 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
     return np.lexsort(keys)
 
 
-__all__ = ["DIFFUSE_NODES", "HALF_VECTOR_BIT", "TraceScene", "build_trace_scene"]
+__all__ = [
+    "CLOSED_BIT",
+    "DIFFUSE_NODES",
+    "HALF_VECTOR_BIT",
+    "MATERIAL_MASK",
+    "TraceScene",
+    "build_trace_scene",
+]

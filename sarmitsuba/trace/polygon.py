@@ -101,9 +101,7 @@ def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[L
     ]
 
 
-def clipped(
-    lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float], exact: mi.Bool
-) -> Polygon:
+def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float], exact: mi.Bool) -> Polygon:
     """Part of the facet within ``lines`` that a ray stands for.
 
     The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all

@@ -9,6 +9,7 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import curvature, field, polygon, tube
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.geometry import CLOSED_BIT, MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
         blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
         sees &= first | ~blocked
-    material = info.x & 0x7FFFFFFF
+    material = info.x & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
@@ -245,7 +246,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     if kernel.flags.multi_bounce:
         # behind mirrors the facets of the whole chain limit the tube
         lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
-    part = polygon.clipped(lines, extent, patch.rim, hit.first)
+    closed = ((hit.material >> CLOSED_BIT) & 1) == 1
+    part = polygon.clipped(lines, extent, patch.rim, hit.first & closed)
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
