@@ -39,6 +39,26 @@ def antenna_positions(radar: Radar, n: int) -> F64:
     return middle + ((np.arange(n) + 0.5) / n - 0.5)[:, None] * length * along
 
 
+def aperture_weights(radar: Radar, position: F64) -> F64:
+    r"""Weight of every antenna position in a pixel at the aim point: the beam's two-way amplitude squared, (n,).
+
+    Once as the beam weighs the echo, once more by the matched filter. With a Gaussian beam of half-power width
+    :math:`\Theta`, fixed to the track,
+
+    .. math:: g(\alpha) = 2^{-\sin^2 \alpha / \sin^2(\Theta / 2)}, \quad w = g^2
+    """
+    if radar.pattern == "isotropic":
+        return np.ones(len(position))
+    if radar.pattern != "gaussian":
+        raise ValueError(f"no reference for pattern {radar.pattern}")
+    heading = np.radians(radar.heading_deg)
+    along = np.array([np.sin(heading), np.cos(heading), 0.0])
+    line = -position / np.linalg.norm(position, axis=1)[:, None]
+    # the beam holds the direction to the aim point at mid-aperture, square to the track
+    sine = (line @ along) / np.sin(np.radians(0.5 * radar.azimuth_beamwidth_deg))
+    return np.asarray(2.0 ** (-2.0 * sine**2))
+
+
 def diffuse(draw: Draw) -> Diffuse:
     """Energy that the laws predict for the lit area."""
     rng = np.random.default_rng([draw.seed, 77])
@@ -219,11 +239,11 @@ def _cut(triangles: F64, size: float) -> F64:
         )
 
 
-def focused(h: C128, position: F64, frequency: F64, pixel: F64) -> C128:
-    """Image of responses (n_frequency, n_position) at pixels (n, 3), all frequencies and positions weighed alike."""
+def focused(h: C128, position: F64, frequency: F64, pixel: F64, weight: F64) -> C128:
+    """Image of responses (n_frequency, n_position) at pixels (n, 3); frequencies weigh alike, positions as given."""
     out = np.zeros(len(pixel), dtype=np.complex128)
     k = 2.0 * np.pi * frequency / SPEED_OF_LIGHT
     for j, antenna in enumerate(position):
         distance = np.linalg.norm(pixel - antenna, axis=1)
-        out += np.exp(2j * distance[:, None] * k[None]) @ h[:, j]
-    return out / h.size
+        out += weight[j] * (np.exp(2j * distance[:, None] * k[None]) @ h[:, j])
+    return out / (len(frequency) * weight.sum())

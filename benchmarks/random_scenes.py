@@ -5,7 +5,7 @@ that a reference can be worked out from the draw without a line of the simulator
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +71,7 @@ class Draw:
     seed, topic : what drew it
     bodies, radar : what there is and what sees it
     extent : m, of the image on the ground, both axes
+    ray_spacing : m; 0: automatic
     """
 
     seed: int
@@ -78,12 +79,15 @@ class Draw:
     bodies: tuple[Body, ...]
     radar: Radar
     extent: float
+    ray_spacing: float = 0.0
 
     def write(self, folder: Path) -> Path:
         """Write the scene file with its meshes and return its path."""
         folder.mkdir(parents=True, exist_ok=True)
         r = self.radar
-        text = ['<scene version="3.0.0">', '<integrator type="sar_path"/>', '<sensor type="sar_antenna">']
+        spacing = f'<float name="ray_spacing" value="{self.ray_spacing!r}"/>' if self.ray_spacing else ""
+        text = ['<scene version="3.0.0">', f'<integrator type="sar_path">{spacing}</integrator>']
+        text.append('<sensor type="sar_antenna">')
         for name in ("mode", "look_side", "polarisation", "pattern"):
             text.append(f'<string name="{name}" value="{getattr(r, name)}"/>')
         for name in (
@@ -147,7 +151,7 @@ def prism(outline: F64, length: float) -> F64:
     """Closed prism of a convex outline (n, 2) in x, z along y."""
     n = len(outline)
     a = np.column_stack([outline[:, 0], np.full(n, -0.5 * length), outline[:, 1]])
-    b = a + [0.0, length, 0.0]
+    b = a + np.array([0.0, length, 0.0])
     out = []
     for i in range(n):
         j = (i + 1) % n
@@ -363,4 +367,21 @@ def look_direction(radar: Radar) -> F64:
     return np.array([*(across * np.sin(look)), -np.cos(look)])
 
 
-DRAWS: dict[str, Callable[[int], Draw]] = {"diffuse": draw_diffuse, "metal": draw_metal}
+def draw_metal_coarse(seed: int) -> Draw:
+    """A flat-faced body of ``draw_metal`` with rays as far apart as a large scene has them: up to 8 wavelengths."""
+    rng = np.random.default_rng([seed, 3])
+    for k in range(100):
+        draw = draw_metal(1000 * seed + k)
+        if draw.bodies[0].kind not in ("sphere", "cylinder"):
+            break
+    r = draw.radar
+    cell = min(r.range_cell, r.azimuth_resolution)
+    spacing = min(float(rng.uniform(1.0, 8.0)) * r.wavelength, 0.5 * cell)
+    return replace(draw, seed=seed, topic="metal_coarse", ray_spacing=spacing)
+
+
+DRAWS: dict[str, Callable[[int], Draw]] = {
+    "diffuse": draw_diffuse,
+    "metal": draw_metal,
+    "metal_coarse": draw_metal_coarse,
+}

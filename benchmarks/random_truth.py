@@ -117,18 +117,20 @@ def run(topic: str, seed: int, folder: Path) -> Result:
 def metal(draw: scenes.Draw, image: "SarImage", size: float) -> tuple[float, float, float]:
     """Mean RCS over band and aperture; peak (dB) and coherence of the image against the focused reference."""
     r = draw.radar
-    n_f = int(math.ceil(1.5 * (2.0 * size + 8.0 * r.range_cell) / r.range_cell)) + 8
-    n_p = int(math.ceil(1.5 * (2.0 * size + 8.0 * r.azimuth_resolution) / r.azimuth_resolution)) + 8
+    n_f = math.ceil(1.5 * (2.0 * size + 8.0 * r.range_cell) / r.range_cell) + 8
+    n_p = math.ceil(1.5 * (2.0 * size + 8.0 * r.azimuth_resolution) / r.azimuth_resolution) + 8
     frequency = r.center_frequency + r.bandwidth * ((np.arange(n_f) + 0.5) / n_f - 0.5)
     position = reference.antenna_positions(r, n_p)
     h = reference.physical_optics(draw, position, frequency)
     pixel = image.grid.positions()
     near = (np.abs(pixel[..., :2]) <= size + 3.0 * max(r.range_cell, r.azimuth_resolution)).all(axis=-1)
-    want = reference.focused(h, position, frequency, pixel[near])
+    weight = reference.aperture_weights(r, position)
+    want = reference.focused(h, position, frequency, pixel[near], weight)
     got = image.total()[near]
     peak_db = 20.0 * math.log10(float(np.abs(got).max()) / float(np.abs(want).max()))
     coherence = float(np.abs(np.vdot(want, got)) / np.sqrt(np.vdot(want, want).real * np.vdot(got, got).real))
-    return float(np.mean(np.abs(h) ** 2)), peak_db, coherence
+    level = float(np.average(np.mean(np.abs(h) ** 2, axis=0), weights=weight**2))
+    return level, peak_db, coherence
 
 
 def report(results: list[Result]) -> str:
@@ -174,8 +176,8 @@ def main() -> int:
                 result = run(topic, seed, Path(folder))
                 results.append(result)
                 print(
-                    f"{topic} {seed}: {result.level_db:+.2f} dB +-{result.sigma_db:.2f}, peak {result.peak_db:+.2f}, coherence "
-                    f"{result.coherence:.4f}, {result.seconds:.1f} s; {result.kinds}; {result.radar}"
+                    f"{topic} {seed}: {result.level_db:+.2f} dB +-{result.sigma_db:.2f}, peak {result.peak_db:+.2f}, "
+                    f"coherence {result.coherence:.4f}, {result.seconds:.1f} s; {result.kinds}; {result.radar}"
                     + "".join(f"\n    said: {text}" for text in result.said),
                     flush=True,
                 )

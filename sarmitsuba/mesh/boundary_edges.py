@@ -1,18 +1,21 @@
 """Where flat facets end: the boundary edges that limit a ray tube on each triangle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from sarmitsuba.mesh.pieces import piece_sizes
 from sarmitsuba.mesh.welding import weld
 
 F64 = NDArray[np.float64]
 
-# bend of an edge below which the surface goes on across it and tubes are not ended there
+# bend of an edge below which a curved surface goes on across it and tubes are not ended there
 SMOOTH_BEND = np.radians(20.0)
+# bend (rad) times width (wavelengths) below which it does so across narrow flat strips: an eighth of pi in phase
+LARGEST_BEND = 1.0 / 16.0
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_EDGES = 4
@@ -28,28 +31,64 @@ FLOAT32 = 2.0**-23
 FACING = 0.5
 
 
-def boundary_edges(corners: F64, vertex: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-    """Boundary edges of the flat facet that each triangle belongs to.
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """What limits a tube on each triangle.
 
-    An edge of a triangle is a boundary where no neighbour continues the surface within ``SMOOTH_BEND``. All triangles
-    of a convex facet with up to four straight boundary edges have these. In other facets a triangle has its own, and of
-    the triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first: the edges
-    of the arm of an L.
+    Parameters
+    ----------
+    edges : (n_faces, 4, 4) float32, up to four boundary edges ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the
+        plane, into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
+    part : (n_faces,) number of the facet, or of the convex part of one, that these edges belong to
+    creased : some boundary bends less than ``SMOOTH_BEND``
+    closed : (n_faces,) these edges bound the part all around, and all its triangles have the same
+    """
+
+    edges: NDArray[np.float32]
+    part: NDArray[np.int64]
+    creased: bool
+    closed: NDArray[np.bool_]
+
+
+def boundary_edges(
+    corners: F64,
+    vertex: NDArray[np.int64] | None = None,
+    curved: NDArray[np.bool_] | None = None,
+    wavelength: float = 0.0,
+) -> NDArray[np.float32]:
+    """The edges alone, see :func:`facets`."""
+    return facets(corners, vertex, curved, wavelength).edges
+
+
+def facets(
+    corners: F64,
+    vertex: NDArray[np.int64] | None = None,
+    curved: NDArray[np.bool_] | None = None,
+    wavelength: float = 0.0,
+) -> Facets:
+    """Flat facet that each triangle belongs to, and its boundary edges.
+
+    The surface goes on across an edge where both neighbours lie in one plane, or where they bend less than
+    ``SMOOTH_BEND`` and both stand for a curved surface or are so narrow that bend times width is below
+    ``LARGEST_BEND`` wavelengths (the strips of a cone, whose tip has no curvature). Every other edge is a boundary, a
+    crease of a degree too.
+
+    All triangles of a convex facet with up to four straight boundary edges have these. Other facets without inner
+    vertices are cut into triangles and convex quadrilaterals, which have theirs: the cuts are boundaries too, and what
+    tubes lose there to the left they have to the right. In facets cut finer a triangle has its own, and of the
+    triangles up to ``RINGS`` edges away those that it lies inside of and mostly faces, the nearest first.
 
     Parameters
     ----------
     corners : (n_faces, 3, 3) float64, m
     vertex : (3 n_faces,) welded vertex of every corner, None to work it out
-
-    Returns
-    -------
-    (n_faces, 4, 4) float32 : up to four boundary edges ``(m_x, m_y, m_z, c)`` with ``m`` the unit vector in the plane,
-        into the facet, and ``m . (p - corner 0) - c`` the distance from the edge in m; unused: ``(0, 0, 0, -1)``
+    curved : (n_faces,) triangles that stand for a curved surface, see :mod:`sarmitsuba.mesh.curvature`; None: none
+    wavelength : m; 0 makes every bend a boundary
 
     Notes
     -----
-    Ignores T-junctions (the edges there count as boundaries), a fifth boundary edge, and that one may limit part of a
-    triangle only.
+    Ignores T-junctions (the edges there count as boundaries), in finely cut facets a fifth boundary edge, and that one
+    may limit part of a triangle only.
     """
     n = corners.shape[0]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -63,15 +102,21 @@ def boundary_edges(corners: F64, vertex: NDArray[np.int64] | None = None) -> NDA
     vertex = weld(corners.reshape(-1, 3)) if vertex is None else vertex
     mate, mates_inward = _neighbours(vertex, inward)
     bend = np.einsum("fki,fki->fk", inward, mates_inward)  # -1: flat
-    alone = mate < 0
-    smooth = ~alone & (bend < -np.cos(SMOOTH_BEND))
+    goes_on = (mate >= 0) & (bend < -np.cos(SMOOTH_BEND))
     # sine of a tiny bend from the normals' difference, where the cosine has no digits left
     off_plane = np.abs(np.einsum("fki,fi->fk", mates_inward, normal))
     # float32 files turn small triangles far from the origin
     rounding = FLOAT32 * np.abs(corners).max(axis=(1, 2))
     height = np.linalg.norm(np.cross(along[:, 0], start[:, 2] - start[:, 0]), axis=1) * length[:, 0]
     height /= np.maximum(length.max(axis=1), 1e-300)
-    flat = smooth & (off_plane < FLAT_BEND + (rounding / np.maximum(height, 1e-300))[:, None])
+    tilt = rounding / np.maximum(height, 1e-300)
+    # of both triangles, so that they agree
+    flat = goes_on & (off_plane < FLAT_BEND + np.maximum(tilt[:, None], tilt[mate]))
+    smooth = flat if curved is None else flat | (goes_on & curved[:, None] & curved[mate])
+    if wavelength > 0.0 and (goes_on & ~smooth).any():
+        width = piece_sizes(corners, _connected(np.where(flat, mate, -1)))[1]
+        across = off_plane * np.maximum(width[:, None], width[mate])
+        smooth = smooth | (goes_on & (across < LARGEST_BEND * wavelength))
 
     sharp = ~smooth
     boundary = _unused(n)
@@ -80,9 +125,20 @@ def boundary_edges(corners: F64, vertex: NDArray[np.int64] | None = None) -> NDA
 
     ids = vertex.reshape(n, 3)
     edges = _Edges(corners, ids, along, inward, length, rounding, sharp, np.where(flat, mate, -1))
+    part = edges.facet()
     shared = np.flatnonzero(flat.any(axis=1))
     if shared.size:
         shared = shared[~_simple_facets(edges, shared, boundary)]
+    whole = _without_inner_vertices(edges, part, shared)
+    if whole.any():
+        pairs = _paired(edges, shared[whole])
+        part = pairs.facet()
+        _simple_facets(pairs, shared[whole], boundary)
+        shared = shared[~whole]
+    closed = ~(smooth & ~flat).any(axis=1)
+    # the whole facet, where a neighbour in the plane goes on into a curved surface
+    closed = np.bincount(part, ~closed)[part] == 0
+    closed[shared] = False
     for slab in np.array_split(shared, 1 + shared.size // SLAB):
         near = _around(edges.mate, slab)
         near = np.where((near >= 0) & sharp[near].any(axis=2), near, -1)
@@ -91,7 +147,7 @@ def boundary_edges(corners: F64, vertex: NDArray[np.int64] | None = None) -> NDA
             rows = np.flatnonzero(count == most)
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
                 boundary[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
-    return boundary.astype(np.float32)
+    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()), closed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +174,21 @@ class _Edges:
     sharp: NDArray[np.bool_]
     mate: NDArray[np.int64]
 
+    def facet(self) -> NDArray[np.int64]:
+        """(n,) number of the facet of each triangle."""
+        return _connected(self.mate)
+
+
+def _connected(mate: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the part that each triangle belongs to, with ``mate`` (n, 3) across its edges, -1 for none."""
+    row, k = np.nonzero(mate >= 0)
+    links = coo_matrix((np.ones(row.size), (row, mate[row, k])), shape=(len(mate), len(mate)))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
 
 def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> NDArray[np.bool_]:
     """Fill in the rows of ``faces`` whose whole facet is convex with at most ``N_EDGES`` boundary edges; which are."""
-    n = len(edges.corners)
-    row, k = np.nonzero(edges.mate >= 0)
-    links = coo_matrix((np.ones(row.size), (row, edges.mate[row, k])), shape=(n, n))
-    _, label = connected_components(links, directed=False)
-    facet = np.unique(label[faces], return_inverse=True)[1]
+    facet = np.unique(edges.facet()[faces], return_inverse=True)[1]
     count = int(facet.max()) + 1
     origin = np.zeros((count, 3))
     origin[facet] = edges.corners[faces, 0]
@@ -163,6 +226,46 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> ND
     mine[:, :, 3] -= np.where(used, np.einsum("fsi,fi->fs", mine[:, :, :3], points[:, 0]), 0.0)
     boundary[faces[simple]] = mine[simple]
     return np.asarray(simple)
+
+
+def _without_inner_vertices(
+    edges: _Edges, facet: NDArray[np.int64], faces: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Which of ``faces`` lie in a facet cut into as few triangles as its outline allows, with up to three holes."""
+    triangles = np.bincount(facet)
+    outline = np.bincount(facet, edges.sharp.sum(axis=1))
+    return np.asarray(triangles[facet[faces]] <= outline[facet[faces]] + 4)
+
+
+def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
+    """Cut the facets of ``faces`` into triangles and convex pairs of them; the narrowest find their mates first."""
+    inside = np.zeros(len(edges.corners), dtype=bool)
+    inside[faces] = True
+    row, k = np.nonzero((edges.mate >= 0) & inside[:, None])
+    other = edges.mate[row, k]
+    once = row < other
+    row, k, other = row[once], k[once], other[once]
+    ends = np.stack([edges.ids[row, k], edges.ids[row, (k + 1) % 3]], axis=1)
+    far = (edges.ids[other][:, :, None] != ends[:, None, :]).all(axis=2).argmax(axis=1)
+    point = edges.corners[other, far]
+    slack = 1e-6 * edges.length[row].max(axis=1) + 2.0 * edges.rounding[row]
+    convex = np.ones(row.size, dtype=bool)
+    for step in (1, 2):
+        side = (k + step) % 3
+        height = np.einsum("ei,ei->e", edges.inward[row, side], point - edges.corners[row, side])
+        convex &= height > -slack
+    mate = np.where(inside[:, None], -1, edges.mate)
+    free = inside.copy()
+    sides = edges.corners[:, 1:] - edges.corners[:, :1]
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / edges.length.max(axis=1)
+    narrowest = np.minimum(height[row], height[other])
+    for e in np.flatnonzero(convex)[np.lexsort((-edges.length[row, k][convex], narrowest[convex]))]:
+        a, b = int(row[e]), int(other[e])
+        if free[a] and free[b]:
+            free[a] = free[b] = False
+            mate[a, k[e]] = b
+            mate[b, (edges.mate[b] == a).argmax()] = a
+    return replace(edges, mate=mate, sharp=np.where(inside[:, None], mate < 0, edges.sharp))
 
 
 def _straight(
@@ -273,4 +376,4 @@ def _unused(n: int) -> F64:
     return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
 
-__all__ = ["FLAT_BEND", "N_EDGES", "SMOOTH_BEND", "boundary_edges"]
+__all__ = ["FLAT_BEND", "N_EDGES", "SMOOTH_BEND", "Facets", "boundary_edges", "facets"]

@@ -55,8 +55,30 @@ def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
     return np.asarray(total[piece]), np.asarray(width[piece])
 
 
+def part_sizes(
+    corners: F64, part: NDArray[np.int64], area: F64, width: F64, curved: NDArray[np.bool_] | None
+) -> F64:
+    """Width of the convex part of a flat facet that tubes are cut to at each triangle, m, (n,) float64.
+
+    That of the piece of surface where it curves, or is creased into more than ``MOST_PARTS``: rays then find parts
+    narrower than they are apart by chance, and stand for those they miss.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float64, m
+    part : (n,) of :func:`sarmitsuba.mesh.boundary_edges.facets`
+    area, width : (n,) m^2 and m, of each triangle's piece
+    curved : (n,) triangles that stand for a curved surface; None: none
+    """
+    own_area, own_width = piece_sizes(corners, part)
+    whole = own_area * MOST_PARTS < area
+    if curved is not None:
+        whole |= curved
+    return np.asarray(np.where(whole, width, own_width))
+
+
 def ray_needs(
-    corners: F64, area: F64, width: F64, curvature: F64 | None, wavelength: float
+    corners: F64, area: F64, width: F64, part_width: F64, curvature: F64 | None, wavelength: float
 ) -> tuple[F64, F64]:
     r"""Largest distance between rays that serves each triangle, for coherent and for diffuse returns, m, (n,) each.
 
@@ -69,12 +91,13 @@ def ray_needs(
     ----------
     corners : (n, 3, 3) float64, m
     area, width : (n,) m^2 and m, of each triangle's piece
+    part_width : (n,) m, of :func:`part_sizes`
     curvature : (n, 8) of :func:`sarmitsuba.trace.curvature.facet_curvature`, None where nothing bends
     wavelength : m
     """
     size = np.minimum(0.5 * width, np.sqrt(area) / RAYS_ACROSS)
     finest = wavelength / 4.5
-    coherent = np.maximum(size, 0.5 * finest)
+    coherent = np.maximum(np.minimum(size, 0.5 * part_width), 0.5 * finest)
     if curvature is not None:
         strongest = np.sqrt(
             np.square(curvature[:, :3]).sum(axis=1) + 2.0 * np.square(curvature[:, 3:6]).sum(axis=1)
@@ -88,5 +111,7 @@ def ray_needs(
 
 # rays across a small piece of surface, each way: how many a lattice lays over it then varies little
 RAYS_ACROSS = 5.0
+# convex flat parts that a piece of surface may have to be given rays for each of them
+MOST_PARTS = 32.0
 
-__all__ = ["GOES_ON", "RAYS_ACROSS", "piece_of", "piece_sizes", "ray_needs"]
+__all__ = ["GOES_ON", "RAYS_ACROSS", "part_sizes", "piece_of", "piece_sizes", "ray_needs"]

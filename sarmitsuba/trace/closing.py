@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field, tube
+from sarmitsuba.trace import field, polygon
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import ScattererLattice, cell_on
 from sarmitsuba.trace.state import (
@@ -48,7 +48,7 @@ def close_coherent(
 ) -> Contribution:
     """Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch."""
     flags, constants = kernel.flags, kernel.constants
-    patch, n, s = tube_here.patch, hit.normal, hit.to_antenna
+    part, n, s = tube_here.polygon, hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range = _mean_leg(kernel, hit)
@@ -57,16 +57,16 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled = tube.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, patch)
-        rim = tube_here.u * patch.rim[0] + tube_here.v * patch.rim[1]
+        filled, place = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
+        rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         # a point of the tube is seen along another launch direction, whatever mirrors are in between
-        change_out = patch.rim[0] * lane.tube_rate_a + patch.rim[1] * lane.tube_rate_b
+        change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
         across = rim - s * dr.dot(rim, s)
         change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
     else:
-        filled = patch.area()
+        filled = part.area()
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     amplitudes = []

@@ -12,9 +12,9 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import boundary_edges
+from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
-from sarmitsuba.mesh.pieces import piece_of, piece_sizes, ray_needs
+from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
@@ -34,7 +34,9 @@ class TraceScene:
     face_table : (12 n_faces,) float64: vertex 0, edge 1, edge 2, unit normal, packed as three rows of four:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
-    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle), then the bits of
+    piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
+    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle; 30: the
+        edges bound a convex part of a flat facet all around), then the bits of
         float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -49,6 +51,7 @@ class TraceScene:
     mi_scene: mi.Scene
     face_table: mi.Float64
     edge_table: mi.Float
+    piece_table: mi.Float | None
     face_info: mi.UInt32
     material_table: mi.Float
     diffuse_table: mi.Float
@@ -78,6 +81,9 @@ PEC_CHI = (0.0, -1e18)
 
 # marks laws of tilted facets: the scattered level depends on the direction halfway between both rays
 HALF_VECTOR_BIT = 31
+# marks faces whose boundary edges bound a convex part of a flat facet all around
+CLOSED_BIT = 30
+MATERIAL_MASK = (1 << CLOSED_BIT) - 1
 
 
 def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
@@ -133,10 +139,16 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
     bend = facet_curvature(triangles, group, wavelength, vertex)
-    needs = ray_needs(triangles, area, width, bend, wavelength)
+    curved = None if bend is None else np.asarray((bend != 0.0).any(axis=1))
+    flat = facets(triangles, vertex, curved, wavelength)
+    sizes = part_sizes(triangles, flat.part, area, width, curved)
+    needs = ray_needs(triangles, area, width, sizes, bend, wavelength)
+    pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None
     info = np.stack(
         [
-            material | (halfway[material] << np.uint32(HALF_VECTOR_BIT)),
+            material
+            | (halfway[material] << np.uint32(HALF_VECTOR_BIT))
+            | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT)),
             *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
         ],
         axis=1,
@@ -144,7 +156,8 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     return TraceScene(
         mi_scene=mi_scene,
         face_table=device_array(mi.Float64, packed),
-        edge_table=_table32(boundary_edges(triangles, vertex)),
+        edge_table=_table32(flat.edges),
+        piece_table=None if pieces is None else _table32(pieces),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
         material_table=_table32(rows),
         diffuse_table=_table32(tables),
@@ -172,4 +185,11 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
     return np.lexsort(keys)
 
 
-__all__ = ["DIFFUSE_NODES", "HALF_VECTOR_BIT", "TraceScene", "build_trace_scene"]
+__all__ = [
+    "CLOSED_BIT",
+    "DIFFUSE_NODES",
+    "HALF_VECTOR_BIT",
+    "MATERIAL_MASK",
+    "TraceScene",
+    "build_trace_scene",
+]

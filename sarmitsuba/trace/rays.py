@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
-from sarmitsuba.trace import curvature, field, tube
+from sarmitsuba.trace import curvature, field, polygon, tube
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.geometry import CLOSED_BIT, MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
         blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
         sees &= first | ~blocked
-    material = info.x & 0x7FFFFFFF
+    material = info.x & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
@@ -235,11 +236,18 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         way = mi.Float(hit.length - ray.spread.start)
         cross_a, cross_b = ray.edge_a + ray.spread.a * way, ray.edge_b + ray.spread.b * way
     u, v = (tube.footprint(x, hit.direction, hit.normal, hit.cos_incidence) for x in (cross_a, cross_b))
-    edges = [
-        dr.gather(mi.Vector4f, kernel.scene.edge_table, hit.face * N_EDGES + i, hit.active)
-        for i in range(N_EDGES)
-    ]
-    extent = tube.limited(ray.extent, edges, mi.Vector3f(hit.p - hit.vertex0), u, v)
+    point = mi.Vector3f(hit.p - hit.vertex0)
+    edges = _edges(kernel.scene.edge_table, hit)
+    extent = tube.limited(ray.extent, edges, point, u, v)
+    patch = tube.patch(extent)
+    lines = polygon.facet_lines(edges, point, u, v)
+    if kernel.flags.multi_bounce:
+        # behind mirrors the facets of the whole chain limit the tube
+        lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
+    closed = ((hit.material >> CLOSED_BIT) & 1) == 1
+    part = polygon.clipped(lines, extent, patch.rim, hit.first & closed)
+    if kernel.scene.piece_table is not None:
+        patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
     if kernel.flags.spreading:
         loss = mi.Float(1.0 / (hit.length * hit.length_back))
@@ -253,7 +261,12 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, tube.patch(extent), area, loss, loss_retro)
+    return Footprint(u, v, extent, patch, part, area, loss, loss_retro)
+
+
+def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
+    """Boundary edges of the facet that was hit."""
+    return [dr.gather(mi.Vector4f, table, hit.face * N_EDGES + i, hit.active) for i in range(N_EDGES)]
 
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:

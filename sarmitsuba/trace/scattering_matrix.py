@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, TraceScene
+from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, MATERIAL_MASK, TraceScene
 from sarmitsuba.trace.speckle import gaussian, unit_phase
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class ScatteringMatrix:
         flags: KernelFlags,
     ) -> None:
         self.flags = flags
-        material = info & 0x7FFFFFFF
+        material = info & MATERIAL_MASK
         cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
         if flags.multi_bounce:
             half = dr.dot(dr.normalize(s - d), n)

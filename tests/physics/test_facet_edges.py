@@ -7,7 +7,11 @@ import pytest
 
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.mesh.boundary_edges import boundary_edges
+from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
+from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.raw import simulate
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0
@@ -88,20 +92,130 @@ def test_every_triangle_of_a_rectangle_knows_its_four_sides(turn: float, shift: 
         assert found == pytest.approx([0.75, 1.0, 1.25, 3.0], abs=2e-4)  # m; float32 at 1 km is good to 6e-5
 
 
-def test_the_arm_of_an_l_ends_at_its_own_sides() -> None:
-    """A post 0.2 wide and 8 high with an arm to the right at its top."""
+def test_an_l_is_cut_into_convex_parts() -> None:
+    """A post 0.2 wide and 8 high with an arm to the right at its top: every point lies in the part of its triangle."""
     polygon = [[0, 0], [0.2, 0], [0.2, 7.8], [1.5, 7.8], [1.5, 8], [0, 8]]
     corners = outline(polygon, [[0, 1, 2], [0, 2, 5], [5, 2, 4], [2, 3, 4]])
-    sides = boundary_edges(corners)
-    for post in (0, 1):
-        found = distances(sides[post], corners[post], [0.1, 4.0])
-        assert found == [0.1, 0.1, 4.0, 4.0]
-    arm = distances(sides[3], corners[3], [1.0, 7.9])
-    assert arm[:2] == [0.1, 0.1]
-    assert 0.5 in arm
+    found = facets(corners)
+    assert found.closed.all() and len(np.unique(found.part)) == 2
+    rng = np.random.default_rng(1)
+    for point in rng.random((2000, 2)) * [1.5, 8.0]:
+        inside = [
+            part
+            for part, row in zip(*np.unique(found.part, return_index=True), strict=True)
+            if min(distances(found.edges[row], corners[row], point)) > 0.0
+        ]
+        # where no edge is within rounding
+        assert len(inside) == int(point[0] < 0.2 or point[1] > 7.8)
 
 
 def test_a_lone_triangle_has_three_sides() -> None:
     corners = outline([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     found = distances(boundary_edges(corners)[0], corners[0], [0.25, 0.25])
     assert found == pytest.approx([0.25, 0.25, np.sqrt(0.125)], abs=1e-5)
+
+
+# m; patterns do not depend on it
+WAVELENGTH = 0.03
+
+
+def pattern(triangles: np.ndarray, look: np.ndarray, *, closed: bool) -> np.ndarray:
+    """Physical optics of flat triangles in the far field, m: Gordon's sum over their edges (IEEE TAP 23, 1975)."""
+    k = 2.0 * np.pi / WAVELENGTH
+    edge = np.roll(triangles, -1, axis=1) - triangles
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    out = []
+    for s in look:
+        cosine = normal @ s
+        across = 2.0 * k * (s - cosine[:, None] * normal)
+        phase = np.einsum("ti,tki->tk", across, triangles + 0.5 * edge)
+        half = 0.5 * np.einsum("ti,tki->tk", across, edge)
+        turn = np.einsum("ti,tki->tk", np.cross(across, normal), edge)
+        ring = (turn * np.exp(1j * phase) * np.sinc(half / np.pi)).sum(axis=1)
+        integral = ring / (1j * np.einsum("ti,ti->t", across, across))
+        # along the normal the phase is that of the plane
+        integral *= np.exp(2j * k * cosine * np.einsum("ti,ti->t", normal, triangles[:, 0]))
+        lit = cosine > 0 if closed else np.ones(len(cosine), dtype=bool)
+        out.append(k / np.sqrt(np.pi) * np.sum((np.abs(cosine) * integral)[lit]))
+    return np.array(out)
+
+
+def traced(triangles: np.ndarray, look: np.ndarray, spacing: float) -> np.ndarray:
+    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = faces.reshape(-1, 3).astype(np.int32)
+    n = len(faces)
+    geometry = Geometry(
+        vertices,
+        faces,
+        np.zeros(n, np.int32),
+        smooth_groups(vertices, faces),
+        ("body",),
+        np.array([0, n]),
+    )
+    metal = Material(name="metal", pec=True)
+    frequency = 299_792_458.0 / WAVELENGTH
+    result = monostatic_rcs(
+        geometry, (metal,), look, frequency, channels=("VV",), ray_spacing=spacing, max_depth=1
+    )
+    return result.amplitude[:, 0, 0]
+
+
+def gabled(slope_deg: float) -> np.ndarray:
+    """Two roof planes and their eaves' ends, open below, 60 wavelengths square."""
+    w = 30.0 * WAVELENGTH
+    h = w * np.tan(np.radians(slope_deg))
+    p = np.array([[-w, -w, 0], [0, -w, h], [w, -w, 0], [-w, w, 0], [0, w, h], [w, w, 0]])
+    return p[[[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]]]
+
+
+def flat(points: list[list[float]], triangles: list[list[int]]) -> np.ndarray:
+    return outline((60.0 * WAVELENGTH * np.array(points)).tolist(), triangles)
+
+
+BODIES = {
+    "triangle": flat([[0.4, 0.3], [-0.5, 0.1], [0.1, -0.4]], [[0, 1, 2]]),
+    "heptagon": flat(
+        [[0.43, 0.26], [0.2, 0.46], [-0.25, 0.43], [-0.5, 0.05], [-0.31, -0.39], [0.1, -0.49], [0.4, -0.3]],
+        [[0, i, i + 1] for i in range(1, 6)],
+    ),
+    "L": flat(
+        [[0, 0], [1, 0], [1, 0.3], [0.3, 0.3], [0.3, 1], [0, 1]], [[0, 1, 2], [0, 2, 3], [0, 3, 5], [3, 4, 5]]
+    ),
+    "frame": flat(
+        [
+            [-0.5, -0.5],
+            [0.5, -0.5],
+            [0.5, 0.5],
+            [-0.5, 0.5],
+            [-0.4, -0.4],
+            [0.4, -0.4],
+            [0.4, 0.4],
+            [-0.4, 0.4],
+        ],
+        [[0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]],
+    ),
+    "roof of 4 deg": gabled(4.0),
+    "roof of 8 deg": gabled(8.0),
+    "roof of 16 deg": gabled(16.0),
+}
+
+
+@pytest.mark.parametrize("wavelengths", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("body", BODIES)
+def test_pattern_of_flat_facets_with_coarse_rays(body: str, wavelengths: float) -> None:
+    """Rays 6 wavelengths apart give the lobes of any outline, and creases of a few degrees are edges."""
+    triangles = BODIES[body]
+    closed = "roof" in body
+    rng = np.random.default_rng(3)
+    tilt = (0.3 if closed else 0.08) * np.sqrt(rng.random(150))
+    turn = 2.0 * np.pi * rng.random(150)
+    look = np.column_stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    points = triangles.reshape(-1, 3)
+    want = pattern(triangles - 0.5 * (points.min(axis=0) + points.max(axis=0)), look, closed=closed)
+    got = traced(triangles, look, wavelengths * WAVELENGTH)
+    strong = np.abs(want) > 0.03 * np.abs(want).max()
+    error = 20.0 * np.log10(np.abs(got[strong]) / np.abs(want[strong]))
+    # tol: the parts of edges nearly along a row of rays that are farther than the rays' reach
+    assert np.sqrt(np.mean(error**2)) < 0.15
+    assert abs(10.0 * np.log10(np.sum(np.abs(got) ** 2) / np.sum(np.abs(want) ** 2))) < 0.05
