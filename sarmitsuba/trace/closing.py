@@ -184,7 +184,9 @@ def close_diffuse(
     flags, constants = kernel.flags, kernel.constants
     both_ways = flags.diffuse_double and flags.multi_bounce
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    matrix = ScatteringMatrix(kernel.scene, hit.material, hit.normal, hit.direction, hit.to_antenna, flags)
+    # only behind a mirror do the two directions differ
+    backscatter = hit.first if flags.multi_bounce else None
+    matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
     straight, retro = [], None
     for channel in flags.channels:
         sent, received = channel[0], channel[1]
@@ -196,9 +198,7 @@ def close_diffuse(
             terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, reverse, strict=True)]
         straight.append(terms)
     if both_ways:
-        matrix = ScatteringMatrix(
-            kernel.scene, hit.material, hit.normal, hit.direction, -hit.direction, flags
-        )
+        matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
 
     patch = tube_here.patch

@@ -9,6 +9,7 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import curvature, field, tube
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 
 if TYPE_CHECKING:
@@ -155,7 +156,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
         blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
         sees &= first | ~blocked
-    material = info.x & 0x7FFFFFFF
+    material = info.x & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
