@@ -156,9 +156,16 @@ def rough(rms_height: float) -> Material:
     return replace(smooth(), rms_height=rms_height, correlation_length=length, diffuse_law="small_slope")
 
 
+def _length_words(rms_height: float) -> str:
+    return (
+        f" and correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm" if rms_height > 0.0 else ""
+    )
+
+
 def _rough_note(plugin: str, rms_height: float) -> str:
     return (
-        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm; '
+        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm'
+        f"{_length_words(rms_height)}; "
         f"set default_rms_height of sar_path to change it (0 = smooth)"
     )
 
@@ -220,7 +227,7 @@ def ordinary_material(
     Colours and optical roughness say nothing about centimetre waves and are ignored.
     """
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
-    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
+    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm{_length_words(rms_height)}")
     note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
     surface = rough(rms_height) if is_rough else smooth()
     if kind == "principled":
