@@ -4,6 +4,7 @@ The references are written here, in the coordinates of the publications or as br
 nothing with the kernel but the Fresnel coefficients of ``theory``.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -216,6 +217,25 @@ def test_the_lobe_holds_what_the_coherent_wave_loses(theta_deg: float, phase: fl
     assert total == pytest.approx(float(lost), rel=0.08)
 
 
+def test_facets_and_waves_agree_about_the_mirror_direction() -> None:
+    """Rationale: both theories have the same first order in the tilt, cross-polar elements with their signs included.
+
+    So the relative phases of the tensor's elements are checked, which powers do not show.
+    """
+    angle = np.radians([[50.0, 1.0], [51.0, -1.0], [49.0, 0.5], [50.0, -1.0]])
+    source = direction(np.full(4, np.radians(50.0)), np.full(4, np.pi))
+    out = direction(angle[:, 0], angle[:, 1])
+    tensors = []
+    for law, s, length in (("small_perturbation", 1e-4, 0.02), ("kirchhoff", 0.05, 0.7)):
+        material = Material(
+            "soil", permittivity=SOIL, diffuse_law=law, rms_height=s, correlation_length=length
+        )
+        tensor = kernel_dyad(material, source, out)
+        tensors.append(tensor / tensor[:, :1, :1])
+    # tol: second order of a tilt of half a degree, over the cosines: 1e-4 each; the elements are 0.02 and 0.6
+    assert tensors[0] == pytest.approx(tensors[1], abs=5e-4)
+
+
 def test_ordinary_rough_materials_return_vv_above_hh() -> None:
     """Rationale: HH was 8 dB above VV at 45 degrees, and VV 79 dB down at the Brewster angle."""
     for eps in (2.25 - 0.01j, 5.3 - 0.3j, SOIL):
@@ -270,7 +290,7 @@ def test_a_tilted_facet_behind_a_mirror_turns_the_polarisation() -> None:
         FREQUENCY,
         channels=flags.channels,
         ray_spacing=0.05,
-        max_depth=2,
+        max_depth=3,  # the way back along the chain counts as the third order
         keep_orders=True,
         flags=flags,
     )
@@ -297,6 +317,30 @@ def test_a_tilted_facet_behind_a_mirror_turns_the_polarisation() -> None:
     assert abs(expected[1] / expected[0]) > 0.5
     # tol: float32, and the spread of directions over the scene seen from a finite distance
     assert measured[1:] / measured[0] == pytest.approx(expected[1:] / expected[0], abs=2e-3)
+
+    # the level, against ground of sigma0 = 1 in every direction, whose random numbers and areas are the same
+    even = monostatic_rcs(
+        wall_on_ground(off),
+        (
+            Material("wall", pec=True),
+            Material("ground", pec=True, diffuse_law="constant", diffuse_level_db=0.0),
+        ),
+        [look],
+        FREQUENCY,
+        channels=("HH",),
+        ray_spacing=0.05,
+        max_depth=3,  # the way back along the chain counts as the third order
+        keep_orders=True,
+        flags=replace(flags, channels=("HH",)),
+    ).amplitude[0, 1, 0]
+    h_in, v_in = (x[0] for x in planes(-incoming[None]))
+    h_out, v_out = (x[0] for x in planes(look[None]))
+    turned = mirrored(h, normal)
+    unit = 2.0 * ((h @ h_out) * (turned @ h_in) + (h @ v_out) * (turned @ v_in))
+    tan2 = (facet @ facet) / facet[2] ** 2 - 1.0
+    lobe = np.exp(-tan2 / (2.0 * slope**2)) / (2.0 * slope**2 * facet[2] ** 4)
+    # tol: linear interpolation of the lobe in the table
+    assert abs(measured[0] / even) == pytest.approx(np.sqrt(lobe) * abs(expected[0] / unit), rel=5e-3)
 
 
 @pytest.mark.parametrize("law", ["small_slope", "iem", "kirchhoff", "roughness", "lambert"])
