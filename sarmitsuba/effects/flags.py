@@ -44,9 +44,13 @@ class KernelFlags:
     def tracked(self) -> tuple[str, ...]:
         """Transmit polarisations whose field is carried along: all that a reciprocal path needs."""
         letters = {c[0] for c in self.channels}
-        if self.diffuse and self.diffuse_double and self.multi_bounce:
+        if self.multi_bounce and (self.coherent or (self.diffuse and self.diffuse_double)):
             letters |= {c[1] for c in self.channels}
         return tuple(sorted(letters))
+
+    def reciprocal(self, channel: str) -> tuple[str, str]:
+        """Channels of a path and of the reversed one; after one bounce they are one path."""
+        return (channel, channel[::-1] if self.multi_bounce else channel)
 
 
 __all__ = ["FlagValue", "KernelFlags"]

@@ -118,7 +118,8 @@ INTEGRATOR = ParamTable(
             "default_rms_height",
             "float",
             ORDINARY_RMS_HEIGHT,
-            "rms height of materials that give none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones",
+            "rms height of materials that give none: Sionna RT's without scattering_coefficient, Mitsuba's rough ones; "
+            "their correlation length is 10 times that",
             "m",
             0.0,
             0.1,

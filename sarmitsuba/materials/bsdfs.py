@@ -17,6 +17,9 @@ from sarmitsuba.parameters import Value, float_value, string_value
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
 # Rms height given to ordinary rough BSDFs, m: plastered and concrete walls measure 0.3 to 3 mm
 ORDINARY_RMS_HEIGHT = 1e-3
+# Correlation length over rms height of the same: bare soils measure 8 to 31 (s = 3.2 to 11 mm, l = 84 to 99 mm; Oh,
+# Sarabandi and Ulaby, IEEE TGRS 30 (2) 1992), 3 where they are freshly ploughed; a ratio is the same in every band
+ORDINARY_CORRELATION = 10.0
 
 
 def named_material(
@@ -144,13 +147,27 @@ def smooth() -> Material:
 
 
 def rough(rms_height: float) -> Material:
-    """Roughness and diffuse law of a surface that scatters what its mirror direction loses; height in m."""
-    return replace(smooth(), rms_height=rms_height, diffuse_law="roughness") if rms_height > 0.0 else smooth()
+    """Roughness of a surface of which only the rms height is known, m; 0 is a smooth one.
+
+    The small-slope law with a correlation length of ``ORDINARY_CORRELATION`` rms heights: what the mirror direction
+    loses goes into the lobe about it and, at the surface's Bragg wavenumber, back to the radar, vv above hh.
+    """
+    if rms_height == 0.0:
+        return smooth()
+    length = ORDINARY_CORRELATION * rms_height
+    return replace(smooth(), rms_height=rms_height, correlation_length=length, diffuse_law="small_slope")
+
+
+def _length_words(rms_height: float) -> str:
+    return (
+        f" and correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm" if rms_height > 0.0 else ""
+    )
 
 
 def _rough_note(plugin: str, rms_height: float) -> str:
     return (
-        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm; '
+        f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm'
+        f"{_length_words(rms_height)}; "
         f"set default_rms_height of sar_path to change it (0 = smooth)"
     )
 
@@ -212,7 +229,7 @@ def ordinary_material(
     Colours and optical roughness say nothing about centimetre waves and are ignored.
     """
     kind, is_rough, words = ORDINARY_BSDFS.get(plugin, ("concrete", True, "concrete, rms height 1 mm"))
-    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm")
+    words = words.replace("rms height 1 mm", f"rms height {1e3 * rms_height:g} mm{_length_words(rms_height)}")
     note = f'BSDF "{plugin}" has no radar parameters and is read as: {words}; use radar_material for another'
     surface = rough(rms_height) if is_rough else smooth()
     if kind == "principled":
@@ -289,6 +306,7 @@ def _exclusive(given: frozenset[str], where: str) -> None:
 __all__ = [
     "ADAPTER_BSDFS",
     "ORDINARY_BSDFS",
+    "ORDINARY_CORRELATION",
     "ORDINARY_RMS_HEIGHT",
     "adapter_note",
     "named_material",

@@ -1,8 +1,8 @@
 """Diffuse laws as tables: sqrt(sigma0) against incidence angle, one table for each material and wavelength.
 
-The bistatic use of a table is ``sqrt(sigma0(theta_i, theta_s)) = sqrt(a(theta_i) a(theta_s))``, which is
-reciprocal and returns the law itself in backscatter. ``h`` is the electric field perpendicular to the plane
-of incidence, ``v`` the field parallel to it.
+``h`` is the electric field perpendicular to the plane of incidence, ``v`` the field parallel to it. What a law is
+between two directions is in :attr:`sarmitsuba.materials.diffuse_law.DiffuseLaw.bistatic`; laws of a height spectrum
+have a second table for that.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import ExtensionError, SceneError
-from sarmitsuba.materials.diffuse_law import LAWS, Sigma0
+from sarmitsuba.materials.bragg import bragg_factors
+from sarmitsuba.materials.diffuse_law import LAWS, Sigma0, permittivity_of
 from sarmitsuba.materials.material import Material
 
 F64 = NDArray[np.float64]
@@ -68,14 +69,13 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
 
     Notes
     -----
-    Ignores cross polarisation (the material's ratio is applied by the tracer), shadowing by the roughness
-    itself and the bistatic shape of the physical laws: off the backscatter direction the geometric mean of
-    the two angles stands in for it, so a Kirchhoff lobe points back at the radar but never forward.
+    Ignores cross polarisation (the material's ratio is applied by the tracer) and shadowing by the roughness
+    itself.
     """
     if n_angles < 2:
         raise SceneError(f"diffuse table: n_angles = {n_angles} is too few; give 2 or more")
     theta = np.linspace(0.0, np.pi / 2, n_angles)
-    if material.invisible or (not material.pec and material.permittivity == 1.0):
+    if not _returns(material):
         sigma0 = Sigma0.none(theta)
     else:
         sigma0 = LAWS[material.diffuse_law].sigma0(material, wavelength, theta)
@@ -91,6 +91,60 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
     )
 
 
+@dataclass(frozen=True, eq=False)
+class SpectrumTable:
+    """A law of a height spectrum between two directions.
+
+    Parameters
+    ----------
+    amplitude : (n_cosine, n_sine) float64, square root of :meth:`DiffuseLaw.spectrum` at mean cosines uniform from
+        0 to 1 and at sines ``linspace(0, 1, n_sine)**2``, dense about the mirror direction
+    correction : (n_angles, 2) float64, h and v: fourth root of the law's backscatter over that of the spectrum
+    """
+
+    amplitude: F64
+    correction: F64
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the law's backscatter is another than its spectrum's."""
+        return not np.allclose(self.correction, 1.0, rtol=0.0, atol=_SAME_AMPLITUDE)
+
+
+def spectrum_table(
+    material: Material, wavelength: float, n_cosine: int, n_sine: int, n_angles: int
+) -> SpectrumTable:
+    """Tabulate what a law of a height spectrum is between two directions.
+
+    Parameters
+    ----------
+    material : whose law's ``bistatic`` is ``spectrum``
+    wavelength : m
+    n_cosine, n_sine, n_angles : nodes, see :class:`SpectrumTable`
+    """
+    sine, cosine = np.linspace(0.0, 1.0, n_sine) ** 2, np.linspace(0.0, 1.0, n_cosine)
+    if not _returns(material):
+        return SpectrumTable(np.zeros((n_cosine, n_sine)), np.ones((n_angles, 2)))
+    law = LAWS[material.diffuse_law]
+    amplitude = np.sqrt(law.spectrum(material, wavelength, sine, cosine))
+    theta = np.linspace(0.0, np.pi / 2, n_angles)
+    backscatter = law.sigma0(material, wavelength, theta)
+    level = np.array([law.spectrum(material, wavelength, np.sin([t]), np.cos([t]))[0, 0] for t in theta])
+    correction = np.ones((n_angles, 2))
+    for i, (whole, factor) in enumerate(
+        zip((backscatter.h, backscatter.v), bragg_factors(theta, permittivity_of(material)), strict=True)
+    ):
+        model = level * factor
+        some = (model > _SAME_AMPLITUDE * model.max() * 1e-6) & (whole > 0.0)
+        correction[some, i] = (whole[some] / model[some]) ** 0.25
+    return SpectrumTable(amplitude, correction)
+
+
+def _returns(material: Material) -> bool:
+    """Whether there is a surface at all."""
+    return not material.invisible and (material.pec or material.permittivity != 1.0)
+
+
 def _check(law: str, sigma0: Sigma0, theta: F64) -> None:
     """Refuse what is no power before it reaches an image."""
     for values in (sigma0.h, sigma0.v):
@@ -100,4 +154,4 @@ def _check(law: str, sigma0: Sigma0, theta: F64) -> None:
             )
 
 
-__all__ = ["DiffuseTable", "diffuse_tables"]
+__all__ = ["DiffuseTable", "SpectrumTable", "diffuse_tables", "spectrum_table"]

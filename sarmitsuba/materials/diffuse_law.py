@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
 F64 = NDArray[np.float64]
+
+# What a law does between two directions, see `DiffuseLaw.bistatic`
+Bistatic = Literal["mean", "facets", "spectrum"]
 
 # Permittivity that stands for a perfect conductor where a formula needs a number: |R| = 1 to 1e-6
 _CONDUCTOR = 1.0 - 1.0e12j
@@ -74,8 +77,7 @@ class Sigma0:
 class DiffuseLaw(ABC):
     """How the incoherent return of a surface depends on angle and polarisation.
 
-    The bistatic use of a law is the geometric mean of its backscatter at both angles, which is reciprocal; see
-    `half_vector` for the other choice. Whether hh and vv differ is read from the numbers, not declared.
+    Whether hh and vv differ is read from the numbers, not declared.
 
     Attributes
     ----------
@@ -84,8 +86,11 @@ class DiffuseLaw(ABC):
     level : what ``diffuse_level_db`` is for this law; empty: the law takes none
     needs : material fields (``rms_height``, ``correlation_length``) that must be above 0 in a scene file
     parameters : numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes
-    half_vector : the law is one of tilted facets: between two directions the level is that at the angle of the half
-        vector, not the mean of the levels at both
+    bistatic : what the law is between two directions, all three reciprocal and the law itself in backscatter.
+        ``mean``: the geometric mean of its backscatter at both angles, each in its plane of incidence.
+        ``facets``: tilted facets; the level at the angle of the half vector, which is the normal of the facet that
+        mirrors one direction into the other, times that facet's Fresnel coefficients over those at normal incidence.
+        ``spectrum``: `spectrum` times the polarisation factors of first-order perturbation theory
     scatters : False for the law that returns nothing
     blocks_as_vacuum : a material of permittivity 1 with this law still blocks rays; False: it is empty space
     """
@@ -95,7 +100,7 @@ class DiffuseLaw(ABC):
     level: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     parameters: ClassVar[tuple[Param, ...]] = ()
-    half_vector: ClassVar[bool] = False
+    bistatic: ClassVar[Bistatic] = "mean"
     scatters: ClassVar[bool] = True
     blocks_as_vacuum: ClassVar[bool] = True
 
@@ -113,6 +118,23 @@ class DiffuseLaw(ABC):
         ------
         SceneError : a material that the law cannot mean
         """
+
+    def spectrum(self, surface: Surface, wavelength: float, sine: F64, cosine: F64) -> F64:
+        r"""For laws whose ``bistatic`` is ``spectrum``: sigma0 over ``|cos_i cos_s alpha|^2`` of first-order theory.
+
+        Parameters
+        ----------
+        surface, wavelength : as for `sigma0`
+        sine : (n,) wavenumber of the surface that couples the two directions, over 2 k: \|k_s - k_i\| / 2k in the plane
+        cosine : (m,) mean cosine of both angles, 0 to 1
+
+        Returns
+        -------
+        (m, n) float64, of at least 0
+        """
+        raise NotImplementedError(
+            f"diffuse law {self.name!r} says bistatic = {self.bistatic!r} without a spectrum"
+        )
 
 
 LAWS: Registry[DiffuseLaw] = Registry("diffuse law", "sarmitsuba.materials.laws")
@@ -145,6 +167,7 @@ def correlation_length_of(surface: Surface, law: str) -> float:
 
 __all__ = [
     "LAWS",
+    "Bistatic",
     "DiffuseLaw",
     "Sigma0",
     "Surface",

@@ -13,7 +13,7 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, TraceScene
+from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 
 F32 = NDArray[np.float32]
 
@@ -142,7 +142,7 @@ class Raster:
         wide = dr.float64_array_t(mi.Vector4f)
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
-        material = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
+        material = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x & MATERIAL_MASK
 
         # ---- sigma0 of the law at the local incidence angle
         theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))

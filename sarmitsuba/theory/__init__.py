@@ -27,6 +27,7 @@ from sarmitsuba.theory.rough_surface import (
     integral_equation_sigma0,
     shared_energy_sigma0,
     small_perturbation_sigma0,
+    small_slope_sigma0,
 )
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
@@ -67,6 +68,7 @@ __all__ = [
     "single_pulse_snr",
     "slant_offset",
     "small_perturbation_sigma0",
+    "small_slope_sigma0",
     "speckle_cdf",
     "sphere_mie",
     "sphere_po",

@@ -77,6 +77,51 @@ def small_perturbation_sigma0(
     return np.asarray(common * np.abs(alpha_h) ** 2), np.asarray(common * np.abs(alpha_v) ** 2)
 
 
+def small_slope_sigma0(
+    incidence_angle: ArrayLike,
+    permittivity: complex,
+    wavenumber: float,
+    rms_height: float,
+    correlation_length: float,
+) -> tuple[F64, F64]:
+    r"""Return sigma0 of the first small-slope approximation, hh and vv; exponential correlation, by quadrature.
+
+    .. math::
+        \sigma^0_{pp} = 8 k^4 \cos^4\theta |\alpha_{pp}|^2 \frac{e^{-Q^2 s^2}}{Q^2}
+        \int_0^\infty (e^{Q^2 s^2 e^{-r/l}} - 1) J_0(2 k r \sin\theta)\, r\, dr, \quad Q = 2 k \cos\theta
+
+    Parameters
+    ----------
+    incidence_angle : (n,) rad
+    permittivity : relative, eps' - j eps''
+    wavenumber : k, rad/m
+    rms_height, correlation_length : s and l, m
+
+    Notes
+    -----
+    Ignores the second order in the slopes, and with it cross polarisation in backscatter.
+
+    References
+    ----------
+    Voronovich, Wave Scattering from Rough Surfaces (1999), chapter 6.
+    """
+    theta = np.atleast_1d(np.asarray(incidence_angle, dtype=np.float64))
+    height2 = rms_height**2
+    hh, vv = small_perturbation_sigma0(theta, permittivity, wavenumber, rms_height, correlation_length)
+    for i, t in enumerate(theta):
+        q2 = (2.0 * wavenumber * np.cos(t)) ** 2
+        k_l = 2.0 * wavenumber * np.sin(t) * correlation_length
+
+        def integrand(x: float, q2: float = q2, k_l: float = k_l) -> float:
+            return float(np.expm1(q2 * height2 * np.exp(-x)) * j0(k_l * x) * x)
+
+        whole = quad(integrand, 0.0, _FAR, limit=800, epsabs=1e-13)[0] * correlation_length**2
+        first = height_spectrum(1, 2.0 * wavenumber * np.sin(t), correlation_length)
+        ratio = np.exp(-q2 * height2) * whole / (q2 * height2 * first)
+        hh[i], vv[i] = hh[i] * ratio, vv[i] * ratio
+    return hh, vv
+
+
 def integral_equation_sigma0(
     incidence_angle: ArrayLike,
     permittivity: complex,
@@ -199,4 +244,5 @@ __all__ = [
     "integral_equation_sigma0",
     "shared_energy_sigma0",
     "small_perturbation_sigma0",
+    "small_slope_sigma0",
 ]

@@ -46,7 +46,18 @@ def close_coherent(
     reflection: Reflection,
     receive: Receiver,
 ) -> Contribution:
-    """Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch."""
+    r"""Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch.
+
+    A chain over A that closes at B and the reversed one, over B to A, are one path of one length, and reciprocity wants
+    ``S_HV(AB) = S_VH(BA)``. Mirror currents on the first facets, physical-optics ones on the last, are right where
+    the last is at its specular angle; off it each estimate errs in proportion to the offset, and not alike. Both chains
+    are traced, so that the mean of an estimate and of the reversed chain's,
+
+    .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
+
+    is, in the sum over both, the mean of both cross-polar channels at every closing: HV = VH, without the part of the
+    error that changes sign with the order of the facets. Co-polar channels hold both estimates already.
+    """
     flags, constants = kernel.flags, kernel.constants
     part, n, s = tube_here.polygon, hit.normal, hit.to_antenna
     wave = hit.direction - s
@@ -69,14 +80,20 @@ def close_coherent(
         filled = part.area()
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
-    amplitudes = []
-    for channel in flags.channels:
+    closed = {}
+    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.channels) for c in pair):
         i = flags.tracked.index(channel[0])
         q, e = receive.basis[channel[1]], ray.fields[i]
         if flags.fresnel:
-            c = field.po_receive(e, reflection.fields[i], hit.direction, reflection.direction, n, s, q)
+            closed[channel] = field.po_receive(
+                e, reflection.fields[i], hit.direction, reflection.direction, n, s, q
+            )
         else:
-            c = field.dot(field.po_current_pec(e, hit.direction, n), q)
+            closed[channel] = field.dot(field.po_current_pec(e, hit.direction, n), q)
+    amplitudes = []
+    for channel in flags.channels:
+        a, b = flags.reciprocal(channel)
+        c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
         amplitudes.append(c * factor * filled)
     return Contribution(
         kind=mi.UInt32(COHERENT),
@@ -184,7 +201,9 @@ def close_diffuse(
     flags, constants = kernel.flags, kernel.constants
     both_ways = flags.diffuse_double and flags.multi_bounce
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    matrix = ScatteringMatrix(kernel.scene, hit.material, hit.normal, hit.direction, hit.to_antenna, flags)
+    # only behind a mirror do the two directions differ
+    backscatter = hit.first if flags.multi_bounce else None
+    matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
     straight, retro = [], None
     for channel in flags.channels:
         sent, received = channel[0], channel[1]
@@ -196,9 +215,7 @@ def close_diffuse(
             terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, reverse, strict=True)]
         straight.append(terms)
     if both_ways:
-        matrix = ScatteringMatrix(
-            kernel.scene, hit.material, hit.normal, hit.direction, -hit.direction, flags
-        )
+        matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
 
     patch = tube_here.patch

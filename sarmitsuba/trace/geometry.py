@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
-from sarmitsuba.materials.diffuse import diffuse_tables
-from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
+from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
@@ -20,6 +20,8 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 
 DIFFUSE_NODES = 256
+# nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
+SPECTRUM_COSINES, SPECTRUM_SINES = 33, 129
 # diffuse scatterers on the smallest piece of surface: what it returns then follows its area to a few per cent
 LEAST_SCATTERERS = 36
 
@@ -35,8 +37,8 @@ class TraceScene:
         ``v0.xyz n.x | e1.xyz n.y | e2.xyz n.z``
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
-    face_info : (4 n_faces,) uint32: material (bit 31: its diffuse law takes the half-vector angle; 30: the
-        edges bound a convex part of a flat facet all around), then the bits of
+    face_info : (4 n_faces,) uint32: material (the two highest bits: place of its law in ``FORMS``; the next: the edges
+        bound a convex part of a flat facet all around), then the bits of
         float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
@@ -45,6 +47,10 @@ class TraceScene:
         :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
+    forms : forms of bistatic scattering in the scene other than the mean of both angles
+    spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
+        :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
+    correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -55,6 +61,9 @@ class TraceScene:
     face_info: mi.UInt32
     material_table: mi.Float
     diffuse_table: mi.Float
+    forms: frozenset[Bistatic]
+    spectrum_table: mi.Float | None
+    correction_table: mi.Float | None
     bounds: NDArray[np.float64]
     n_faces: int
     curvature_table: mi.Float | None
@@ -79,10 +88,11 @@ class TraceScene:
 # within 2e-6 of +1 down to 0.01 degrees of grazing, and |eps c + q|^2 = 1e36 still fits float32
 PEC_CHI = (0.0, -1e18)
 
-# marks laws of tilted facets: the scattered level depends on the direction halfway between both rays
-HALF_VECTOR_BIT = 31
+# forms of bistatic scattering by their number, in the two highest bits of a face's material
+FORMS: tuple[Bistatic, ...] = ("mean", "facets", "spectrum")
+FORM_SHIFT = 30
 # marks faces whose boundary edges bound a convex part of a flat facet all around
-CLOSED_BIT = 30
+CLOSED_BIT = 29
 MATERIAL_MASK = (1 << CLOSED_BIT) - 1
 
 
@@ -131,7 +141,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
         table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
-    halfway = np.array([LAWS[m.diffuse_law].half_vector for m in materials], dtype=np.uint32)
+    form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
     triangles = np.stack([v0, v1, v2], axis=1)
     vertex = weld(triangles.reshape(-1, 3))
@@ -147,12 +157,13 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     info = np.stack(
         [
             material
-            | (halfway[material] << np.uint32(HALF_VECTOR_BIT))
+            | (form[material] << np.uint32(FORM_SHIFT))
             | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT)),
             *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
         ],
         axis=1,
     )
+    spectrum, correction = _spectra(materials, wavelength)
     return TraceScene(
         mi_scene=mi_scene,
         face_table=device_array(mi.Float64, packed),
@@ -161,12 +172,33 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
         material_table=_table32(rows),
         diffuse_table=_table32(tables),
+        forms=frozenset(FORMS[i] for i in np.unique(form[material]) if i > 0),
+        spectrum_table=spectrum,
+        correction_table=correction,
         bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
         n_faces=int(faces.shape[0]),
         curvature_table=None if bend is None else _table32(bend),
         needs=needs,
         triangles=triangles,
     )
+
+
+def _spectra(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float | None, mi.Float | None]:
+    """Tables of the materials whose laws have a height spectrum, and their corrections; None where not needed."""
+    tables = [
+        spectrum_table(m, wavelength, SPECTRUM_COSINES, SPECTRUM_SINES, DIFFUSE_NODES)
+        if LAWS[m.diffuse_law].bistatic == "spectrum"
+        else None
+        for m in materials
+    ]
+    if not any(tables):
+        return None, None
+    none = np.zeros((SPECTRUM_COSINES, SPECTRUM_SINES))
+    spectrum = _table32([none if t is None else t.amplitude for t in tables])
+    if not any(t is not None and t.corrected for t in tables):
+        return spectrum, None
+    one = np.ones((DIFFUSE_NODES, 2))
+    return spectrum, _table32([one if t is None else t.correction for t in tables])
 
 
 def _table32(rows: ArrayLike) -> mi.Float:
@@ -188,8 +220,11 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
 __all__ = [
     "CLOSED_BIT",
     "DIFFUSE_NODES",
-    "HALF_VECTOR_BIT",
+    "FORMS",
+    "FORM_SHIFT",
     "MATERIAL_MASK",
+    "SPECTRUM_COSINES",
+    "SPECTRUM_SINES",
     "TraceScene",
     "build_trace_scene",
 ]

@@ -8,74 +8,116 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace.geometry import DIFFUSE_NODES, HALF_VECTOR_BIT, MATERIAL_MASK, TraceScene
+from sarmitsuba.trace.bistatic import Planes, bragg_dyad, facet_dyad
+from sarmitsuba.trace.geometry import (
+    DIFFUSE_NODES,
+    FORM_SHIFT,
+    FORMS,
+    MATERIAL_MASK,
+    SPECTRUM_COSINES,
+    SPECTRUM_SINES,
+    TraceScene,
+)
 from sarmitsuba.trace.speckle import gaussian, unit_phase
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.trace.bistatic import Dyad
+    from sarmitsuba.trace.state import Hit
 
 
 class ScatteringMatrix:
     """Symmetric scattering tensor of a diffuse cell between an incoming and an outgoing direction, less its speckle.
 
     Polarisations are taken in the two planes of incidence, as on a slightly rough plane. Symmetric, so that
-    exchanging antenna and mirror chain gives the transposed channel (reciprocity). The level at a pair of angles is
-    the geometric mean of the law at each or, for laws of tilted facets, the law at the angle of the half vector.
+    exchanging antenna and mirror chain gives the transposed channel (reciprocity). What a law is between two
+    directions is in :class:`sarmitsuba.materials.diffuse_law.DiffuseLaw`; in backscatter every law is its table, so
+    that a level does not depend on how many bounces are traced.
     The tensor is a sum of up to three fixed ones, each times a random number of the cell
     (:func:`speckle_coefficients`).
 
     Parameters
     ----------
-    info : uint32, material in the low 31 bits, bit 31 set for laws of tilted facets
-    n, d, s : normal facing the ray, incoming and outgoing unit directions
+    hit : gives the material, the normal facing the ray and its direction
+    s : outgoing unit direction
+    backscatter : lanes that leave along the way they came; None where all do
     """
 
     def __init__(
-        self,
-        scene: TraceScene,
-        info: mi.UInt32,
-        n: mi.Vector3f,
-        d: mi.Vector3f,
-        s: mi.Vector3f,
-        flags: KernelFlags,
+        self, scene: TraceScene, hit: Hit, s: mi.Vector3f, flags: KernelFlags, backscatter: mi.Bool | None
     ) -> None:
         self.flags = flags
-        material = info & MATERIAL_MASK
+        n, d = hit.normal, hit.direction
+        material, form = hit.material & MATERIAL_MASK, hit.material >> FORM_SHIFT
         cos_i, cos_s = -dr.dot(d, n), dr.dot(s, n)
-        if flags.multi_bounce:
+        lanes = {}  # of each form that the scene has, without backscatter
+        if backscatter is not None:
+            lanes = {name: (form == FORMS.index(name)) & ~backscatter for name in scene.forms}
+        if "facets" in lanes:
             half = dr.dot(dr.normalize(s - d), n)
-            facets = (info >> HALF_VECTOR_BIT) == 1
-            cos_i, cos_s = dr.select(facets, half, cos_i), dr.select(facets, half, cos_s)
-        table_i = _diffuse_lookup(scene, material, cos_i)
+            cos_i, cos_s = (dr.select(lanes["facets"], half, c) for c in (cos_i, cos_s))
+        table_i = _diffuse_lookup(scene.diffuse_table, material, cos_i)
         # without mirrors every diffuse return is backscatter: both directions have the same angle
-        table_s = _diffuse_lookup(scene, material, cos_s) if flags.multi_bounce else table_i
+        table_s = table_i if backscatter is None else _diffuse_lookup(scene.diffuse_table, material, cos_s)
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
-        self.in_planes = flags.polarised_diffuse or flags.multi_bounce or flags.depolarisation
-        if self.in_planes:
-            self.h_i, self.h_s = field.incidence_basis_pair(d, s, n)
-            self.v_i, self.v_s = dr.cross(self.h_i, d), dr.cross(self.h_s, -s)
-
-    def _bilinear(self, q: mi.Vector3f, x: mi.Vector3f) -> list[mi.Float]:
-        """``q . D_k x`` of the fixed tensors for real vectors ``q`` (outgoing) and ``x`` (incoming)."""
-        if not self.in_planes:
-            return [self.amp_h * dr.dot(q, x)]
-        pairs = ((q, self.h_s), (q, self.v_s), (x, self.h_i), (x, self.v_i))
-        qh, qv, xh, xv = (dr.dot(a, b) for a, b in pairs)
-        values = [self.amp_h * qh * xh + self.amp_v * qv * xv]
-        if self.flags.depolarisation:
-            amp = dr.sqrt(self.amp_h * self.amp_v)
-            values += [amp * (qh * xh - qv * xv), amp * (qh * xv + qv * xh)]
-        return values
+        self.amp_cross = dr.sqrt(self.amp_h * self.amp_v)
+        self.dyad: Dyad | None = None
+        self.planes: Planes | None = None
+        if flags.polarised_diffuse or flags.multi_bounce or flags.depolarisation:
+            self.planes = Planes.of(n, d, s)
+        if not lanes or self.planes is None:
+            return
+        none = mi.Complex2f(0.0)
+        self.dyad = (mi.Complex2f(self.amp_h), none, none, mi.Complex2f(self.amp_v))
+        chi = mi.Complex2f(hit.properties.x, hit.properties.y)
+        if "facets" in lanes:
+            self.dyad = _chosen(lanes["facets"], facet_dyad(self.planes, chi), self.amp_h, self.dyad)
+        if "spectrum" in lanes:
+            waves = lanes["spectrum"]
+            dyad, co_polar = bragg_dyad(self.planes, chi)
+            level = _spectrum_lookup(scene, material, s - d, n)
+            if scene.correction_table is not None:
+                toward = dr.square(dr.maximum(-dr.dot(s, d), 0.0))
+                c_i, c_s = (
+                    1.0 + (_diffuse_lookup(scene.correction_table, material, c) - 1.0) * toward
+                    for c in (cos_i, cos_s)
+                )
+                hh, hv, vh, vv = dyad
+                dyad = (hh * c_s.x * c_i.x, hv * c_s.x * c_i.y, vh * c_s.y * c_i.x, vv * c_s.y * c_i.y)
+                co_polar *= dr.sqrt(c_s.x * c_i.x * c_s.y * c_i.y)
+            self.dyad = _chosen(waves, dyad, level, self.dyad)
+            self.amp_cross = dr.select(waves, level * co_polar, self.amp_cross)
 
     def between(self, q: mi.Vector3f, e: field.ComplexVector) -> list[mi.Complex2f]:
         """``q . D_k E`` for a real receiving vector and a complex field."""
-        return [mi.Complex2f(re, im) for re, im in zip(*(self._bilinear(q, part) for part in e), strict=True)]
+        planes = self.planes
+        if planes is None:
+            return [field.dot(e, q) * self.amp_h]
+        qh, qv, eh, ev = (
+            dr.dot(q, planes.h_s),
+            dr.dot(q, planes.v_s),
+            field.dot(e, planes.h_i),
+            field.dot(e, planes.v_i),
+        )
+        if self.dyad is None:
+            values = [eh * (self.amp_h * qh) + ev * (self.amp_v * qv)]
+        else:
+            hh, hv, vh, vv = self.dyad
+            values = [(hh * eh + hv * ev) * qh + (vh * eh + vv * ev) * qv]
+        if self.flags.depolarisation:
+            values += [(eh * qh - ev * qv) * self.amp_cross, (ev * qh + eh * qv) * self.amp_cross]
+        return values
 
     def between_fields(self, q: field.ComplexVector, e: field.ComplexVector) -> list[mi.Complex2f]:
         """``Q . D_k E`` (no conjugate) for two complex fields, incoming and retracing."""
         j = mi.Complex2f(0.0, 1.0)
         return [a + j * b for a, b in zip(*(self.between(part, e) for part in q), strict=True)]
+
+
+def _chosen(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
+    hh, hv, vh, vv = (dr.select(lanes, a * level, b) for a, b in zip(dyad, other, strict=True))
+    return hh, hv, vh, vv
 
 
 def speckle_coefficients(key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags) -> list[mi.Complex2f]:
@@ -95,15 +137,32 @@ def speckle_coefficients(key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFla
     ]
 
 
-def _diffuse_lookup(scene: TraceScene, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:
-    """sqrt(sigma0) for h and v at an incidence angle, linear between table nodes uniform in angle."""
+def _diffuse_lookup(table: mi.Float, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:
+    """Values for h and v at an incidence angle, linear between table nodes uniform in angle."""
     theta = dr.acos(dr.clip(cos_theta, 0.0, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
     node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
     t = theta - mi.Float(node)
     row = material * DIFFUSE_NODES + node
-    low = dr.gather(mi.Vector2f, scene.diffuse_table, row)
-    high = dr.gather(mi.Vector2f, scene.diffuse_table, row + 1)
+    low, high = (dr.gather(mi.Vector2f, table, row + i) for i in (0, 1))
     return low + (high - low) * t
+
+
+def _spectrum_lookup(scene: TraceScene, material: mi.UInt32, change: mi.Vector3f, n: mi.Vector3f) -> mi.Float:
+    """Amplitude of a height spectrum, bilinear, for a change ``s - d`` of direction."""
+    along = dr.dot(change, n)
+    # 0.5 |change| in the plane is the sine; its root is uniform in the table
+    x = dr.sqrt(dr.clip(0.5 * dr.norm(change - n * along), 0.0, 1.0)) * (SPECTRUM_SINES - 1)
+    y = dr.clip(0.5 * along, 0.0, 1.0) * (SPECTRUM_COSINES - 1)
+    column, row = (
+        dr.minimum(mi.UInt32(v), size - 2) for v, size in ((x, SPECTRUM_SINES), (y, SPECTRUM_COSINES))
+    )
+    first = (material * SPECTRUM_COSINES + row) * SPECTRUM_SINES + column
+    t = x - mi.Float(column)
+    low, high = (
+        dr.lerp(*(dr.gather(mi.Float, scene.spectrum_table, first + step + i) for i in (0, 1)), t)
+        for step in (0, SPECTRUM_SINES)
+    )
+    return dr.lerp(low, high, y - mi.Float(row))
 
 
 __all__ = ["ScatteringMatrix", "speckle_coefficients"]

@@ -42,9 +42,7 @@ def scene_file(folder: Path, shapes: str, extent: float) -> Path:
 def total_rcs(image: SarImage) -> float:
     """Energy of the image as a radar cross section, m^2."""
     pixel = image.grid.azimuth_spacing * image.grid.range_spacing
-    return (
-        float(np.sum(image.rcs())) * pixel / (image.azimuth_resolution_cell * image.range_resolution_cell)
-    )
+    return float(np.sum(image.rcs())) * pixel / (image.azimuth_resolution_cell * image.range_resolution_cell)
 
 
 def cube_rcs(side: float, turn: float, direction: F64) -> float:

@@ -65,7 +65,12 @@ def test_every_law_says_what_it_takes() -> None:
     for law in LAWS:
         assert law.title and set(law.needs) <= fields
         assert not (law.level and law.needs)  # measured levels, or a model of the surface
-    assert [law.name for law in LAWS if law.half_vector] == ["kirchhoff"]
+    assert {law.name: law.bistatic for law in LAWS if law.bistatic != "mean"} == {
+        "kirchhoff": "facets",
+        "small_perturbation": "spectrum",
+        "small_slope": "spectrum",
+        "iem": "spectrum",
+    }
     assert [law.name for law in LAWS if not law.scatters] == ["none"]
 
 
@@ -90,14 +95,14 @@ def test_every_law_is_finite_and_never_negative(law: str, permittivity: complex)
             assert not table.amplitude_h.any() and not table.amplitude_v.any()
 
 
-@pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "iem", "roughness"])
+@pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "small_slope", "iem", "roughness"])
 def test_a_smooth_surface_scatters_nothing(law: str) -> None:
     table = diffuse_tables(soil(law, correlation_length=0.1), WAVELENGTH)
     assert not table.amplitude_h.any() and not table.amplitude_v.any()
     assert table.notes == ()
 
 
-@pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "iem"])
+@pytest.mark.parametrize("law", ["kirchhoff", "small_perturbation", "small_slope", "iem"])
 def test_missing_correlation_length_is_one_line(law: str) -> None:
     with pytest.raises(SceneError, match='"soil": correlation_length = 0 m must be above 0') as caught:
         diffuse_tables(soil(law, rms_height=0.01), WAVELENGTH)

@@ -14,6 +14,7 @@ from sarmitsuba.materials.diffuse_law import (
     permittivity_of,
 )
 from sarmitsuba.materials.fresnel import refracted_cosine
+from sarmitsuba.materials.laws.small_slope import small_slope_spectrum
 from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
 
 # Largest k s of the series; its length grows with (k s)^2 and its meaning ends near 3
@@ -137,6 +138,20 @@ class IntegralEquation(DiffuseLaw):
     name = "iem"
     title = "integral-equation model, from slightly to very rough"
     needs = ("rms_height", "correlation_length")
+    bistatic = "spectrum"
+
+    def spectrum(
+        self,
+        surface: Surface,
+        wavelength: float,
+        sine: NDArray[np.float64],
+        cosine: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """See `small_slope_spectrum`: it and this law meet for small heights and about the mirror direction."""
+        k, s = 2.0 * np.pi / wavelength, surface.rms_height
+        if k * s < 1e-12:
+            return np.zeros((cosine.size, sine.size))
+        return small_slope_spectrum(sine, cosine, k, s, correlation_length_of(surface, self.name))
 
     def sigma0(self, surface: Surface, wavelength: float, theta: NDArray[np.float64]) -> Sigma0:
         """See `iem_backscatter`."""

@@ -27,12 +27,16 @@ def geometrical_optics_sigma0(theta: F64, normal_reflectivity: float, slope: flo
 
 
 class Kirchhoff(DiffuseLaw):
-    """Tilted facets, Gaussian correlation ``exp(-r^2/l^2)``: very rough, gently sloping surfaces."""
+    """Tilted facets, Gaussian correlation ``exp(-r^2/l^2)``: very rough, gently sloping surfaces.
+
+    Between two directions ``|R(0)|^2`` gives way to the Fresnel coefficients of the facet that mirrors one into the
+    other, in that facet's own plane of incidence.
+    """
 
     name = "kirchhoff"
     title = "geometrical optics of tilted facets: a lobe about the vertical, for very rough surfaces"
     needs = ("rms_height", "correlation_length")
-    half_vector = True
+    bistatic = "facets"
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See `geometrical_optics_sigma0`."""

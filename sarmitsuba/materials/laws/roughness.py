@@ -34,10 +34,16 @@ def shared_energy_sigma0(theta: F64, reflectivity: F64, rms_phase: float) -> F64
 
 
 class Roughness(DiffuseLaw):
-    """What the roughness factor takes from the mirror direction comes back as Lambert's law, hh and vv each."""
+    """What the roughness factor takes from the mirror direction comes back as Lambert's law, hh and vv each.
+
+    Notes
+    -----
+    Energy over all angles and no more: hh is above vv as in the mirror wave, where measured surfaces have vv above
+    hh, and there is no lobe about the mirror direction. `small_slope` has both.
+    """
 
     name = "roughness"
-    title = "Lambert's law with the power that the coherent wave lost to rms_height"
+    title = "Lambert's law with the power that the coherent wave lost to rms_height; hh above vv"
     blocks_as_vacuum = False
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:

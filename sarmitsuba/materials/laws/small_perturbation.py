@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.materials.bragg import bragg_factors
 from sarmitsuba.materials.diffuse_law import (
     LAWS,
     DiffuseLaw,
@@ -11,7 +12,6 @@ from sarmitsuba.materials.diffuse_law import (
     correlation_length_of,
     permittivity_of,
 )
-from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
 from sarmitsuba.materials.roughness_spectrum import Correlation, roughness_spectrum
 
 F64 = NDArray[np.float64]
@@ -36,19 +36,25 @@ def small_perturbation_sigma0(
     Source: Ulaby, Moore and Fung, Microwave Remote Sensing, volume II (1982), chapter 12. W as in
     ``roughness_spectrum`` with n = 1.
     """
-    c, sin2 = np.cos(theta), np.sin(theta) ** 2
-    q = refracted_cosine(c, permittivity)
-    alpha_h, _ = fresnel(c, permittivity)
-    alpha_v = (permittivity - 1.0) * (sin2 - permittivity * (1.0 + sin2)) / (permittivity * c + q) ** 2
+    common = bragg_spectrum(np.sin(theta), wavenumber, rms_height, correlation_length, correlation)
+    h, v = bragg_factors(theta, permittivity)
+    return common * h, common * v
+
+
+def bragg_spectrum(
+    sine: F64,
+    wavenumber: float,
+    rms_height: float,
+    correlation_length: float,
+    correlation: Correlation = "exponential",
+) -> F64:
+    """First-order sigma0 over its polarisation factor, ``8 k^4 s^2 W(2 k sine)``, for any pair of directions."""
     first = np.ones(1)
-    spectrum = np.array(
-        [
-            roughness_spectrum(first, 2.0 * wavenumber * float(np.sin(t)), correlation_length, correlation)[0]
-            for t in theta
-        ]
-    )
-    common = 8.0 * wavenumber**4 * rms_height**2 * spectrum
-    return common * np.abs(c**2 * alpha_h) ** 2, common * np.abs(c**2 * alpha_v) ** 2
+    spectrum = [
+        roughness_spectrum(first, 2.0 * wavenumber * float(x), correlation_length, correlation)[0]
+        for x in sine
+    ]
+    return np.asarray(8.0 * wavenumber**4 * rms_height**2 * np.array(spectrum))
 
 
 class SmallPerturbation(DiffuseLaw):
@@ -57,6 +63,13 @@ class SmallPerturbation(DiffuseLaw):
     name = "small_perturbation"
     title = "Bragg scattering of slightly rough surfaces, vv above hh"
     needs = ("rms_height", "correlation_length")
+    bistatic = "spectrum"
+
+    def spectrum(self, surface: Surface, wavelength: float, sine: F64, cosine: F64) -> F64:
+        """See `bragg_spectrum`: to first order the heights' phase does not enter."""
+        length = correlation_length_of(surface, self.name)
+        one = bragg_spectrum(sine, 2.0 * np.pi / wavelength, surface.rms_height, length)
+        return np.broadcast_to(one, (cosine.size, sine.size)).copy()
 
     def sigma0(self, surface: Surface, wavelength: float, theta: F64) -> Sigma0:
         """See `small_perturbation_sigma0`."""
@@ -76,4 +89,4 @@ class SmallPerturbation(DiffuseLaw):
 
 LAWS.register(SmallPerturbation())
 
-__all__ = ["SmallPerturbation", "small_perturbation_sigma0"]
+__all__ = ["SmallPerturbation", "bragg_spectrum", "small_perturbation_sigma0"]

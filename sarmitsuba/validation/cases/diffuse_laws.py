@@ -28,6 +28,9 @@ LAWS = (
         diffuse_law="small_perturbation",
     ),
     Material("iem", permittivity=SOIL, rms_height=0.004, correlation_length=0.04, diffuse_law="iem"),
+    Material(
+        "small slope", permittivity=SOIL, rms_height=0.004, correlation_length=0.04, diffuse_law="small_slope"
+    ),
     Material("roughness", permittivity=SOIL, rms_height=0.004, diffuse_law="roughness"),
 )
 
@@ -66,7 +69,7 @@ def diffuse_laws(quick: bool = False) -> Case:
         name="diffuse_laws",
         topic="rough",
         title="Diffuse laws over angle through the kernel",
-        formula="constant, gamma cos t, Kirchhoff, small perturbation, integral equation, shared energy",
+        formula="constant, gamma cos t, Kirchhoff, small perturbation, integral equation, small slope, shared energy",
         source="Ulaby, Moore and Fung II (1982); Fung, Li and Chen (1992); each evaluated anew at the angle",
         x_label="incidence angle (deg)",
         y_label="sigma0 (dB)",
@@ -82,6 +85,8 @@ def _closed_law(material: Material, theta: F64) -> tuple[F64, F64]:
     law = material.diffuse_law
     if law == "small_perturbation":
         return theory.small_perturbation_sigma0(theta, SOIL, k, s, length)
+    if law == "small_slope":
+        return theory.small_slope_sigma0(theta, SOIL, k, s, length)
     if law == "iem":
         return theory.integral_equation_sigma0(theta, SOIL, k, s, length)
     if law == "roughness":
