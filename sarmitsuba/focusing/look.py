@@ -90,6 +90,8 @@ def plan_look(
     if zero_doppler:  # pulses relative to the closest approach of the image's centre
         center = tuple(n // 2 for n in image.shape)
         tau = tau + range_rate[center] * distance[center] / float(velocity @ velocity)
+    lit = np.flatnonzero(weights > 0.0)
+    weights, tau = weights[lit[0] : lit[-1] + 1], tau[lit[0] : lit[-1] + 1]
     edges = _edges(tau)
     reach = float(np.abs(edges).max())
     highest = wave.center_frequency + 0.5 * wave.bandwidth
