@@ -116,7 +116,8 @@ class ScattererLattice:
         row = index // self.columns
         ia = self.first_a + mi.Float64(row)
         ib = self.first_b + mi.Float64(index - row * self.columns)
-        return ia, ib, (ia + _fraction(ib * STEP_A)) * self.cell, (ib + _fraction(ia * STEP_B)) * self.cell
+        place_a, place_b = _fraction(ib * STEP_A + START), _fraction(ia * STEP_B + START)
+        return ia, ib, (ia + place_a) * self.cell, (ib + place_b) * self.cell
 
     def inside(self, index: mi.UInt32) -> mi.Bool:
         """Whether a node lies in the patch."""
@@ -153,6 +154,8 @@ class ScattererLattice:
 # a node's place in its cell goes on by these irrational steps from row to row and column to column, so that strips
 # along the axes, however narrow, hold their share of nodes
 STEP_A, STEP_B = 0.6180339887498949, 0.7548776662466927
+# the steps' start: from 0, row and column 0 would lie on the edges of patches as large as cells, and count twice
+START = 0.2887
 # most nodes along one axis of a patch: bounds the loop where a patch is degenerate
 MOST_NODES = 64.0
 # thickness of a layer, cells

@@ -178,8 +178,9 @@ def _upsampling(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> int:
     look = look_directions(radar, corners)[:, ::step]
     center = np.hypot(geometry.x - geometry.x_center, geometry.rho_center)
     sin = look @ grid.along
-    seen = direction_gain(radar, slice(None, None, step), look) > 0.02
     own = np.isfinite(radar.half_aperture)
+    # pixels with apertures of their own: the beam's side lobes fold over, as in any stripmap radar
+    seen = direction_gain(radar, slice(None, None, step), look) > (0.05 if own else 0.02)
     nyquist = np.pi / geometry.spacing / (4.0 * np.pi / radar.waveform.wavelength)  # in sin(angle)
     band = float(np.abs(sin - geometry.sin_squint)[seen].max(initial=0.0)) / nyquist
     deramped = sin - ((geometry.x_center - geometry.x) / center)[::step]
