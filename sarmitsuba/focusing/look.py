@@ -86,10 +86,13 @@ def plan_look(
     range_rate = -(leg @ velocity) / distance
 
     wave = radar.waveform
-    tau = radar.track.time - time
+    tau, cosine = radar.track.time - time, 1.0
     if zero_doppler:  # pulses relative to the closest approach of the image's centre
         center = tuple(n // 2 for n in image.shape)
         tau = tau + range_rate[center] * distance[center] / float(velocity @ velocity)
+        # range along closest approach changes by the cosine of the squint, azimuth by its sine, not its tangent
+        cosine = float(np.sqrt(1.0 - range_rate[center] ** 2 / float(velocity @ velocity)))
+        tau = tau * cosine
     lit = np.flatnonzero(weights > 0.0)
     weights, tau = weights[lit[0] : lit[-1] + 1], tau[lit[0] : lit[-1] + 1]
     edges = _edges(tau)
@@ -120,7 +123,7 @@ def plan_look(
         n_range_rate=n_range_rate,
         width=width,
     )
-    response = _response(radar, grid, edges, weights, range_window)
+    response = _response(radar, grid, edges, weights, range_window, cosine)
     broadening = parse_window(range_window).broadening
     return Look(
         grid=grid,
@@ -159,14 +162,18 @@ def _edges(tau: F64) -> F64:
 
 
 def _response(
-    radar: Radar, grid: LookGrid, edges: F64, weights: F64, range_window: str
+    radar: Radar, grid: LookGrid, edges: F64, weights: F64, range_window: str, cosine: float
 ) -> NDArray[np.float32]:
-    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds."""
+    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds.
+
+    ``cosine`` : change of slant range over that of the grid's range coordinate
+    """
     wave = radar.waveform
     bins = (
         scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)
     )  # baseband frequency, Hz
     half = 0.25 * SPEED_OF_LIGHT / (grid.n_range * grid.range_step)
+    bins, half = bins / cosine, half / cosine
     fine = np.linspace(-0.5, 0.5, 4097)
     window = parse_window(range_window)(fine)
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (window[1:] + window[:-1]) * np.diff(fine))])

@@ -211,14 +211,14 @@ class Imager:
         return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
 
     def _raster_cells(self, center: float) -> AzimuthCells:
-        """Cells of the raster: one response in pixels, which on a ground grid spans a range cell at its middle only."""
+        """Cells of the raster: one response in pixels, a range cell of closest approach, or on the ground its middle's."""
         assert self.run.sampling is not None
         grid, columns = self.grid, np.arange(self.grid.range.size)
-        cell = np.full(columns.size, center)
-        if grid.kind == "ground":
-            incidence = incidence_angle(self.run.scene.radar, grid.positions_on_line(grid.shape[0] // 2))
-            cell *= np.sin(incidence) / np.sin(self.run.sampling.window.incidence)
-        return AzimuthCells(*fit_columns(grid, columns, cell))
+        incidence = incidence_angle(self.run.scene.radar, grid.positions_on_line(grid.shape[0] // 2))
+        to_ground = np.sin(self.run.sampling.window.incidence)  # slant-range cell over its length on the ground
+        if grid.kind == "slant":
+            to_ground = grid.across_distance() / grid.range
+        return AzimuthCells(*fit_columns(grid, columns, center * np.sin(incidence) / to_ground))
 
     def _package(self, data: C64, layers: tuple[Layer, ...], method: str, cells: AzimuthCells) -> SarImage:
         run = self.run
