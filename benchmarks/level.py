@@ -47,9 +47,7 @@ class Setup:
         from sarmitsuba.scene.settings import TraceSettings
 
         beam = {"antenna_length": self.antenna_length, "elevation_beamwidth_deg": 20.0}
-        aperture = (
-            {"n_pulses": self.n_pulses} if self.n_pulses else {"azimuth_resolution": self.resolution}
-        )
+        aperture = {"n_pulses": self.n_pulses} if self.n_pulses else {"azimuth_resolution": self.resolution}
         radar = RadarDescription(
             mode=self.mode,
             pattern=self.pattern,  # type: ignore[arg-type]
@@ -59,9 +57,7 @@ class Setup:
             **aperture,  # type: ignore[arg-type]
             **(beam if self.pattern != "isotropic" else {}),
         )
-        film = FilmDescription(
-            image_extent_azimuth=self.extent_azimuth, image_extent_range=self.extent_range
-        )
+        film = FilmDescription(image_extent_azimuth=self.extent_azimuth, image_extent_range=self.extent_range)
         x = 0.5 * self.extent_range + 12.0
         y = 0.5 * self.extent_azimuth + 12.0
         corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
@@ -158,8 +154,9 @@ def main() -> None:
                     levels = measure(setup, range(args.seeds), tuple(args.makers))
                     error = f", hybrid - raw {against_raw(setup):.1f} dB" if args.against_raw else ""
                 for maker, (level, sigma) in levels.items():
+                    worst = level[np.abs(level).argmax()]
                     print(
-                        f"{mode:9s} {pattern:11s} {extent:4.0f} m {maker:14s} worst {level[np.abs(level).argmax()]:+.2f} "
+                        f"{mode:9s} {pattern:11s} {extent:4.0f} m {maker:14s} worst {worst:+.2f} "
                         f"+- {sigma[0]:.2f} dB: " + " ".join(f"{v:+.2f}" for v in level) + error,
                         flush=True,
                     )

@@ -8,6 +8,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.aperture import incidence_angle
 from sarmitsuba.focusing.cells import azimuth_cells
+from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.range_compression import range_compress
@@ -65,8 +66,9 @@ def focus(
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * range_window.broadening
     cells = azimuth_cells(raw.radar, grid, focused.pulse_weights, range_window)
-    if cells.warning:
-        warnings.warn(f"focus: {cells.warning}", SarmitsubaWarning, stacklevel=2)
+    for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
+        if text:
+            warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     facts = {
         "method": focuser.name,
         "range_window": str(range_window),

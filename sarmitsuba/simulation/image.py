@@ -211,11 +211,13 @@ class Imager:
         return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
 
     def _raster_cells(self, center: float) -> AzimuthCells:
-        """Cells of the raster: one response in pixels, a range cell of closest approach, or on the ground its middle's."""
+        """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
         assert self.run.sampling is not None
         grid, columns = self.grid, np.arange(self.grid.range.size)
         incidence = incidence_angle(self.run.scene.radar, grid.positions_on_line(grid.shape[0] // 2))
-        to_ground = np.sin(self.run.sampling.window.incidence)  # slant-range cell over its length on the ground
+        to_ground = np.sin(
+            self.run.sampling.window.incidence
+        )  # slant-range cell over its length on the ground
         if grid.kind == "slant":
             to_ground = grid.across_distance() / grid.range
         return AzimuthCells(*fit_columns(grid, columns, center * np.sin(incidence) / to_ground))
