@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.look_grid import LookGrid
+from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import matched_weights
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -142,6 +143,8 @@ def _centroid(radar: Radar, image: ImageGrid, azimuth_window: str) -> tuple[F64,
     track = radar.track
     middle = image.positions_on_line(image.shape[0] // 2)[image.shape[1] // 2]
     weights = matched_weights(radar, middle, azimuth_window)
+    if not weights.any():
+        raise DataError("image: no pulse illuminates the image's centre; move the image into the beam")
     share = weights / weights.sum()
     time = float(share @ track.time)
     position = np.array([np.interp(time, track.time, track.position[:, i]) for i in range(3)])

@@ -155,7 +155,7 @@ class ScattererLattice:
 # along the axes, however narrow, hold their share of nodes
 STEP_A, STEP_B = 0.6180339887498949, 0.7548776662466927
 # the steps' start: from 0, row and column 0 would lie on the edges of patches as large as cells, and count twice
-START = 0.2887
+START = 0.5
 # most nodes along one axis of a patch: bounds the loop where a patch is degenerate
 MOST_NODES = 64.0
 # thickness of a layer, cells
