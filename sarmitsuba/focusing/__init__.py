@@ -1,6 +1,5 @@
 """Focusing: raw data in, calibrated complex image out."""
 
-from sarmitsuba.focusing.aperture import azimuth_cell
 from sarmitsuba.focusing.focus import focus
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.grid import default_grid, image_request
@@ -15,7 +14,6 @@ __all__ = [
     "Focuser",
     "WindowFamily",
     "WindowParameter",
-    "azimuth_cell",
     "default_grid",
     "focus",
     "image_request",

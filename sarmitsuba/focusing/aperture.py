@@ -1,15 +1,11 @@
 """What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
 
-from collections.abc import Callable
-from typing import TypedDict
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window, parse_window
-from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -44,9 +40,49 @@ def look_directions(radar: Radar, point: ArrayLike) -> F64:
     return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
 
 
+def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: Window) -> F64:
+    r"""Azimuth weight of samples of the Doppler band that is a pixel's aperture.
+
+    .. math:: w = \mathrm{window}(o / 2 s_a) \min(1, \max(0, (s_a - |o|) / \Delta + 1/2))
+
+    A sample at the band's end counts with the part of it that lies within, so that the sum does not jump from pixel to
+    pixel.
+
+    Parameters
+    ----------
+    offset : sine along the flight less the band's centre, any shape
+    step : distance of neighbouring samples in sines
+    half_aperture : half of the band, see :class:`sarmitsuba.radar.radar.Radar`
+    window : over the band
+    """
+    share = np.clip((half_aperture - np.abs(offset)) / step + 0.5, 0.0, 1.0)
+    return np.asarray(window(np.clip(offset / (2.0 * half_aperture), -0.5, 0.5)) * share)
+
+
+def flight(radar: Radar) -> tuple[F64, F64, F64]:
+    """Of every pulse: unit vector of flight (n_pulses, 3), boresight's sine along it, and distance to the next, m."""
+    speed = np.linalg.norm(radar.track.velocity, axis=1)
+    forward = radar.track.velocity / np.maximum(speed, 1e-300)[:, None]
+    gap = speed * (np.gradient(radar.track.time) if speed.size > 1 else np.ones(1))
+    return forward, np.einsum("ij,ij->i", forward, radar.pointing.boresight), gap
+
+
+def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
+    """Weight w of every pulse at points (..., 3), (..., n_pulses): over the pulse index, or the pixel's own band."""
+    window = parse_window(azimuth_window)
+    if np.isinf(radar.half_aperture):
+        return window.aperture(radar.track.n_pulses)
+    forward, center, gap = flight(radar)
+    line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
+    distance = np.linalg.norm(line, axis=-1)
+    sine = np.sum(line * forward, axis=-1) / distance
+    step = np.maximum(gap * (1.0 - sine**2) / distance, 1e-30)
+    return band_weights(sine - center, step, radar.half_aperture, window)
+
+
 def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window = "rectangular") -> F64:
     """Weight w g^2 of every pulse in backprojection's pixel at points (..., 3), giving (..., n_pulses) float64."""
-    w = parse_window(azimuth_window).aperture(radar.track.n_pulses)
+    w = aperture_weights(radar, point, azimuth_window)
     return np.asarray(w * direction_gain(radar, slice(None), look_directions(radar, point)) ** 2)
 
 
@@ -109,50 +145,6 @@ def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
     return u[order][new], np.asarray(np.bincount(np.cumsum(new) - 1, weights[order]))
 
 
-class CellPolynomial(TypedDict):
-    """How the azimuth cell varies over range: a polynomial in ``(r - center) / scale``, constant first and 1.
-
-    ``center`` and ``scale`` are in m of the grid's range coordinate.
-    """
-
-    center: float
-    scale: float
-    coefficients: list[float]
-
-
-def azimuth_cell(
-    radar: Radar,
-    grid: ImageGrid,
-    line: F64,
-    incidence: F64,
-    pulse_weights: Callable[[F64], F64],
-    range_window: str | Window,
-    range_cell: float,
-) -> tuple[float, CellPolynomial]:
-    """Noise-equivalent azimuth cell at the grid's centre, m, and how it varies over the range columns.
-
-    Defined by the area of the impulse response on the ground, so that it holds with squint and wide bands too.
-
-    Parameters
-    ----------
-    radar : gives track and waveform
-    grid : the image's
-    line : (n_range, 3) float64, m, positions of the grid's middle row
-    incidence : (n_range,) float64, rad, there
-    pulse_weights : weight of every pulse at a point, see :class:`sarmitsuba.focusing.focuser.Focused`
-    range_window, range_cell : window over the band, and its noise-equivalent cell in slant range, m
-    """
-    columns = np.unique(np.linspace(0, grid.range.size - 1, 9).round().astype(int))
-    area = np.array([ground_cell_area(radar, line[i], pulse_weights(line[i]), range_window) for i in columns])
-    cell = area * np.sin(incidence[columns]) / range_cell
-    center = float(grid.range[grid.range.size // 2])
-    scale = max(float(np.abs(grid.range - center).max()), 1.0)
-    x = (grid.range[columns] - center) / scale
-    fit = np.polynomial.polynomial.polyfit(x, cell, min(3, columns.size - 1))
-    middle = float(fit[0])
-    return middle, {"center": center, "scale": scale, "coefficients": [float(c / middle) for c in fit]}
-
-
 def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
     """Angle between the vertical and the line of sight from mid-aperture at points (..., 3), rad."""
     line = radar.track.center_position - np.asarray(point, dtype=np.float64)
@@ -160,9 +152,10 @@ def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
 
 
 __all__ = [
-    "CellPolynomial",
-    "azimuth_cell",
+    "aperture_weights",
+    "band_weights",
     "direction_gain",
+    "flight",
     "ground_cell_area",
     "incidence_angle",
     "look_directions",

@@ -11,7 +11,10 @@ from sarmitsuba.radar.antenna import Antenna
 
 TWO_PI = 6.283185307179586
 PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first sample in profile samples
-AXES_STRIDE = 16  # float32 per pulse: azimuth axis and weight, elevation axis and 0, boresight and 0, 0 0 0 0
+AXES_STRIDE = (
+    16  # float32 per pulse: azimuth axis, weight; elevation axis, distance to the next pulse; boresight, 0;
+)
+# unit vector of flight, the boresight's sine along it
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,30 @@ class Scales:
     inverse_square: dr.ArrayBase
 
 
+@dataclass(frozen=True)
+class ApertureBand:
+    """The band of sines that is a pixel's aperture, see :func:`sarmitsuba.focusing.aperture.band_weights`.
+
+    Parameters
+    ----------
+    half : half of the band, float32 opaque
+    window : float32, nodes of the window from one end of the band to the other
+    """
+
+    half: dr.ArrayBase
+    window: dr.ArrayBase
+
+    def weight(self, types: ModuleType, offset: dr.ArrayBase, step: dr.ArrayBase) -> dr.ArrayBase:
+        """Weight of a pulse whose sine is ``offset`` from the band's centre, ``step`` from the next pulse's."""
+        share = dr.clip((self.half - dr.abs(offset)) / step + 0.5, 0.0, 1.0)
+        last = len(self.window) - 1
+        x = dr.clip(0.5 * offset / self.half + 0.5, 0.0, 1.0) * float(last)
+        node = dr.minimum(types.UInt32(x), last - 1)
+        low = dr.gather(types.Float32, self.window, node)
+        high = dr.gather(types.Float32, self.window, node + 1)
+        return share * dr.fma(high - low, x - types.Float32(node), low)
+
+
 def accumulate(
     types: ModuleType,
     state: list[dr.ArrayBase],
@@ -61,6 +88,7 @@ def accumulate(
     kernel: SpreadingKernel,
     n_layers: int,
     antenna: Antenna | None,
+    band: ApertureBand | None,
 ) -> list[dr.ArrayBase]:
     r"""Add the pulses of one batch to every pixel.
 
@@ -76,6 +104,7 @@ def accumulate(
     kernel : interpolation kernel of even width
     n_layers : layers in this batch
     antenna : None for an isotropic one, whose weight is 1
+    band : None where every pulse serves every pixel
 
     Notes
     -----
@@ -91,9 +120,11 @@ def accumulate(
         ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
         azimuth = dr.gather(types.Array4f, axes, 4 * t)
         weight = azimuth[3]
-        if antenna is not None:
+        if antenna is not None or band is not None:
             elevation = dr.gather(types.Array4f, axes, 4 * t + 1)
             boresight = dr.gather(types.Array4f, axes, 4 * t + 2)
+        if band is not None:
+            forward = dr.gather(types.Array4f, axes, 4 * t + 3)
         row = t * pulses.n_stored
         for i, (x, y, z) in enumerate(pixels):
             # range and carrier phase
@@ -109,9 +140,14 @@ def accumulate(
             inside = dr.select(valid, position, 0.0)
             used = dr.select(valid, weight, 0.0)
             gain = Float(square * scales.inverse_square)
-            if antenna is not None:
+            if antenna is not None or band is not None:
                 inverse = Float(dr.rcp(r))
                 ux, uy, uz = Float(dx) * inverse, Float(dy) * inverse, Float(dz) * inverse
+            if band is not None:
+                sine = ux * forward[0] + uy * forward[1] + uz * forward[2]
+                step = elevation[3] * inverse * (1.0 - sine * sine)
+                used *= band.weight(types, sine - forward[3], step)
+            if antenna is not None:
                 sa = ux * azimuth[0] + uy * azimuth[1] + uz * azimuth[2]
                 se = ux * elevation[0] + uy * elevation[1] + uz * elevation[2]
                 ahead = ux * boresight[0] + uy * boresight[1] + uz * boresight[2] > 0.0
@@ -147,4 +183,4 @@ def accumulate(
     return list(out[1:])
 
 
-__all__ = ["AXES_STRIDE", "PULSE_STRIDE", "PulseBatch", "Scales", "accumulate"]
+__all__ = ["AXES_STRIDE", "PULSE_STRIDE", "ApertureBand", "PulseBatch", "Scales", "accumulate"]

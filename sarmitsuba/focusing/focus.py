@@ -1,10 +1,14 @@
 """Raw data in, calibrated complex image out."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Literal
 
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focusing.aperture import azimuth_cell, incidence_angle
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.focusing.aperture import incidence_angle
+from sarmitsuba.focusing.cells import azimuth_cells
+from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.range_compression import range_compress
@@ -61,15 +65,16 @@ def focus(
     middle = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(raw.radar, middle)
     range_cell = raw.radar.waveform.range_cell * range_window.broadening
-    cell, polynomial = azimuth_cell(
-        raw.radar, grid, middle, incidence, focused.pulse_weights, range_window, range_cell
-    )
+    cells = azimuth_cells(raw.radar, grid, focused.pulse_weights, range_window)
+    for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
+        if text:
+            warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     facts = {
         "method": focuser.name,
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),
         **focuser.options,
-        "azimuth_cell_polynomial": polynomial,
+        **cells.facts,
         "center_position": [float(v) for v in raw.radar.track.center_position],
         "range_compression": raw.metadata.get("range_compression", "none"),
     }
@@ -78,7 +83,7 @@ def focus(
         layers=raw.layers,
         grid=grid,
         wavelength=raw.radar.waveform.wavelength,
-        azimuth_resolution_cell=cell,
+        azimuth_resolution_cell=cells.center,
         range_resolution_cell=range_cell,
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.look_grid import LookGrid
+from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import matched_weights
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -86,10 +87,15 @@ def plan_look(
     range_rate = -(leg @ velocity) / distance
 
     wave = radar.waveform
-    tau = radar.track.time - time
+    tau, cosine = radar.track.time - time, 1.0
     if zero_doppler:  # pulses relative to the closest approach of the image's centre
         center = tuple(n // 2 for n in image.shape)
         tau = tau + range_rate[center] * distance[center] / float(velocity @ velocity)
+        # range along closest approach changes by the cosine of the squint, azimuth by its sine, not its tangent
+        cosine = float(np.sqrt(1.0 - range_rate[center] ** 2 / float(velocity @ velocity)))
+        tau = tau * cosine
+    lit = np.flatnonzero(weights > 0.0)
+    weights, tau = weights[lit[0] : lit[-1] + 1], tau[lit[0] : lit[-1] + 1]
     edges = _edges(tau)
     reach = float(np.abs(edges).max())
     highest = wave.center_frequency + 0.5 * wave.bandwidth
@@ -118,7 +124,7 @@ def plan_look(
         n_range_rate=n_range_rate,
         width=width,
     )
-    response = _response(radar, grid, edges, weights, range_window)
+    response = _response(radar, grid, edges, weights, range_window, cosine)
     broadening = parse_window(range_window).broadening
     return Look(
         grid=grid,
@@ -137,6 +143,8 @@ def _centroid(radar: Radar, image: ImageGrid, azimuth_window: str) -> tuple[F64,
     track = radar.track
     middle = image.positions_on_line(image.shape[0] // 2)[image.shape[1] // 2]
     weights = matched_weights(radar, middle, azimuth_window)
+    if not weights.any():
+        raise DataError("image: no pulse illuminates the image's centre; move the image into the beam")
     share = weights / weights.sum()
     time = float(share @ track.time)
     position = np.array([np.interp(time, track.time, track.position[:, i]) for i in range(3)])
@@ -157,14 +165,18 @@ def _edges(tau: F64) -> F64:
 
 
 def _response(
-    radar: Radar, grid: LookGrid, edges: F64, weights: F64, range_window: str
+    radar: Radar, grid: LookGrid, edges: F64, weights: F64, range_window: str, cosine: float
 ) -> NDArray[np.float32]:
-    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds."""
+    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds.
+
+    ``cosine`` : change of slant range over that of the grid's range coordinate
+    """
     wave = radar.waveform
     bins = (
         scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)
     )  # baseband frequency, Hz
     half = 0.25 * SPEED_OF_LIGHT / (grid.n_range * grid.range_step)
+    bins, half = bins / cosine, half / cosine
     fine = np.linspace(-0.5, 0.5, 4097)
     window = parse_window(range_window)(fine)
     cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (window[1:] + window[:-1]) * np.diff(fine))])

@@ -127,21 +127,27 @@ class SarImage:
 
     @property
     def cell_area(self) -> NDArray[np.float64]:
-        """(n_range,) float64 ground area that divides RCS into sigma0, m^2.
+        """(n_azimuth, n_range) float64 ground area that divides RCS into sigma0, m^2.
 
         The azimuth cell is that of the image's centre; where the focuser recorded how it varies over range (a fixed
-        aperture has a cell proportional to range), that is applied.
+        aperture has a cell proportional to range) and over rows (which may lack part of the aperture), that is applied.
         """
         azimuth = np.full(self.grid.range.shape, self.azimuth_resolution_cell)
         fit = self.metadata.get("focus", {}).get("azimuth_cell_polynomial")
         if fit is not None:
             x = (self.grid.range - fit["center"]) / fit["scale"]
             azimuth *= np.polynomial.polynomial.polyval(x, np.asarray(fit["coefficients"], dtype=np.float64))
-        return np.asarray(azimuth * self.range_resolution_cell / np.sin(self.incidence_angle))
+        line = np.asarray(azimuth * self.range_resolution_cell / np.sin(self.incidence_angle))
+        table = self.metadata.get("focus", {}).get("azimuth_cell_rows")
+        if table is None:
+            return np.broadcast_to(line, self.grid.shape)
+        nodes = np.array([np.interp(self.grid.range, table["range"], row) for row in table["ratio"]])
+        ratio = [np.interp(self.grid.azimuth, table["azimuth"], column) for column in nodes.T]
+        return np.asarray(np.transpose(ratio) * line)
 
     def sigma0(self, channel: str | None = None) -> NDArray[np.float64]:
         """Normalised radar cross section of flat ground, linear."""
-        return np.asarray(self.rcs(channel) / self.cell_area[None, :])
+        return np.asarray(self.rcs(channel) / self.cell_area)
 
 
 __all__ = ["ImageGrid", "SarImage"]

@@ -11,7 +11,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -142,6 +142,44 @@ class _Wanted:
         """Longest aperture allowed, m."""
         return MAX_APERTURE * self.geometry.slant_range
 
+    @property
+    def own_apertures(self) -> bool:
+        """Whether pixels are lit in turn, and each by an aperture that the azimuth resolution sets.
+
+        A beam that is isotropic lights every pixel from everywhere, and a given number of pulses without a resolution
+        is one aperture for all.
+        """
+        s = self.given.sensor
+        lit_in_turn = MODES[s.mode].own_apertures and self.antenna.pattern != "isotropic"
+        return lit_in_turn and (s.n_pulses == 0 or s.azimuth_resolution > 0.0)
+
+    def half_aperture(self) -> float:
+        """Half the aperture of a pixel, in sines, at most to the first null; infinite for one aperture for all."""
+        if not self.own_apertures:
+            return np.inf
+        offset = self.geometry.aim - self.geometry.center
+        x = float(offset @ self.geometry.along)
+        closest = float(np.linalg.norm(offset - x * self.geometry.along))
+        end = np.array([x - 0.5 * self.length(), x + 0.5 * self.length()])
+        half = 0.5 * float(np.ptp(end / np.hypot(end, closest)))
+        return min(half, self.geometry.cos_squint * sine_to_null(self.antenna.azimuth_beamwidth))
+
+    def track_length(self, half_aperture: float) -> float:
+        r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.
+
+        .. math:: x_t = x - \rho \tan(\arcsin(\sin\psi \pm s_a))
+
+        for a pixel at azimuth x and closest range rho, squint psi and half aperture s_a.
+        """
+        if not np.isfinite(half_aperture):
+            return self.length()
+        offset = self.box.samples() + self.geometry.axes @ (self.geometry.aim - self.geometry.center)
+        closest = np.hypot(offset[:, 1], offset[:, 2])
+        sine = float(self.geometry.line_of_sight @ self.geometry.along)
+        edge = np.clip(sine + np.array([-1.0, 1.0]) * half_aperture, -0.99, 0.99)
+        ends = offset[:, :1] - closest[:, None] * edge / np.sqrt(1.0 - edge**2)
+        return 2.0 * float(np.abs(ends).max())
+
     def length(self) -> float:
         """Aperture of the azimuth resolution, m."""
         s = self.given.sensor
@@ -155,7 +193,7 @@ class _Wanted:
             )
         return length
 
-    def prf(self, aperture: float) -> float:
+    def prf(self, aperture: float, half_aperture: float = np.inf) -> float:
         """Pulse repetition frequency that samples the Doppler bandwidth of an aperture (m), Hz."""
         s, along = self.given.sensor, self.geometry.along
         ends = self.geometry.center + np.array([-0.5, 0.0, 0.5])[:, None] * aperture * along
@@ -163,13 +201,16 @@ class _Wanted:
         at_once = MODES[s.mode].instantaneous_doppler
         wavelength = self.waveform.wavelength
         spread = doppler_bandwidth(ends, velocity, self.box, wavelength, instantaneous=at_once)
-        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, s.speed, wavelength))
+        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, s.speed, wavelength, half_aperture))
 
 
 def straight_track(
     given: RadarInput, geometry: AimGeometry, box: Box, waveform: Waveform, antenna: Antenna
-) -> Track:
-    """Straight track whose aperture, prf and number of pulses agree.
+) -> tuple[Track, float]:
+    """Straight track whose aperture, prf and number of pulses agree, and half the aperture of a pixel in sines.
+
+    Where the beam passes over the pixels in turn, the track is as long as the aperture and the image together, so that
+    every pixel has its whole aperture.
 
     Raises
     ------
@@ -184,26 +225,27 @@ def straight_track(
             f"{s.azimuth_resolution:g} m describe the aperture twice; set one of them to 0"
         )
     wanted = _Wanted(given, geometry, box, waveform, antenna)
-    length, longest = wanted.length(), wanted.longest
+    half, longest = wanted.half_aperture(), wanted.longest
+    length = wanted.track_length(half)
     if n and s.azimuth_resolution > 0.0:
         prf = n * speed / length
     elif n and not prf:
         prf = _prf_for_pulses(wanted.prf, n, speed, n * speed / longest)
     elif not prf:
-        prf = max(wanted.prf(length), speed / length)
+        prf = max(wanted.prf(wanted.length(), half), speed / length)
     if not n:
-        n = max(1, round(length * prf / speed))
+        n = max(1, round(length * prf / speed)) + 2 * int(np.isfinite(half))
     if n > MAX_PULSES:
         raise RadarError(
-            f"{where}: an aperture of {length:g} m at prf = {prf:g} Hz needs {n} pulses, more than "
+            f"{where}: a track of {length:g} m at prf = {prf:g} Hz needs {n} pulses, more than "
             f"{MAX_PULSES}; coarsen azimuth_resolution, shrink the image or narrow the beam"
         )
-    if n > 1 and n * speed / prf > longest * (1.0 + 1e-9):
+    if n > 1 and not np.isfinite(half) and n * speed / prf > longest * (1.0 + 1e-9):
         raise RadarError(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return Track.straight(geometry.center, speed * geometry.along, prf, n)
+    return Track.straight(geometry.center, speed * geometry.along, prf, n), half
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

@@ -76,8 +76,9 @@ def build_radar(
     cells = (known_azimuth_cell(given, geometry, waveform, track), waveform.range_cell)
     image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
+    half_aperture = np.inf
     if track is None:
-        track = straight_track(given, geometry, box, waveform, antenna)
+        track, half_aperture = straight_track(given, geometry, box, waveform, antenna)
     _check_height(given, track, scene, image, shift)
     radar = Radar(
         mode=s.mode,
@@ -92,6 +93,7 @@ def build_radar(
         transmit_power=s.transmit_power,
         noise_temperature=s.noise_temperature,
         losses=float(power_from_db(s.losses_db)),
+        half_aperture=half_aperture,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     for text in ambiguities(radar, seen, given.where, derived=prf_derived):

@@ -79,10 +79,13 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     lam = radar.waveform.wavelength
-    at_once = radar.mode_law.instantaneous_doppler or not track.is_straight
-    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
     speed = float(np.linalg.norm(velocity, axis=1).max())
-    beam = beam_bandwidth(radar.antenna, speed, lam)
+    own = np.isfinite(radar.half_aperture)  # the track is longer than any pixel's aperture
+    at_once = own or radar.mode_law.instantaneous_doppler or not track.is_straight
+    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
+    if own:
+        needed += 4.0 * speed / lam * radar.half_aperture
+    beam = beam_bandwidth(radar.antenna, speed, lam, radar.half_aperture)
     needed = min(needed, beam)
     if prf < needed * (1.0 - 1e-9):
         remedy = "raise n_pulses or coarsen azimuth_resolution" if derived else "raise prf"

@@ -61,7 +61,13 @@ class RadarDescription:
         auto=True,
     )
     n_pulses: int = described(
-        0, "pulses in the aperture; automatic: from azimuth_resolution", "", 0, 10_000_000, auto=True
+        0,
+        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap with a beam the image's "
+        "azimuth extent beside it, so that every row has its whole aperture",
+        "",
+        0,
+        10_000_000,
+        auto=True,
     )
     azimuth_resolution: float = described(
         0.0,

@@ -93,7 +93,8 @@ class RadarMode(ABC):
     instantaneous_doppler : the Doppler bandwidth is what the image spreads over at one instant, because beam and
         focuser follow the aim point; False counts the spread over the whole aperture
     own_apertures : the beam passes over the pixels in turn, so that each has an aperture of its own, about its
-        own closest approach; False where all pixels are lit by the same pulses
+        own closest approach, and the automatic track holds the apertures of the whole image; False where all pixels
+        are lit by the same pulses
     """
 
     name: str

@@ -53,6 +53,8 @@ class Radar:
     transmit_power : W
     noise_temperature : K; 0 adds no receiver noise
     losses : two-way system losses, linear power >= 1
+    half_aperture : half the synthetic aperture of every pixel, in sines: pulses serve a pixel while the sine of its
+        direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     """
 
     mode: str
@@ -67,6 +69,7 @@ class Radar:
     transmit_power: float = 1.0
     noise_temperature: float = 0.0
     losses: float = 1.0
+    half_aperture: float = np.inf
 
     @property
     def mode_law(self) -> RadarMode:

@@ -102,11 +102,18 @@ def doppler_bandwidth(
     return float(np.ptp(frequency))
 
 
-def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float) -> float:
-    """Doppler spread between the first nulls of the beam at one instant, Hz; infinite when isotropic."""
+def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float, half_aperture: float = np.inf) -> float:
+    r"""Pulse rate (Hz) above which the beam, out to its first nulls, folds nothing into the processed band.
+
+    .. math:: f = \frac{2 v}{\lambda} (s_0 + \min(s_0, s_a))
+
+    s_0 the sine to the first null and s_a ``half_aperture``; infinite when isotropic. Without ``half_aperture`` it is
+    the Doppler spread of the whole beam at one instant.
+    """
     if antenna.pattern == "isotropic":
         return np.inf
-    return 2.0 * speed / wavelength * 2.0 * sine_to_null(antenna.azimuth_beamwidth)
+    null = sine_to_null(antenna.azimuth_beamwidth)
+    return 2.0 * speed / wavelength * (null + min(null, half_aperture))
 
 
 def receive_window(

@@ -8,12 +8,12 @@ from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
-from sarmitsuba.focusing import azimuth_cell, default_grid
-from sarmitsuba.focusing.aperture import CellPolynomial, incidence_angle, matched_weights
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
+from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -112,7 +112,7 @@ class Imager:
         if run.plan.on("noise"):
             self._add_noise(data, layers.layers)
             run.timer.lap("noise")
-        return self._package(data, layers.layers, "image")
+        return self._package(data, layers.layers, "image", self._look_cells())
 
     def raster(self) -> SarImage:
         """Project the scene once.
@@ -129,13 +129,13 @@ class Imager:
             )
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
-        cell = azimuth_cell_of(run.scene, self.grid, *self.windows)[0]
+        cell = self._look_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
         run.timer.lap("raster")
         layers = tuple(Layer(c) for c in run.scene.radar.channels)
         run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
-        return self._package(data, layers, "raster")
+        return self._package(data, layers, "raster", self._raster_cells(cell))
 
     def _rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
         assert self.sampling is not None
@@ -203,10 +203,31 @@ class Imager:
             for i in targets:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
-    def _package(self, data: C64, layers: tuple[Layer, ...], method: str) -> SarImage:
+    def _look_cells(self) -> AzimuthCells:
+        """Cells of the one look: one response for all pixels, that of the image's centre."""
+        radar, grid = self.run.scene.radar, self.grid
+        weights = matched_weights(
+            radar, grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2], self.windows[1]
+        )
+        # in coordinates of closest approach the response is the same on every row
+        rows = not self.look.grid.zero_doppler
+        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
+
+    def _raster_cells(self, center: float) -> AzimuthCells:
+        """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
+        assert self.run.sampling is not None
+        grid, columns = self.grid, np.arange(self.grid.range.size)
+        incidence = incidence_angle(self.run.scene.radar, grid.positions_on_line(grid.shape[0] // 2))
+        to_ground = np.sin(
+            self.run.sampling.window.incidence
+        )  # slant-range cell over its length on the ground
+        if grid.kind == "slant":
+            to_ground = grid.across_distance() / grid.range
+        return AzimuthCells(*fit_columns(grid, columns, center * np.sin(incidence) / to_ground))
+
+    def _package(self, data: C64, layers: tuple[Layer, ...], method: str, cells: AzimuthCells) -> SarImage:
         run = self.run
         radar = run.scene.radar
-        cell, polynomial = azimuth_cell_of(run.scene, self.grid, *self.windows)
         broadening = parse_window(self.windows[0]).broadening
         middle = self.grid.positions_on_line(self.grid.azimuth.size // 2)
         run.timer.lap("calibrate")
@@ -214,7 +235,7 @@ class Imager:
             "method": method,
             "range_window": self.windows[0],
             "azimuth_window": self.windows[1],
-            "azimuth_cell_polynomial": polynomial,
+            **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position],
         }
         metadata = image_metadata(run, method, focus)
@@ -226,29 +247,11 @@ class Imager:
             layers=layers,
             grid=self.grid,
             wavelength=radar.waveform.wavelength,
-            azimuth_resolution_cell=cell,
+            azimuth_resolution_cell=cells.center,
             range_resolution_cell=radar.waveform.range_cell * broadening,
             incidence_angle=incidence_angle(radar, middle),
             metadata=metadata,
         )
-
-
-def azimuth_cell_of(
-    scene: Scene, grid: ImageGrid, range_window: str, azimuth_window: str
-) -> tuple[float, CellPolynomial]:
-    """Noise-equivalent azimuth cell at the grid's centre, m, and its change over range, as the focuser states it."""
-    radar = scene.radar
-    middle = grid.positions_on_line(grid.azimuth.size // 2)
-    range_cell = radar.waveform.range_cell * parse_window(range_window).broadening
-    return azimuth_cell(
-        radar,
-        grid,
-        middle,
-        incidence_angle(radar, middle),
-        lambda point: matched_weights(radar, point, azimuth_window),
-        range_window,
-        range_cell,
-    )
 
 
 def spread_points(
@@ -275,4 +278,4 @@ def spread_points(
     return out.astype(np.complex64)
 
 
-__all__ = ["Imager", "azimuth_cell_of", "spread_points"]
+__all__ = ["Imager", "spread_points"]

@@ -270,3 +270,48 @@ def test_an_unknown_mode_is_refused_with_the_names() -> None:
     radar, _, _ = build()
     with pytest.raises(ExtensionError, match="radar mode 'elsewhere' is unknown"):
         _ = replace(radar, mode="elsewhere").mode_law
+
+
+BEAM = {"pattern": "gaussian", "azimuth_beamwidth_deg": 4.0, "elevation_beamwidth_deg": 20.0}
+
+
+@pytest.mark.parametrize("squint", [0.0, 20.0])
+@pytest.mark.parametrize("azimuth_beamwidth_deg", [4.0, 0.4])
+def test_stripmap_flies_aperture_and_image(squint: float, azimuth_beamwidth_deg: float) -> None:
+    # every corner's band, out to the beam's null at most, lies within the track; and nothing is ambiguous
+    film = {"image_extent_azimuth": 300.0, "image_extent_range": 200.0}
+    beam = {**BEAM, "azimuth_beamwidth_deg": azimuth_beamwidth_deg}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        radar, _, _ = build(film=film, azimuth_resolution=1.0, squint_angle_deg=squint, **beam)
+    # aperture 0.15 km of 1 m cells at 10 km; null of the Gaussian beam of 0.4 deg at 0.0079
+    wavelength = radar.waveform.wavelength
+    null = np.sin(np.radians(0.5 * azimuth_beamwidth_deg)) / 0.442946 * np.cos(np.radians(squint))
+    half = min(0.5 * wavelength / 2.0 * np.cos(np.radians(squint)), null)
+    assert radar.half_aperture == pytest.approx(half, rel=1e-3)  # tol: sine for angle
+    for x in (-100.0, 100.0):
+        for y in (-150.0, 150.0):
+            line = np.array([x, y, 0.0]) - radar.track.position
+            sine = line @ radar.track.along / np.linalg.norm(line, axis=1)
+            offset = sine - np.sin(np.radians(squint))
+            assert offset.max() > half and offset.min() < -half
+    flown = float(np.linalg.norm(np.ptp(radar.track.position, axis=0)))
+    needed = 300.0 + 2.0 * half * 10e3 / np.cos(np.radians(squint)) ** 3
+    # squint shears the image: 100 m across by the tangent over the sine of the look angle, on both sides
+    needed += 2.0 * 100.0 * np.sin(np.radians(45.0)) * np.tan(np.radians(squint))
+    assert flown == pytest.approx(needed, rel=0.05)  # tol: the image's own spread of ranges
+
+
+def test_one_aperture_for_all_keeps_its_track() -> None:
+    film = {"image_extent_azimuth": 300.0, "image_extent_range": 200.0}
+    short, _, _ = build(film=film, azimuth_resolution=1.0)
+    given, _, _ = build(film=film, n_pulses=256, **BEAM)
+    spot, _, _ = build(film=film, azimuth_resolution=1.0, mode="spotlight", **BEAM)
+    for radar in (short, given, spot):
+        assert np.isinf(radar.half_aperture)
+    assert given.track.n_pulses == 256
+    assert np.linalg.norm(np.ptp(short.track.position, axis=0)) == pytest.approx(
+        156.0, rel=0.01
+    )  # tol: a pulse
+    both, _, _ = build(film=film, azimuth_resolution=1.0, n_pulses=600, **BEAM)
+    assert both.track.n_pulses == 600 and np.linalg.norm(np.ptp(both.track.position, axis=0)) > 450.0

@@ -13,10 +13,11 @@ from sarmitsuba.backend import arrays, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture import flight, matched_weights
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     PULSE_STRIDE,
+    ApertureBand,
     PulseBatch,
     Scales,
     accumulate,
@@ -37,6 +38,8 @@ _MAX_LAYERS = 4
 _PIXELS_PER_LANE = {1: 4, 2: 2, 3: 2, 4: 1}
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
+# nodes of the azimuth window over a pixel's own aperture
+_WINDOW_NODES = 1025
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,8 @@ def backproject(
     .. math:: I(p) = \frac{\sum_t w_t g_t R_t^2 s_t(R_t) e^{+j 4 \pi f_c R_t / c}}{K \sum_t w_t g_t^2},
               \quad R_t = |p - A_t|
 
-    with g the antenna's relative two-way amplitude towards p, so that :math:`|I|^2` is the RCS at a point's peak
+    with w the azimuth window over the pulses, or over the pixel's own aperture where the radar states one (stripmap),
+    and g the antenna's relative two-way amplitude towards p, so that :math:`|I|^2` is the RCS at a point's peak
     whatever the range, track, window and pattern.
 
     Parameters
@@ -85,7 +89,7 @@ def backproject(
     raw : range-compressed data
     target : a grid, or an (n, 3) list of scene-frame points, m
     range_window, azimuth_window : names for :func:`sarmitsuba.focusing.windows.parse_window`; azimuth is over the
-        pulse index
+        pulse index, or over the sine along the flight within the pixel's own aperture
     interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
     oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
@@ -108,15 +112,18 @@ def backproject(
     plan = plan_profiles(
         raw.radar, parse_window(range_window), interpolation=interpolation, oversampling=oversampling
     )
-    weights = parse_window(azimuth_window).aperture(raw.radar.track.n_pulses)
+    window, n_pulses = parse_window(azimuth_window), raw.radar.track.n_pulses
+    own = np.isfinite(raw.radar.half_aperture)
+    weights = np.ones(n_pulses) if own else window.aperture(n_pulses)
+    band = _band(types, raw.radar, window) if own else None
     shape = target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
     n_layers = len(raw.layers)
     image = np.empty((n_layers, int(np.prod(shape))), dtype=np.complex64)
-    meter = _Meter(progress, float(image.size) * raw.radar.track.n_pulses)
+    meter = _Meter(progress, float(image.size) * n_pulses)
     for start in range(0, n_layers, _MAX_LAYERS):
         layers = slice(start, min(start + _MAX_LAYERS, n_layers))
         for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start], tile_pixels):
-            _focus_tile(types, raw, layers, plan, weights, tile, image, meter, batch_bytes)
+            _focus_tile(types, raw, layers, plan, weights, band, tile, image, meter, batch_bytes)
     return image.reshape(n_layers, *shape)
 
 
@@ -126,6 +133,7 @@ def _focus_tile(
     layers: slice,
     plan: ProfilePlan,
     weights: F64,
+    band: ApertureBand | None,
     tile: _Tile,
     image: C64,
     meter: _Meter,
@@ -159,7 +167,7 @@ def _focus_tile(
             axes=types.Float32(_axes_table(radar, weights, batch)),
             profiles=types.Float32(plan.paired(raw.data[layers, batch]).ravel()),
         )
-        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, antenna)
+        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, antenna, band)
         dr.eval(state)
         dr.sync_thread()
         meter.add(float(np.count_nonzero(tile.index >= 0)) * n * n_layers)
@@ -190,12 +198,18 @@ def _pulse_table(radar: Radar, plan: ProfilePlan, batch: slice) -> F64:
     return table.ravel()
 
 
+def _band(types: ModuleType, radar: Radar, window: Window) -> ApertureBand:
+    nodes = window(np.linspace(-0.5, 0.5, _WINDOW_NODES)).astype(np.float32)
+    return ApertureBand(dr.opaque(types.Float32, radar.half_aperture), types.Float32(nodes))
+
+
 def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]:
     table = np.zeros((batch.stop - batch.start, AXES_STRIDE), dtype=np.float32)
     table[:, 0:3] = radar.pointing.azimuth_axis[batch]
     table[:, 3] = weights[batch]
     table[:, 4:7] = radar.pointing.elevation_axis[batch]
     table[:, 8:11] = radar.pointing.boresight[batch]
+    table[:, 12:15], table[:, 15], table[:, 7] = (part[batch] for part in flight(radar))
     return table.ravel()
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing.aperture import direction_gain, look_directions
+from sarmitsuba.focusing.aperture import aperture_weights, band_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window, parse_window
@@ -94,8 +94,9 @@ def omega_k(
     -----
     Ignores the part of a range column's aperture that the receive window cuts off (backprojection renormalises it).
     In spotlight mode the antenna pattern is compensated at each pixel but not used as a weight; in stripmap mode
-    the weight is the pattern at the image's central range. Where the aperture's and the image's Doppler band together
-    pass the PRF the pulse rate is raised by deramping; an image too wide even for that folds, with a warning.
+    the weight is the pattern at the image's central range, over the pixels' own apertures where the radar states
+    them. Where the aperture's and the image's Doppler band together pass the PRF the pulse rate is raised by deramping;
+    an image too wide even for that folds, with a warning.
     """
     if raw.domain != "compressed":
         raise DataError("omega-K: the data are not range compressed; call range_compress first")
@@ -104,7 +105,8 @@ def omega_k(
     if refusal:
         raise DataError(f"omega-K: {refusal}")
     geometry = _geometry(radar, grid)
-    weights = parse_window(azimuth_window).aperture(radar.track.n_pulses)
+    window, own = parse_window(azimuth_window), np.isfinite(radar.half_aperture)
+    weights = np.ones(radar.track.n_pulses) if own else window.aperture(radar.track.n_pulses)
 
     # spectrum over fast time, time origin at range_center for every pulse
     plan = plan_spectrum(radar, parse_window(range_window), extra=_walk(radar, geometry))
@@ -116,7 +118,7 @@ def omega_k(
     shift = np.exp(-1j * np.outer(radar.window.start_range - geometry.range_center, offset))
     shift = (shift * weights[:, None]).astype(np.complex64)
 
-    factor = _normalisation(radar, grid, geometry, weights) * np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
+    factor = _normalisation(radar, grid, geometry, window) * np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
     factor = factor * grid.range**2.5 / plan.n_fft
     upsampling = _upsampling(radar, grid, geometry)
     k = offset + 4.0 * np.pi / radar.waveform.wavelength
@@ -129,7 +131,7 @@ def omega_k(
             spectrum, dense = _densify(spectrum, k, geometry, upsampling)
         n_x = scipy.fft.next_fast_len(int(np.ceil(_period(radar, grid, dense) / dense.spacing)))
         spectrum = scipy.fft.fft(spectrum, n=n_x, axis=0, workers=-1, overwrite_x=True)
-        columns, first = _stolt(spectrum, radar, grid, dense, offset, n_x)
+        columns, first = _stolt(spectrum, radar, grid, dense, offset, n_x, window)
         image[layer] = _to_azimuth(columns, first, n_x, grid, dense) * (factor / (n_x * dense.spacing))
         progress("focus", layer + 1.0, float(len(raw.layers)), {})
     return image
@@ -176,10 +178,17 @@ def _upsampling(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> int:
     look = look_directions(radar, corners)[:, ::step]
     center = np.hypot(geometry.x - geometry.x_center, geometry.rho_center)
     sin = look @ grid.along
-    seen = direction_gain(radar, slice(None, None, step), look) > 0.02
+    own = np.isfinite(radar.half_aperture)
+    # pixels with apertures of their own: the beam's side lobes fold over, as in any stripmap radar
+    seen = direction_gain(radar, slice(None, None, step), look) > (0.05 if own else 0.02)
     nyquist = np.pi / geometry.spacing / (4.0 * np.pi / radar.waveform.wavelength)  # in sin(angle)
     band = float(np.abs(sin - geometry.sin_squint)[seen].max(initial=0.0)) / nyquist
     deramped = sin - ((geometry.x_center - geometry.x) / center)[::step]
+    if own:  # what folds must stay out of the band that is processed, nothing more
+        extent = np.abs(sin - _boresight_sine(radar))[seen].max(initial=0.0) + radar.half_aperture
+        band = 0.5 * float(extent) / nyquist
+        if band < 1.0:
+            return 1
     if float(np.abs(deramped)[seen].max(initial=0.0)) / nyquist < 0.95:
         return max(1, int(np.ceil(band / _BAND_FILL)))
     if band > 1.05:
@@ -237,20 +246,20 @@ def _period(radar: Radar, grid: ImageGrid, geometry: _Geometry) -> float:
     return float(max(high - data[0], data[1] - low)) + 32.0 * geometry.spacing
 
 
-def _normalisation(radar: Radar, grid: ImageGrid, geometry: _Geometry, weights: F64) -> F64:
+def _normalisation(radar: Radar, grid: ImageGrid, geometry: _Geometry, window: Window) -> F64:
     """1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero where the data hold nothing."""
-    if radar.antenna.pattern == "isotropic":
-        total = np.full(grid.shape, weights.sum())
+    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
+        total = np.full(grid.shape, window.aperture(radar.track.n_pulses).sum())
     else:  # smooth: summed at a few nodes, linear between them
         columns = np.unique(np.linspace(0, grid.range.size - 1, 33).astype(int))
         rows = np.unique(np.linspace(0, grid.azimuth.size - 1, 65).astype(int))
         nodes = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns])
         coarse = np.array(
-            [pulse_weights(radar, grid, line, weights).sum(axis=-1) for line in nodes.positions()]
+            [pulse_weights(radar, grid, line, window).sum(axis=-1) for line in nodes.positions()]
         )
         between = np.array([np.interp(np.arange(grid.range.size), columns, line) for line in coarse])
         total = np.array([np.interp(np.arange(grid.azimuth.size), rows, line) for line in between.T]).T
-    scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * weights.sum())
+    scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
     # pixels that the receive window does not contain at mid-aperture hold no data
     start = float(radar.window.start_range[radar.track.center_index])
     r = np.hypot(grid.azimuth[:, None] - 0.5 * (geometry.x[0] + geometry.x[-1]), grid.range)
@@ -258,15 +267,16 @@ def _normalisation(radar: Radar, grid: ImageGrid, geometry: _Geometry, weights: 
     return np.asarray(scale / radar.amplitude_constant)
 
 
-def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, weights: F64) -> F64:
+def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, azimuth_window: str | Window) -> F64:
     """Weight w g g_filter of every pulse in omega-K's pixel at points (..., 3), giving (..., n_pulses) float64."""
+    weights = aperture_weights(radar, point, azimuth_window)
     look = look_directions(radar, point)
     gain = direction_gain(radar, slice(None), look)
     return np.asarray(weights * gain * _filter_gain(radar, grid, look @ grid.along))
 
 
 def _stolt(
-    spectrum: C64, radar: Radar, grid: ImageGrid, geometry: _Geometry, offset: F64, n_x: int
+    spectrum: C64, radar: Radar, grid: ImageGrid, geometry: _Geometry, offset: F64, n_x: int, window: Window
 ) -> tuple[C64, int]:
     """Map (kx, k) to (kx, rho): returns (n_kx, n_range) complex64 and the index m of its first kx = 2 pi m / period."""
     kernel = spreading_kernel(_WIDTH)
@@ -300,6 +310,8 @@ def _stolt(
         phase -= kx * (geometry.x[0] - geometry.x_center)
         value = spectrum[m[part] % n_x] * np.exp(1j * phase) * (k**3 / ky**3.5)
         value *= _filter_gain(radar, grid, kx / k)
+        if np.isfinite(radar.half_aperture):
+            value *= band_weights(kx / k - _boresight_sine(radar), dkx / k, radar.half_aperture, window)
         value[~keep] = 0.0
 
         position = (ky - ky_center) * cells
@@ -315,6 +327,12 @@ def _stolt(
         lines = scipy.fft.ifft(gridded.reshape(-1, n_y).astype(np.complex64), axis=1, workers=-1)
         out[part] = lines[:, pixel % n_y] * carrier
     return out, first
+
+
+def _boresight_sine(radar: Radar) -> float:
+    """Sine of the beam along the flight, the same for all pulses of a straight track's stripmap."""
+    middle = radar.track.center_index
+    return float(radar.pointing.boresight[middle] @ radar.track.along)
 
 
 def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
@@ -369,7 +387,6 @@ class OmegaK(Focuser):
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
         radar, grid = task.raw.radar, task.grid
-        weights = task.azimuth_window.aperture(radar.track.n_pulses)
         pixels = omega_k(
             task.raw,
             grid,
@@ -377,7 +394,7 @@ class OmegaK(Focuser):
             azimuth_window=task.azimuth_window,
             progress=task.progress,
         )
-        return Focused(pixels, lambda point: pulse_weights(radar, grid, point, weights))
+        return Focused(pixels, lambda point: pulse_weights(radar, grid, point, task.azimuth_window))
 
 
 FOCUSERS.register(OmegaK())

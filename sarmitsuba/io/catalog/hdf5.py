@@ -56,6 +56,7 @@ _UNITS = {
     "elevation_axis": "1",
     "elevation_beamwidth": "rad",
     "gain": "1",
+    "half_aperture": "1",
     "height": "m",
     "incidence_angle": "rad",
     "losses": "1",

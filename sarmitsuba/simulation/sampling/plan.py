@@ -231,8 +231,10 @@ class SamplingPlan:
 
 
 def azimuth_cell(scene: Scene) -> float:
-    """Azimuth resolution cell lambda / (2 theta) of the whole aperture at the image centre, m."""
+    """Azimuth resolution cell lambda / (2 theta) of a pixel's aperture at the image centre, m."""
     track = scene.radar.track
+    if np.isfinite(scene.radar.half_aperture):
+        return float(scene.radar.waveform.wavelength / (4.0 * scene.radar.half_aperture))
     middle = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
     first, last = track.position[0] - middle, track.position[-1] - middle
     mean_range = 0.5 * (np.linalg.norm(first) + np.linalg.norm(last))

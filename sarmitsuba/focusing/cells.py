@@ -1,0 +1,172 @@
+"""Azimuth cells of a whole image: what turns radar cross sections into sigma0, range column by row."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle
+from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+
+# rows at which the azimuth cell is worked out where it varies, and columns
+_ROW_NODES, _COLUMN_NODES = 65, 9
+# least change of the cell over rows that is kept, log10: 0.01 dB
+_LEAST_CHANGE = 1e-3
+# azimuth cell over the middle row's from which rows are named in a warning
+_LONG_CELL = 1.1
+
+
+class CellPolynomial(TypedDict):
+    """How the azimuth cell varies over range: a polynomial in ``(r - center) / scale``, constant first and 1.
+
+    ``center`` and ``scale`` are in m of the grid's range coordinate.
+    """
+
+    center: float
+    scale: float
+    coefficients: list[float]
+
+
+class CellTable(TypedDict):
+    """How the azimuth cell varies over rows: its ratio to the middle row's, linear between nodes.
+
+    ``azimuth`` and ``range`` are the nodes in m of the grid's coordinates; ``ratio`` is a list of rows.
+    """
+
+    azimuth: list[float]
+    range: list[float]
+    ratio: list[list[float]]
+
+
+@dataclass(frozen=True)
+class AzimuthCells:
+    """Noise-equivalent azimuth cells of an image.
+
+    Parameters
+    ----------
+    center : m, at the grid's centre
+    polynomial : how it varies over range columns
+    rows : how it varies over rows; None where it does not
+    """
+
+    center: float
+    polynomial: CellPolynomial
+    rows: CellTable | None = None
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Entries of an image's ``focus`` metadata, from which :class:`SarImage` makes its cell area."""
+        facts: dict[str, Any] = {"azimuth_cell_polynomial": self.polynomial}
+        return facts if self.rows is None else facts | {"azimuth_cell_rows": self.rows}
+
+    @property
+    def warning(self) -> str:
+        """Which rows have a much longer cell than the middle one; empty when none has."""
+        if self.rows is None:
+            return ""
+        azimuth, worst = np.array(self.rows["azimuth"]), np.max(self.rows["ratio"], axis=1)
+        long = worst > _LONG_CELL
+        if not long.any():
+            return ""
+        middle = azimuth.size // 2
+        parts = [azimuth[half][long[half]] for half in (slice(0, middle), slice(middle, None))]
+        spans = " and ".join(f"{part[0]:.4g} to {part[-1]:.4g} m" for part in parts if part.size)
+        return (
+            f"the rows at azimuth {spans} lack part of their aperture, because the track is too short or the beam "
+            f"leaves them: their azimuth cell is up to {worst.max():.3g} times the middle row's, which sigma0 allows "
+            "for; lengthen the track (n_pulses = 0 makes it fit the image) or shrink image_extent_azimuth"
+        )
+
+
+def azimuth_cells(
+    radar: Radar,
+    grid: ImageGrid,
+    pulse_weights: Callable[[F64], F64],
+    range_window: str | Window,
+    *,
+    rows: bool = True,
+) -> AzimuthCells:
+    """Noise-equivalent azimuth cells of an image.
+
+    Defined by the area of the impulse response on the ground, so that they hold with squint and wide bands too.
+
+    Parameters
+    ----------
+    radar : gives track and waveform
+    grid : the image's
+    pulse_weights : weight of every pulse at a point, see :class:`sarmitsuba.focusing.focuser.Focused`
+    range_window : over the band
+    rows : False takes all rows for the middle one
+    """
+    line = grid.positions_on_line(grid.azimuth.size // 2)
+    incidence = incidence_angle(radar, line)
+    range_cell = radar.waveform.range_cell * parse_window(range_window).broadening
+    columns = np.unique(np.linspace(0, grid.range.size - 1, _COLUMN_NODES).round().astype(int))
+    area = np.array([ground_cell_area(radar, line[i], pulse_weights(line[i]), range_window) for i in columns])
+    center, polynomial = fit_columns(grid, columns, area * np.sin(incidence[columns]) / range_cell)
+    return AzimuthCells(
+        center, polynomial, _cell_rows(radar, grid, pulse_weights, range_window) if rows else None
+    )
+
+
+def fit_columns(grid: ImageGrid, columns: NDArray[np.int64], cell: F64) -> tuple[float, CellPolynomial]:
+    """Cell at the grid's central column, and its change over range, from its value (m) at some columns."""
+    center = float(grid.range[grid.range.size // 2])
+    scale = max(float(np.abs(grid.range - center).max()), 1.0)
+    x = (grid.range[columns] - center) / scale
+    fit = np.polynomial.polynomial.polyfit(x, cell, min(3, columns.size - 1))
+    middle = float(fit[0])
+    return middle, {"center": center, "scale": scale, "coefficients": [float(c / middle) for c in fit]}
+
+
+def _cell_rows(
+    radar: Radar, grid: ImageGrid, pulse_weights: Callable[[F64], F64], range_window: str | Window
+) -> CellTable | None:
+    """How the azimuth cell varies from row to row; None where it does not by more than 0.01 dB.
+
+    It does where the track or the beam gives some rows less than the whole aperture. Rows that no pulse sees have the
+    cell of the nearest row that some pulse sees.
+
+    Parameters
+    ----------
+    radar, grid : track and image
+    pulse_weights, range_window : as for :func:`azimuth_cells`
+    """
+
+    def ratios(n_rows: int, n_columns: int) -> tuple[NDArray[np.int64], NDArray[np.int64], F64]:
+        rows, columns = (
+            np.unique(np.linspace(0, size - 1, n).round().astype(np.int64))
+            for size, n in zip(grid.shape, (n_rows, n_columns), strict=True)
+        )
+        lines = np.array(
+            [grid.positions_on_line(int(row))[columns] for row in (grid.azimuth.size // 2, *rows)]
+        )
+        area = np.full(lines.shape[:2], np.nan)
+        for index in np.ndindex(area.shape):
+            with suppress(DataError):  # not seen
+                area[index] = ground_cell_area(radar, lines[index], pulse_weights(lines[index]), range_window)
+        return rows, columns, area[1:] / area[0]
+
+    rows, columns, ratio = ratios(5, 3)
+    if np.isfinite(ratio).all() and np.abs(np.log10(ratio)).max() < _LEAST_CHANGE:
+        return None
+    rows, columns, ratio = ratios(_ROW_NODES, _COLUMN_NODES)
+    for column in ratio.T:
+        seen = np.isfinite(column)
+        column[~seen] = np.interp(rows[~seen], rows[seen], column[seen]) if seen.any() else 1.0
+    return {
+        "azimuth": grid.azimuth[rows].tolist(),
+        "range": grid.range[columns].tolist(),
+        "ratio": ratio.tolist(),
+    }
+
+
+__all__ = ["AzimuthCells", "CellPolynomial", "CellTable", "azimuth_cells", "fit_columns"]
