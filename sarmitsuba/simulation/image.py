@@ -139,7 +139,11 @@ class Imager:
     def _rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
         assert self.sampling is not None
         if pass_index not in self._lattices:
-            self._lattices[pass_index] = self.run.lattices(self.sampling, pass_index)
+            middle = self.run.scene.radar.track.center_index
+            every = self.run.lattices(self.sampling, pass_index)
+            self._lattices[pass_index] = [
+                tuple(grid for grid in grids if grid.serves(middle)) for grids in every
+            ]
         return self._lattices[pass_index]
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:

@@ -104,9 +104,11 @@ def _trace(
             progress("trace", i + done, len(lattices), {"rays/s": rate})
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
+    pulse = run.scene.radar.track.center_index
+    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in lattices]
     return SamplingReport(
-        spacings=LatticeSpacings.of(lattices),
-        rays_per_key_pulse=sum(g.n_rays for grids in lattices for g in grids),
+        spacings=LatticeSpacings.of(middle),
+        rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
         scatterer_cell=sampling.scatterer_cell,
         key_pulse_interval=tracer.sampling.key_pulse_interval,
         grid_bytes=tracer.largest_grid,

@@ -7,9 +7,11 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import with_small_parts
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
@@ -69,30 +71,44 @@ class Run:
         assert self.trace_scene is not None
         flags = replace(
             sampling.flags,
-            taper=sampling.flags.taper and sampling.window.taper > 0,
+            taper=sampling.flags.taper and any(window.taper > 0 for window in sampling.windows),
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
         return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
 
     def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
-        """Lattices of every ray subset; other values of ``pass_index`` give independent ones."""
-        subsets = self.layers.subsets
-        assert self.trace_scene is not None
-        track = self.scene.radar.track
-        antennas = track.position[[0, track.center_index, -1]]
+        """Lattices of every ray subset; other values of ``pass_index`` give independent ones.
+
+        Raises
+        ------
+        RadarError
+            Not a single ray is left for some pulse.
+        """
         made = []
-        for subset in subsets:
+        for subset in self.layers.subsets:
             draw = subset + 2 * pass_index
             rng = np.random.default_rng([self.scene.settings.seed & 0x7FFFFFFF, draw, 0x50A1])
             plain = sampling.lattices(draw=draw, subset=subset)
-            finer = [
-                grid
-                for one in plain
-                for grid in with_small_parts(one, self.trace_scene, sampling.window.frame, antennas, rng)
-            ]
-            made.append(tuple(grid for grid in finer if grid.n_rays) or plain)
+            finer = [grid for one in plain for grid in self._with_small_parts(sampling, one, rng)]
+            made.append(tuple(grid for grid in finer if grid.n_rays))
+            for window in sampling.windows:
+                if not any(grid.serves(window.pulses[0]) for grid in made[-1]):
+                    raise RadarError(
+                        f"{self.scene.name}: rays {plain[0].spacing:.3g} m apart all pass beside what is to be seen, "
+                        f"{2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set ray_spacing "
+                        "to a fraction of that"
+                    )
         self.timer.lap("launch grid")
         return made
+
+    def _with_small_parts(
+        self, sampling: SamplingPlan, grid: LaunchGrid, rng: np.random.Generator
+    ) -> tuple[LaunchGrid, ...]:
+        """A lattice and the finer ones over small parts, as its own sector of the track sees them."""
+        assert self.trace_scene is not None
+        track = self.scene.radar.track
+        antennas = bounding_antennas(track, grid.pulses or (0, track.n_pulses))
+        return with_small_parts(grid, self.trace_scene, grid.frame or sampling.window.frame, antennas, rng)
 
 
 __all__ = ["Run"]

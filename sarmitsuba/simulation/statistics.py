@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
 
@@ -51,7 +53,8 @@ class LatticeSpacings:
     @staticmethod
     def of(lattices: Sequence[Sequence[LaunchGrid]]) -> "LatticeSpacings":
         """From the lattices of every subset."""
-        grids = [grid for subset in lattices for grid in subset]
+        # finer ones over small parts do not count: they serve those only
+        grids = [g for subset in lattices for g in subset if g.needs is None or np.isinf(g.needs[1])]
 
         def spacing(*purposes: Purpose) -> float:
             density = sum(grid.spacing**-2 for grid in grids if grid.purpose in purposes)

@@ -31,6 +31,7 @@ class LaunchGrid:
     frame : plane of its own, None for that of the launch window
     weight : (n_rays,) float32, amplitude of every ray, None where the window's fade-out holds
     needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
+    pulses : first pulse that these rays are for, and the one after the last; None: all
     """
 
     x: F32
@@ -44,6 +45,11 @@ class LaunchGrid:
     frame: "LaunchFrame | None" = None
     weight: F32 | None = None
     needs: tuple[float, float] | None = None
+    pulses: tuple[int, int] | None = None
+
+    def serves(self, pulse: int) -> bool:
+        """Whether these rays are for a pulse."""
+        return self.pulses is None or self.pulses[0] <= pulse < self.pulses[1]
 
     @property
     def n_rays(self) -> int:

@@ -50,7 +50,9 @@ def examples() -> dict[str, Example]:
     for section in PAGE.read_text(encoding="utf-8").split("\n## ")[1:]:
         heading, _, text = section.partition("\n")
         blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-        if blocks and heading != "A benchmark":  # test_benchmarks.py runs that one, in the benchmarks' own folder
+        if (
+            blocks and heading != "A benchmark"
+        ):  # test_benchmarks.py runs that one, in the benchmarks' own folder
             xml = tuple(re.findall(r"```xml\n(.*?)```", text, re.DOTALL))
             found[heading] = Example(heading, "\n".join(blocks), xml)
     return found
