@@ -24,6 +24,9 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
+# share of the echoes' power outside the receive window that is worth a warning
+LOST_POWER = 0.05
+
 
 def simulate(
     scene: Scene,
@@ -133,11 +136,11 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
             "far_range "
             f"of the range_film"
         )
-    if stats.outside <= 0.05 * max(stats.contributions, 1):
+    if stats.power_outside <= LOST_POWER * stats.power:
         return []
     text = (
-        f"{scene.name}: {100.0 * stats.outside / stats.contributions:.1f} % of the path contributions fall outside "
-        f"the receive window and are not recorded; widen near_range ... far_range of the range_film"
+        f"{scene.name}: {100.0 * stats.power_outside / stats.power:.1f} % of the echoes' power falls outside the "
+        f"receive window and is not recorded; widen near_range ... far_range of the range_film"
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
     return [text]

@@ -18,6 +18,7 @@ class TraceStatistics:
     outside : contributions outside the receive window or the Doppler window, dropped
     key_pulses : pulses that were traced
     path_pulses : contributions times the pulses they went to
+    power, power_outside : of all contributions and of those dropped, taken singly, W
     """
 
     rays: int = 0
@@ -26,14 +27,17 @@ class TraceStatistics:
     outside: int = 0
     key_pulses: int = 0
     path_pulses: int = 0
+    power: float = 0.0
+    power_outside: float = 0.0
 
     def plus(self, other: "TraceStatistics") -> "TraceStatistics":
         """Sum."""
         return TraceStatistics(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
     def scaled(self, factor: float) -> "TraceStatistics":
-        """Times a factor, rounded."""
-        return TraceStatistics(**{name: round(value * factor) for name, value in vars(self).items()})
+        """Times a factor, counts rounded."""
+        whole = {n: round(v * factor) if isinstance(v, int) else v * factor for n, v in vars(self).items()}
+        return TraceStatistics(**whole)
 
 
 @dataclass(frozen=True)

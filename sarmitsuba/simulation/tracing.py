@@ -185,6 +185,7 @@ class Tracer:
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
+        lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         return TraceStatistics(
             rays=grid.n_rays * batch.n_pulses,
@@ -193,6 +194,8 @@ class Tracer:
             outside=totals[2],
             key_pulses=batch.n_pulses,
             path_pulses=totals[1] * pulses_each,
+            power=power * pulses_each,
+            power_outside=lost_power * pulses_each,
         )
 
 

@@ -267,8 +267,8 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
     .. math:: D(w) = ((\mathbf a + \mathbf a' w) \times (\mathbf b + \mathbf b' w)) \cdot \mathbf d
 
     and every root of it on the way is a caustic. There the spreading factor :math:`D^{-1/2}` turns by a quarter: under
-    :math:`\exp(+j \omega t)` by :math:`e^{+j \pi / 2}`, as the Hankel functions of a cylindrical wave that runs into its
-    axis, :math:`e^{+j (k r - \pi / 4)}`, and out of it, :math:`e^{-j (k r - \pi / 4)}`, tell.
+    :math:`\exp(+j \omega t)` by :math:`e^{+j \pi / 2}`, as the Hankel functions of a cylindrical wave that runs into
+    its axis, :math:`e^{+j (k r - \pi / 4)}`, and out of it, :math:`e^{-j (k r - \pi / 4)}`, tell.
 
     Notes
     -----
