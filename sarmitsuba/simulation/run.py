@@ -11,7 +11,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
+from sarmitsuba.simulation.sampling.launch_window import bounding_antennas, mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import with_small_parts
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
@@ -64,6 +64,9 @@ class Run:
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
         self.notes = [*scene.notes, *self.plan.notes]
+        if self.sampling is not None and self.plan.flags.multi_bounce:
+            left_out = mirrors_outside(self.scene, self.sampling.windows)
+            self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:

@@ -57,8 +57,9 @@ class LatticeSpacings:
     @staticmethod
     def of(lattices: Sequence[Sequence[LaunchGrid]]) -> "LatticeSpacings":
         """From the lattices of every subset."""
-        # finer ones over small parts do not count: they serve those only
-        grids = [g for subset in lattices for g in subset if g.needs is None or np.isinf(g.needs[1])]
+        grids = [grid for subset in lattices for grid in subset]
+        # finer ones over small parts do not count beside one for the rest
+        grids = [grid for grid in grids if grid.needs is None or np.isinf(grid.needs[1])] or grids
 
         def spacing(*purposes: Purpose) -> float:
             density = sum(grid.spacing**-2 for grid in grids if grid.purpose in purposes)

@@ -1,5 +1,6 @@
 """Circular tracks: every aspect is lit as fully as broadside, up to the whole circle."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,7 @@ def test_sectors_cover_the_track_and_a_usual_aperture_is_one(tmp_path: Path) -> 
     scene = circle(tmp_path, 360.0, 361, SPHERE)
     found = sectors(scene)
     assert found[0][0] == 0 and found[-1][1] == 361
-    assert all(a[1] == b[0] for a, b in zip(found, found[1:], strict=False))
+    assert all(a[1] == b[0] for a, b in itertools.pairwise(found))
     line = -scene.radar.track.position / np.linalg.norm(scene.radar.track.position, axis=1, keepdims=True)
     for first, end in found:
         assert np.degrees(np.arccos(np.clip(line[first:end] @ line[first:end].T, -1, 1))).max() < 21.0

@@ -139,6 +139,34 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence)
 
 
+def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
+    """What a cropped image leaves out: walls beyond all launch windows that send rays into them; empty without any.
+
+    A ray that leaves a wall at the height z above the image's plane comes down within z tan(incidence) of it.
+    """
+    image, geometry = scene.image, scene.geometry
+    corner = geometry.vertices[geometry.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    visible = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
+    steep = visible & (np.abs(normal[:, 2]) < 0.5 * size)
+    center, top = corner[steep].mean(axis=1)[:, :2], corner[steep, :, 2].max(axis=1)
+    outside = np.full(len(center), True)
+    near = np.full(len(center), False)
+    for window in windows:
+        low, high = window.box[:, :2]
+        gap = np.linalg.norm(np.maximum(np.maximum(low - center, center - high), 0.0), axis=1)
+        outside &= gap > window.taper
+        near |= gap < np.maximum(top - image.height, 0.0) * np.tan(min(window.incidence, 1.5))
+    area = 0.5 * float(size[steep][outside & near].sum())
+    if area == 0.0:
+        return ""
+    return (
+        f"{scene.name}: {area:.3g} m^2 of walls beyond the image could mirror rays into it and are not lit; their "
+        "returns in the image are missing: enlarge the image by the height of the buildings there to have them"
+    )
+
+
 def bounding_antennas(track: Track, pulses: tuple[int, int]) -> F64:
     """Positions (3, 3) at the start, middle and end of a sector, m."""
     first, end = pulses
@@ -152,4 +180,12 @@ def _across(sector: Track, look: F64) -> F64:
     return right if right @ look >= 0.0 else -right
 
 
-__all__ = ["SECTOR", "LaunchWindow", "bounding_antennas", "launch_window", "launch_windows", "sectors"]
+__all__ = [
+    "SECTOR",
+    "LaunchWindow",
+    "bounding_antennas",
+    "launch_window",
+    "launch_windows",
+    "mirrors_outside",
+    "sectors",
+]
