@@ -140,7 +140,11 @@ class Imager:
     def _rays(self, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
         assert self.sampling is not None
         if pass_index not in self._lattices:
-            self._lattices[pass_index] = self.run.lattices(self.sampling, pass_index)
+            middle = self.run.scene.radar.track.center_index
+            every = self.run.lattices(self.sampling, pass_index)
+            self._lattices[pass_index] = [
+                tuple(grid for grid in grids if grid.serves(middle)) for grids in every
+            ]
             if pass_index == 0:
                 self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]

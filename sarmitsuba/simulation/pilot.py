@@ -218,7 +218,7 @@ def _place(
     sizes: F64,
     rng: np.random.Generator,
 ) -> _Patches:
-    window, spacing = sampling.window, sampling.spacings.coherent
+    window, spacing = sampling.window_at(pulse), sampling.spacings.coherent
     n_features = min(len(points), per_pulse // 2)
     n_random = per_pulse - n_features
     half = np.array([window.half_x, window.half_y])
@@ -280,7 +280,7 @@ def _trace(
     trace_scene: TraceScene, sampling: SamplingPlan, flags: KernelFlags, pulse: int, patches: _Patches
 ) -> F64:
     """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
-    radar, window = sampling.scene.radar, sampling.window
+    radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
     batch = pulse_batch(radar, pick, position, velocity, window.frame, patterned=flags.antenna_pattern)

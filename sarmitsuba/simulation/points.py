@@ -14,6 +14,8 @@ from sarmitsuba.trace.geometry import TraceScene
 
 # pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
 _BATCH = 2_000_000
+# m; a point so near a facet lies on it: meshes and heights read from files are hardly more exact
+ON_SURFACE = 1e-3
 
 
 def add_points(
@@ -40,7 +42,8 @@ def add_points(
 
     Notes
     -----
-    An ideal scatterer is isotropic and does not depolarise; it neither blocks nor reflects rays.
+    An ideal scatterer is isotropic and does not depolarise; it neither blocks nor reflects rays. On a surface it has no
+    image in that surface, and a sheet without thickness that it lies on hides it from neither side.
     """
     radar = scene.radar
     track, window = radar.track, radar.window
@@ -78,13 +81,27 @@ def visible(
     leg: NDArray[np.float64],
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """1 where the straight way from points (3,) or (n, 3) to the antenna is free, else 0; (n,) float64."""
-    d = (-leg / distance[:, None]).astype(np.float32)
-    n = d.shape[0]
-    origin = np.broadcast_to(position.astype(np.float32), (n, 3))
+    """1 where the straight way from points to the antenna is free, else 0; (n,) float64.
+
+    A point on a surface (``ON_SURFACE``) is not hidden by the facets that it touches: its ray starts off their planes,
+    on the antenna's side. One farther behind a surface stays hidden.
+
+    Parameters
+    ----------
+    position : (3,) or (n, 3) m
+    leg, distance : (n, 3) and (n,) m, from the antenna to the points
+    """
+    away = -leg / distance[:, None]
+    position = np.broadcast_to(position, away.shape)
+    start = position.copy()
+    points, owner = np.unique(position, axis=0, return_inverse=True)
+    for i, point in enumerate(points):
+        mine = np.flatnonzero(owner.reshape(-1) == i)
+        touched = touched_facets(trace_scene.triangles, point, max(ON_SURFACE, trace_scene.clearance))
+        start[mine] += off_planes(touched, point, away[mine], trace_scene.clearance)
     ray = mi.Ray3f(
-        mi.Point3f(np.ascontiguousarray(origin.T)),
-        mi.Vector3f(np.ascontiguousarray(d.T)),
+        mi.Point3f(np.ascontiguousarray(start.T.astype(np.float32))),
+        mi.Vector3f(np.ascontiguousarray(away.T.astype(np.float32))),
         mi.Float(distance.astype(np.float32)),
         0.0,
         [],
@@ -92,4 +109,43 @@ def visible(
     return 1.0 - np.asarray(trace_scene.mi_scene.ray_test(ray), dtype=np.float64)
 
 
-__all__ = ["add_points", "visible"]
+def touched_facets(
+    triangles: NDArray[np.float64], point: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Those of the triangles (n, 3, 3) that lie within ``reach`` of the point, (m, 3, 3), m."""
+    near = (triangles.min(axis=1) - reach <= point) & (point <= triangles.max(axis=1) + reach)
+    triangles = triangles[near.all(axis=1)]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    on_plane = np.abs(np.einsum("ni,ni->n", point - triangles[:, 0], normal)) <= reach
+    inside = np.full(len(triangles), True)
+    beside = np.full(len(triangles), np.inf)
+    for k in range(3):
+        corner, edge = triangles[:, k], triangles[:, (k + 1) % 3] - triangles[:, k]
+        way = point - corner
+        inside &= np.einsum("ni,ni->n", np.cross(normal, edge), way) >= 0.0
+        share = np.einsum("ni,ni->n", way, edge) / np.einsum("ni,ni->n", edge, edge)
+        foot = way - np.clip(share, 0.0, 1.0)[:, None] * edge
+        beside = np.minimum(beside, np.linalg.norm(foot, axis=1))
+    return np.asarray(triangles[(on_plane & inside) | (beside <= reach)])
+
+
+def off_planes(
+    triangles: NDArray[np.float64],
+    point: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    clearance: float,
+) -> NDArray[np.float64]:
+    """Steps (n, 3) that take a point off triangles' planes, to the side that each direction (n, 3) points to, m."""
+    step = np.zeros_like(direction)
+    for _ in range(8 if len(triangles) > 1 else 1):
+        for a, b, c in triangles:  # each plane in turn, until all are cleared
+            normal = np.cross(b - a, c - a)
+            normal /= np.linalg.norm(normal)
+            side = np.where(direction @ normal >= 0.0, 1.0, -1.0)
+            height = side * ((point - a) @ normal + step @ normal)
+            step += (np.maximum(clearance - height, 0.0) * side)[:, None] * normal
+    return step
+
+
+__all__ = ["ON_SURFACE", "add_points", "off_planes", "touched_facets", "visible"]

@@ -24,6 +24,9 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
+# share of the echoes' power outside the receive window that is worth a warning
+LOST_POWER = 0.05
+
 
 def simulate(
     scene: Scene,
@@ -105,9 +108,11 @@ def _trace(
             progress("trace", i + done, len(lattices), {"rays/s": rate})
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
+    pulse = run.scene.radar.track.center_index
+    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in lattices]
     return SamplingReport(
-        spacings=LatticeSpacings.of(lattices),
-        rays_per_key_pulse=sum(g.n_rays for grids in lattices for g in grids),
+        spacings=LatticeSpacings.of(middle),
+        rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
         scatterer_cell=sampling.scatterer_cell,
         key_pulse_interval=tracer.sampling.key_pulse_interval,
         grid_bytes=tracer.largest_grid,
@@ -132,11 +137,11 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
             "far_range "
             f"of the range_film"
         )
-    if stats.outside <= 0.05 * max(stats.contributions, 1):
+    if stats.power_outside <= LOST_POWER * stats.power:
         return []
     text = (
-        f"{scene.name}: {100.0 * stats.outside / stats.contributions:.1f} % of the path contributions fall outside "
-        f"the receive window and are not recorded; widen near_range ... far_range of the range_film"
+        f"{scene.name}: {100.0 * stats.power_outside / stats.power:.1f} % of the echoes' power falls outside the "
+        f"receive window and is not recorded; widen near_range ... far_range of the range_film"
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
     return [text]

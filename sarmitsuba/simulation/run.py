@@ -7,9 +7,11 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import RadarError
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.sampling.launch_window import bounding_antennas, mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
@@ -64,6 +66,9 @@ class Run:
         self.report: SamplingReport | None = None
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.notes = [*scene.notes, *self.plan.notes]
+        if self.sampling is not None and self.plan.flags.multi_bounce:
+            left_out = mirrors_outside(self.scene, self.sampling.windows)
+            self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
@@ -71,31 +76,47 @@ class Run:
         assert self.trace_scene is not None
         flags = replace(
             sampling.flags,
-            taper=sampling.flags.taper and sampling.window.taper > 0,
+            taper=sampling.flags.taper and any(window.taper > 0 for window in sampling.windows),
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
         return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
 
     def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
-        """Lattices of every ray subset; other values of ``pass_index`` give independent ones."""
-        subsets = self.layers.subsets
+        """Lattices of every ray subset; other values of ``pass_index`` give independent ones.
+
+        Raises
+        ------
+        RadarError
+            Not a single ray is left for some pulse.
+        """
         assert self.trace_scene is not None
         track = self.scene.radar.track
-        antennas = track.position[[0, track.center_index, -1]]
         made, short = [], []
-        for subset in subsets:
+        for subset in self.layers.subsets:
             draw = subset + 2 * pass_index
             rng = np.random.default_rng([self.scene.settings.seed & 0x7FFFFFFF, draw, 0x50A1])
-            plain = sampling.lattices(draw=draw, subset=subset)
             finer: list[LaunchGrid] = []
-            for one in plain:
-                grids, missed = with_small_parts(one, self.trace_scene, sampling.window.frame, antennas, rng)
+            for one in sampling.lattices(draw=draw, subset=subset):
+                pulses, frame = one.pulses or (0, track.n_pulses), one.frame or sampling.window.frame
+                antennas = bounding_antennas(track, pulses)
+                grids, missed = with_small_parts(one, self.trace_scene, frame, antennas, rng)
                 finer += grids
-                short += [missed] if missed is not None else []
-            made.append(tuple(grid for grid in finer if grid.n_rays) or plain)
+                if missed is not None and one.serves(track.center_index):
+                    short.append(missed)
+            made.append(tuple(grid for grid in finer if grid.n_rays))
+            self._check_rays(sampling, made[-1])
         self.shortfalls = tuple(short)
         self.timer.lap("launch grid")
         return made
+
+    def _check_rays(self, sampling: SamplingPlan, grids: tuple[LaunchGrid, ...]) -> None:
+        for window in sampling.windows:
+            if not any(grid.serves(window.pulses[0]) for grid in grids):
+                raise RadarError(
+                    f"{self.scene.name}: rays {sampling.spacings.coherent:.3g} m apart all pass beside what is to be "
+                    f"seen, {2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set "
+                    "ray_spacing to a fraction of that"
+                )
 
 
 __all__ = ["Run"]

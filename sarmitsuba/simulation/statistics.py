@@ -18,6 +18,7 @@ class TraceStatistics:
     outside : contributions outside the receive window or the Doppler window, dropped
     key_pulses : pulses that were traced
     path_pulses : contributions times the pulses they went to
+    power, power_outside : of all contributions and of those dropped, taken singly, W
     """
 
     rays: int = 0
@@ -26,14 +27,17 @@ class TraceStatistics:
     outside: int = 0
     key_pulses: int = 0
     path_pulses: int = 0
+    power: float = 0.0
+    power_outside: float = 0.0
 
     def plus(self, other: "TraceStatistics") -> "TraceStatistics":
         """Sum."""
         return TraceStatistics(**{name: value + getattr(other, name) for name, value in vars(self).items()})
 
     def scaled(self, factor: float) -> "TraceStatistics":
-        """Times a factor, rounded."""
-        return TraceStatistics(**{name: round(value * factor) for name, value in vars(self).items()})
+        """Times a factor, counts rounded."""
+        whole = {n: round(v * factor) if isinstance(v, int) else v * factor for n, v in vars(self).items()}
+        return TraceStatistics(**whole)
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,9 @@ class LatticeSpacings:
     @staticmethod
     def of(lattices: Sequence[Sequence[LaunchGrid]]) -> "LatticeSpacings":
         """From the lattices of every subset."""
-        # finer ones are over small parts only
-        grids = [g for subset in lattices for g in subset if g.needs is None or not np.isfinite(g.needs[1])]
-        grids = grids or [g for subset in lattices for g in subset]
+        grids = [grid for subset in lattices for grid in subset]
+        # finer ones over small parts do not count beside one for the rest
+        grids = [grid for grid in grids if grid.needs is None or np.isinf(grid.needs[1])] or grids
 
         def spacing(*purposes: Purpose) -> float:
             density = sum(grid.spacing**-2 for grid in grids if grid.purpose in purposes)

@@ -87,10 +87,13 @@ class Tracer:
                 yield stop / n, self.block(rays, plan, data, max_order)
             return
         row = data.shape[0] * 2 * radar.window.n_samples * 2 * 16
-        step = int(max(1, min(MAX_LANES // max(g.n_rays for g in rays), MAX_GRID_BYTES // row, n)))
-        for start in range(0, n, step):
-            stop = min(n, start + step)
-            yield stop / n, self.direct(rays, start, stop, data, max_order)
+        for window in sampling.windows:
+            first, end = window.pulses
+            most = max(g.n_rays for g in rays if g.serves(first))
+            step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
+            for start in range(first, end, step):
+                stop = min(end, start + step)
+                yield stop / n, self.direct(rays, start, stop, data, max_order)
 
     def block(
         self, rays: Sequence[LaunchGrid], plan: BlockPlan, data: NDArray[np.complex64], max_order: int
@@ -119,7 +122,7 @@ class Tracer:
     def direct(
         self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int
     ) -> TraceStatistics:
-        """Trace every pulse of ``start:stop`` in one launch."""
+        """Trace every pulse of ``start:stop``, of one sector of the track, in one launch."""
         sampling = self.sampling
         radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
         plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
@@ -149,8 +152,12 @@ class Tracer:
         accumulator: GridAccumulator,
         pulses_each: int,
     ) -> TraceStatistics:
-        """Run one kernel for each lattice, all into the same grid."""
-        each = [self.launch(grid, position, velocity, pick, accumulator, pulses_each) for grid in rays]
+        """Run one kernel for each lattice that serves the first of the pulses, all into the same grid."""
+        each = [
+            self.launch(grid, position, velocity, pick, accumulator, pulses_each)
+            for grid in rays
+            if grid.serves(pick.start)
+        ]
         total = each[0]
         for more in each[1:]:
             total = total.plus(replace(more, key_pulses=0))
@@ -167,7 +174,7 @@ class Tracer:
     ) -> TraceStatistics:
         """Record and run one kernel."""
         radar, flags = self.sampling.scene.radar, self.flags
-        frame = self.sampling.window.frame
+        frame = grid.frame or self.sampling.window.frame
         batch = pulse_batch(radar, pick, position, velocity, frame, patterned=flags.antenna_pattern)
         if isinstance(accumulator, BlockAccumulator):
             batch = replace(batch, azimuth_axis=None)
@@ -178,6 +185,7 @@ class Tracer:
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
+        lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         return TraceStatistics(
             rays=grid.n_rays * batch.n_pulses,
@@ -186,6 +194,8 @@ class Tracer:
             outside=totals[2],
             key_pulses=batch.n_pulses,
             path_pulses=totals[1] * pulses_each,
+            power=power * pulses_each,
+            power_outside=lost_power * pulses_each,
         )
 
 

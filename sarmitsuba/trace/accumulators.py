@@ -12,6 +12,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.arrays import device_array
 
 if TYPE_CHECKING:
+    LostCount = tuple[mi.UInt32, mi.Float, mi.Float]
     from sarmitsuba.echo.block import BlockPlan
     from sarmitsuba.echo.direct import DirectPlan
     from sarmitsuba.echo.gridding import SpreadingKernel
@@ -115,9 +116,19 @@ class GridAccumulator:
         r = contribution.slant_range - first
         return (r < 0.0) | (r > dr.opaque(mi.Float64, extent))
 
-    def begin(self) -> tuple[mi.UInt32]:
-        """Contributions of this lane that fell outside the receive window."""
-        return (mi.UInt32(0),)
+    def begin(self) -> LostCount:
+        """Contributions of this lane that fell outside the receive window, their power and that of all, W."""
+        return mi.UInt32(0), mi.Float(0.0), mi.Float(0.0)
+
+    def counted(self, state: LostCount, contribution: Contribution, lost: mi.Bool) -> LostCount:
+        """The count with one more contribution."""
+        power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
+        power = dr.select(contribution.active, power, 0.0)
+        return (
+            dr.select(lost, state[0] + 1, state[0]),
+            state[1] + dr.select(lost, power, 0.0),
+            state[2] + power,
+        )
 
     @property
     def n_bytes(self) -> int:
@@ -142,7 +153,7 @@ class GridAccumulator:
         for i, part in enumerate(parts):
             dr.scatter_add(self.memory, part, cell * (2 * self.padded) + i, active)
 
-    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
+    def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Add one contribution; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         raise NotImplementedError
 
@@ -174,7 +185,7 @@ class BlockAccumulator(GridAccumulator):
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
         self.plan = plan
 
-    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
+    def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
         range0 = contribution.slant_range - dr.opaque(mi.Float64, plan.reference_range)
@@ -195,7 +206,7 @@ class BlockAccumulator(GridAccumulator):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
         lost = contribution.active & (~inside | self.outside(contribution))
-        return (dr.select(lost, state[0] + 1, state[0]),)
+        return self.counted(state, contribution, lost)
 
 
 class DirectAccumulator(GridAccumulator):
@@ -208,7 +219,7 @@ class DirectAccumulator(GridAccumulator):
         self.plan = plan
         self.range0 = device_array(mi.Float64, plan.range0)
 
-    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
+    def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
         slant_range, pulse = contribution.slant_range, contribution.pulse
@@ -223,7 +234,7 @@ class DirectAccumulator(GridAccumulator):
         for i, wi in enumerate(wx):
             self.scatter(base + i, values, wi, inside)
         lost = contribution.active & (~inside | self.outside(contribution))
-        return (dr.select(lost, state[0] + 1, state[0]),)
+        return self.counted(state, contribution, lost)
 
 
 def grid_cells(x: mi.Float64, kernel: SpreadingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:

@@ -5,8 +5,7 @@ persistent diffuse scatterers it falls on close as well. A path behind mirrors i
 mirrored through its chain ("unfolded"), which is carried in float64 and mirrored exactly in each facet's plane:
 lengths depend on where a ray hits, never on the rounding of how it got there.
 
-What this does not do: transmission, edge and surface-wave diffraction, the phase shift at caustics of concave
-mirrors, and diffuse-to-diffuse bounces.
+What this does not do: transmission, edge and surface-wave diffraction, and diffuse-to-diffuse bounces.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver, selected
-from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, reflect
+from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, past_foci, reflect
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
 
 if TYPE_CHECKING:
@@ -88,6 +87,7 @@ def _bounce(
     """One bounce of every ray: intersect, close, add, reflect."""
     flags = kernel.flags
     hit = intersect(kernel, lane, ray)
+    ray = past_foci(ray, hit)
     tube_here = footprint(kernel, lane, ray, hit)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive = receiver(kernel, lane, hit)

@@ -29,6 +29,8 @@ class LaunchGrid:
     taper : m, width of the fade-out beyond the half extents
     purpose : returns that these rays are for; the two kinds want different densities
     needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
+    frame : launch plane of its own, None for that of the launch window
+    pulses : first pulse that these rays are for, and the one after the last; None: all
     """
 
     x: F32
@@ -40,6 +42,12 @@ class LaunchGrid:
     taper: float
     purpose: Purpose = "all"
     needs: tuple[float, float] | None = None
+    frame: "LaunchFrame | None" = None
+    pulses: tuple[int, int] | None = None
+
+    def serves(self, pulse: int) -> bool:
+        """Whether these rays are for a pulse."""
+        return self.pulses is None or self.pulses[0] <= pulse < self.pulses[1]
 
     @property
     def n_rays(self) -> int:

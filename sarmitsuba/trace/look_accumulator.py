@@ -9,6 +9,7 @@ from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.trace.accumulators import GridAccumulator, grid_cells, phase_factor
 
 if TYPE_CHECKING:
+    from sarmitsuba.trace.accumulators import LostCount
     from sarmitsuba.trace.state import Contribution
 
 
@@ -21,7 +22,7 @@ class ImageAccumulator(GridAccumulator):
         super().__init__(n_slots, grid.n_range, grid.n_range_rate, n_channels, max_order, wavelength)
         self.look = grid
 
-    def add(self, state: tuple[mi.UInt32], contribution: Contribution) -> tuple[mi.UInt32]:
+    def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         look, f64 = self.look, mi.Float64
         r, s = contribution.slant_range, contribution.range_rate
@@ -43,7 +44,7 @@ class ImageAccumulator(GridAccumulator):
         for i, wi in enumerate(wx):
             for j, wj in enumerate(wy):
                 self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
-        return (dr.select(contribution.active & ~inside, state[0] + 1, state[0]),)
+        return self.counted(state, contribution, contribution.active & ~inside)
 
 
 __all__ = ["ImageAccumulator"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
@@ -269,6 +270,45 @@ def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
     return [dr.gather(mi.Vector4f, table, hit.face * N_EDGES + i, hit.active) for i in range(N_EDGES)]
 
 
+def past_foci(ray: RayState, hit: Hit) -> RayState:
+    r"""The ray with its fields turned by 90 degrees for each focus that its tube passed on the way to a hit.
+
+    The tube's cross-section between two hits, signed, is
+
+    .. math:: D(w) = ((\mathbf a + \mathbf a' w) \times (\mathbf b + \mathbf b' w)) \cdot \mathbf d
+
+    and every root of it on the way is a caustic. There the spreading factor :math:`D^{-1/2}` turns by a quarter: under
+    :math:`\exp(+j \omega t)` by :math:`e^{+j \pi / 2}`, as the Hankel functions of a cylindrical wave that runs into
+    its axis, :math:`e^{+j (k r - \pi / 4)}`, and out of it, :math:`e^{-j (k r - \pi / 4)}`, tell.
+
+    Notes
+    -----
+    Ignores the field within a wavelength or two of the caustic itself, where it is no ray's.
+
+    References
+    ----------
+    Kouyoumjian and Pathak, "A uniform geometrical theory of diffraction", Proc. IEEE 62 (1974), after equation 4.
+    """
+    if ray.spread is None:
+        return ray
+    d, way = hit.direction, mi.Float(hit.length - ray.spread.start)
+    a, b = ray.spread.a * way, ray.spread.b * way  # growth over the whole way, on which w runs from 0 to 1
+    constant = dr.dot(dr.cross(ray.edge_a, ray.edge_b), d)
+    linear = dr.dot(dr.cross(ray.edge_a, b) + dr.cross(a, ray.edge_b), d)
+    square = dr.dot(dr.cross(a, b), d)
+    end = constant + linear + square
+    once = constant * end < 0.0
+    # between ends of one sign there are two roots or none: where the extreme lies on the way, on the other side
+    at = linear * dr.rcp(dr.select(square == 0.0, 1.0, -2.0 * square))
+    extreme = constant + 0.5 * linear * at
+    twice = ~once & (square != 0.0) & (at > 0.0) & (at < 1.0) & (extreme * constant < 0.0)
+    active = hit.active & ~hit.first
+    once &= active
+    sign = dr.select(twice & active, -1.0, 1.0)
+    fields = tuple((dr.select(once, -im, re * sign), dr.select(once, re, im * sign)) for re, im in ray.fields)
+    return replace(ray, fields=fields)
+
+
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
     """Direction and fields of a ray behind the mirror of the material that it hits."""
     d = hit.direction
@@ -339,4 +379,4 @@ def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi
     return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, change))) - change * (2.0 * dr.dot(d, n))
 
 
-__all__ = ["footprint", "intersect", "launch", "mirror", "reflect"]
+__all__ = ["footprint", "intersect", "launch", "mirror", "past_foci", "reflect"]

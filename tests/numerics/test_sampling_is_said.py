@@ -3,6 +3,7 @@
 import re
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
+from sarmitsuba.simulation.raw import _check_energy
 from sarmitsuba.simulation.sampling import small_parts
+from sarmitsuba.simulation.statistics import TraceStatistics
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>
@@ -109,22 +112,30 @@ def test_the_prf_that_is_named_would_do(scene_file, row) -> None:
 
 @pytest.mark.parametrize("method", ["raw", "hybrid"])
 def test_contributions_outside_the_window_are_said(scene_file, row, method: str) -> None:
-    """A window that ends inside the cube: the run says what share of the paths it could not record.
+    """A window that ends inside the cube: the run says what share of the echoes' power it could not record.
 
     Naive way: only paths that leave the accumulator's own grid are counted, which reaches as far as the scene does.
     NumPy stands for it: the share of the same faces outside the ranges of the cube's corners.
     """
-    parameters = {"range_film.far_range": "4996", "sar_path.ray_spacing": "0.2", "sar_path.method": method}
+    parameters = {
+        "range_film.far_range": "4996",
+        "sar_path.ray_spacing": "0.2",
+        "sar_path.method": method,
+        "sar_path.coherent": "off",
+        "metal.diffuse_law": "lambert",
+    }
+    path = scene_file()
+    path.write_text(path.read_text().replace('"pec"', '"concrete"'))
     cut = []
-    said(lambda: cut.append(sarmitsuba.load_scene(scene_file(), parameters=parameters)))
+    said(lambda: cut.append(sarmitsuba.load_scene(path, parameters=parameters)))
     raw = []
     texts = said(lambda: raw.append(sarmitsuba.simulate(cut[0])))
     shares = [
-        re.search(r"(\S+) % of the path contributions fall outside the receive window .* widen near_range", t)
+        re.search(r"(\S+) % of the echoes' power falls outside the receive window .* widen near_range", t)
         for t in texts
     ]
     found = [float(m[1]) for m in shares if m]
-    # where the rays of the window land: the share of the lit faces beyond the window's end, by the scene's geometry
+    # the share of the lit faces beyond the window's end, by the scene's geometry
     antenna, window = cut[0].radar.track.center_position, cut[0].radar.window
     end = window.start_range[0] + window.extent
     x = np.linspace(-8.0, 8.0, 400)
@@ -136,7 +147,7 @@ def test_contributions_outside_the_window_are_said(scene_file, row, method: str)
     grid_end = np.linalg.norm(corners - antenna, axis=-1).max()
     naive = 100.0 * np.mean([np.mean(np.linalg.norm(f - antenna, axis=-1) > grid_end) for f in (top, side)])
     row(
-        f"share of the paths that the receive window cuts, method {method}",
+        f"share of the power that the receive window cuts, method {method}",
         abs(found[0] - expected),
         1.0,
         "%",
@@ -191,3 +202,12 @@ def test_rays_too_sparse_for_a_curved_surface(scene_file, row, monkeypatch: pyte
         naive=abs(sparse - exact),
         remedy="a finer lattice over the curved part",
     )
+
+
+def test_few_strong_echoes_outside_the_window_count_more_than_many_weak_ones() -> None:
+    """Energy, not number, says what is lost: half of the contributions at -30 dB is nothing to warn of."""
+    weak = TraceStatistics(hits=10, contributions=10, outside=5, power=1.0, power_outside=1e-3)
+    strong = TraceStatistics(hits=10, contributions=1000, outside=1, power=1.0, power_outside=0.5)
+    scene = SimpleNamespace(name="scene", geometry=SimpleNamespace(n_faces=1), points=())
+    assert said(lambda: _check_energy(scene, weak, np.ones(1))) == []
+    assert "50.0 %" in said(lambda: _check_energy(scene, strong, np.ones(1)))[0]

@@ -1,4 +1,4 @@
-"""Which part of the scene is lit by rays."""
+"""Which part of the scene is lit by rays, for each sector of the track."""
 
 from dataclasses import dataclass
 
@@ -6,26 +6,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
 F64 = NDArray[np.float64]
 
+# rad that the line of sight to the scene's middle turns over the pulses of one launch plane. A plane seen 10 degrees
+# off its normal has tubes wider by 1.5 per cent; one seen edge-on lights nothing
+SECTOR = float(np.radians(20.0))
+
 
 @dataclass(frozen=True, eq=False)
 class LaunchWindow:
-    """Lit part of the scene.
+    """Lit part of the scene, for a sector of the track.
 
     Parameters
     ----------
+    pulses : first pulse of the sector, and the one after its last
     box : (2, 3) float64, m, scene frame; everything inside is lit at full weight
     center : (3,) float64, m, scene frame; the launch plane's centre
-    frame : launch plane of the mid-aperture line of sight
+    frame : launch plane of the line of sight from the sector's middle
     half_x, half_y : m, half extents of the window in the plane
     taper : m, fade-out beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
     """
 
+    pulses: tuple[int, int]
     box: F64
     center: F64
     frame: LaunchFrame
@@ -40,11 +47,37 @@ class LaunchWindow:
         return 4.0 * (self.half_x + self.taper) * (self.half_y + self.taper)
 
 
-def launch_window(scene: Scene) -> LaunchWindow:
-    """Find the window that lights all geometry which can reach the requested image.
+def launch_windows(scene: Scene) -> tuple[LaunchWindow, ...]:
+    """Launch windows of the track's sectors in turn; a usual aperture is one sector.
+
+    Raises
+    ------
+    RadarError
+        When no geometry lies within the image's footprint.
+    """
+    return tuple(launch_window(scene, pulses) for pulses in sectors(scene))
+
+
+def sectors(scene: Scene) -> list[tuple[int, int]]:
+    """First pulse and the one after the last of every sector: the line of sight turns by up to ``SECTOR`` within."""
+    image, n = scene.image, scene.radar.track.n_pulses
+    line = np.array([image.center_x, image.center_y, image.height]) - scene.radar.track.position
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300)
+    starts = [0]
+    while True:
+        cosine = line[starts[-1] :] @ line[starts[-1]]
+        beyond = np.flatnonzero(cosine < np.cos(SECTOR))
+        if not beyond.size:
+            break
+        starts.append(starts[-1] + int(beyond[0]))
+    return list(zip(starts, [*starts[1:], n], strict=True))
+
+
+def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
+    """Find the window that lights all geometry which can reach the requested image in a sector of the track.
 
     Tall objects beyond the far edge lay over into the image, so the box reaches further out by their height over
-    the tangent of the incidence angle.
+    the tangent of the incidence angle, across the track of this sector.
 
     Raises
     ------
@@ -54,7 +87,8 @@ def launch_window(scene: Scene) -> LaunchWindow:
     radar, image = scene.radar, scene.image
     low, high = scene.geometry.bounds
     along, across = radar.track.along, radar.across
-    antenna = radar.track.center_position
+    sector = radar.track.slice(*pulses)
+    antenna = sector.center_position
     middle = np.array([image.center_x, image.center_y, image.height])
     look = middle - antenna
     incidence = float(np.arccos(np.clip(-look[2] / np.linalg.norm(look), -1.0, 1.0)))
@@ -66,8 +100,10 @@ def launch_window(scene: Scene) -> LaunchWindow:
     reach = max(0.0, float(g_high[2])) / max(np.tan(incidence), 0.1)
     sink = max(0.0, float(-g_low[2])) / max(np.tan(incidence), 0.1)
     ha, hr = 0.5 * image.extent_azimuth, 0.5 * image.extent_range
-    i_low = np.array([-ha, -hr - sink, g_low[2]])
-    i_high = np.array([ha, hr + reach, g_high[2]])
+    away = axes @ _across(sector, look)
+    far, near = reach * away[:2], -sink * away[:2]
+    i_low = np.append(np.array([-ha, -hr]) + np.minimum(0.0, np.minimum(far, near)), g_low[2])
+    i_high = np.append(np.array([ha, hr]) + np.maximum(0.0, np.maximum(far, near)), g_high[2])
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
     if (b_low > b_high).any():
         where = "azimuth" if b_low[0] > b_high[0] else "range"
@@ -89,11 +125,8 @@ def launch_window(scene: Scene) -> LaunchWindow:
     )
     corners = corners @ axes + middle
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    frame = frame_towards(antenna[None], center, along)
-    spans = [
-        window_of(corners, radar.track.position[i], frame)
-        for i in {0, radar.track.center_index, radar.track.n_pulses - 1}
-    ]
+    frame = frame_towards(antenna[None], center, sector.along)
+    spans = [window_of(corners, position, frame) for position in bounding_antennas(radar.track, pulses)]
     lo = np.min([s[0] for s in spans], axis=0)
     hi = np.max([s[1] for s in spans], axis=0)
     shift = 0.5 * (lo + hi)
@@ -103,7 +136,56 @@ def launch_window(scene: Scene) -> LaunchWindow:
     # five per cent of the window, at least ten resolution cells, keeps the frame's edge lobe below the clutter
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    return LaunchWindow(box, center, frame, float(half[0]), float(half[1]), taper, incidence)
+    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence)
 
 
-__all__ = ["LaunchWindow", "launch_window"]
+def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:
+    """What a cropped image leaves out: walls beyond all launch windows that send rays into them; empty without any.
+
+    A ray that leaves a wall at the height z above the image's plane comes down within z tan(incidence) of it.
+    """
+    image, geometry = scene.image, scene.geometry
+    corner = geometry.vertices[geometry.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    visible = ~np.array([m.invisible for m in scene.materials], dtype=bool)[geometry.face_material]
+    steep = visible & (np.abs(normal[:, 2]) < 0.5 * size)
+    center, top = corner[steep].mean(axis=1)[:, :2], corner[steep, :, 2].max(axis=1)
+    outside = np.full(len(center), True)
+    near = np.full(len(center), False)
+    for window in windows:
+        low, high = window.box[:, :2]
+        gap = np.linalg.norm(np.maximum(np.maximum(low - center, center - high), 0.0), axis=1)
+        outside &= gap > window.taper
+        near |= gap < np.maximum(top - image.height, 0.0) * np.tan(min(window.incidence, 1.5))
+    area = 0.5 * float(size[steep][outside & near].sum())
+    if area == 0.0:
+        return ""
+    return (
+        f"{scene.name}: {area:.3g} m^2 of walls beyond the image could mirror rays into it and are not lit; their "
+        "returns in the image are missing: enlarge the image by the height of the buildings there to have them"
+    )
+
+
+def bounding_antennas(track: Track, pulses: tuple[int, int]) -> F64:
+    """Positions (3, 3) at the start, middle and end of a sector, m."""
+    first, end = pulses
+    return np.asarray(track.position[[first, (first + end) // 2, end - 1]])
+
+
+def _across(sector: Track, look: F64) -> F64:
+    """Horizontal unit vector across the flight of a sector, to the side that ``look`` points to."""
+    along = sector.along
+    right = np.array([along[1], -along[0], 0.0])
+    return right if right @ look >= 0.0 else -right
+
+
+__all__ = [
+    "SECTOR",
+    "LaunchWindow",
+    "bounding_antennas",
+    "launch_window",
+    "launch_windows",
+    "mirrors_outside",
+    "sectors",
+]

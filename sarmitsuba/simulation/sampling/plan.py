@@ -12,7 +12,7 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_window
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
 F64 = NDArray[np.float64]
@@ -26,6 +26,9 @@ FOOTPRINT_PER_RESOLUTION = 1.0 / 1.05
 # diffuse scatterers per resolution cell and axis: no lattice of theirs then shows in mean clutter at any heading, nor
 # storeys on walls of any incidence
 CELLS_PER_RESOLUTION = 1.4
+# rad; apertures that turn by more resolve less than half a wavelength, where there is no rough surface to tell apart:
+# scatterers get no denser
+WIDEST = 1.0
 # automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
 # (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
 LOOK_SPACING = 2.0**0.75
@@ -60,7 +63,7 @@ class SamplingPlan:
     ----------
     scene : as the effects plan leaves it
     flags : of the trace kernel; they say which kinds of return there are
-    window : lit part of the scene
+    windows : lit part of the scene from every sector of the track, in turn
     azimuth_cell : m, azimuth resolution of the whole aperture at the image's centre
     scatterer_cell : m, edge of the cells that carry one persistent diffuse scatterer; the scene's own, whatever the
         look
@@ -70,7 +73,7 @@ class SamplingPlan:
 
     scene: Scene
     flags: KernelFlags
-    window: LaunchWindow
+    windows: tuple[LaunchWindow, ...]
     azimuth_cell: float
     scatterer_cell: float
     footprint_spacing: float
@@ -93,14 +96,30 @@ class SamplingPlan:
         if flags is None:
             rough = any(m.scatters for m in scene.materials)
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
-        window = launch_window(scene)
+        windows = launch_windows(scene)
+        window = _window_at(windows, scene.radar.track.center_index)
         azimuth = azimuth_cell(scene)
         range_cell = scene.radar.waveform.range_cell
         cell = scene.settings.scatterer_cell or _rounded_down(min(azimuth, range_cell) / CELLS_PER_RESOLUTION)
         ground = range_cell / max(np.sin(window.incidence), 0.05)
         footprint = _footprint_spacing(scene, window, FOOTPRINT_PER_RESOLUTION * min(azimuth, ground))
         spacings = _spacings(scene, flags, window, azimuth, footprint)
-        return SamplingPlan(scene, flags, window, azimuth, cell, footprint, spacings)
+        return SamplingPlan(scene, flags, windows, azimuth, cell, footprint, spacings)
+
+    @property
+    def window(self) -> LaunchWindow:
+        """Lit part of the scene from the middle of the track."""
+        return self.window_at(self.scene.radar.track.center_index)
+
+    def window_at(self, pulse: int) -> LaunchWindow:
+        """Lit part of the scene from the sector of a pulse."""
+        return _window_at(self.windows, pulse)
+
+    @cached_property
+    def box(self) -> F64:
+        """Bounds of what any sector lights, (2, 3) m, scene frame."""
+        boxes = np.array([window.box for window in self.windows])
+        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
         """The plan of the same scene under decided effects; a track that they straighten starts anew."""
@@ -171,7 +190,7 @@ class SamplingPlan:
     @cached_property
     def phase_box(self) -> F64:
         """Bounds of the phase centres whose Doppler is kept, (2, 3) m: the lit box and a quarter for mirror images."""
-        low, high = self.window.box
+        low, high = self.box
         margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.scatterer_cell
         return np.stack([low - margin, high + margin])
 
@@ -189,14 +208,15 @@ class SamplingPlan:
             ray_spacing=self.spacings.coherent,
             n_rays=self.rays_per_pulse,
             cell=self.scatterer_cell,
-            box=self.window.box,
+            box=self.box,
             key_pulses=self.expected_key_pulses,
         )
 
     def lattices(self, *, draw: int = 0, subset: int = 0) -> tuple[LaunchGrid, ...]:
-        """Lattices that together sample one pulse: one for all returns, or a coarser one of its own for the diffuse.
+        """Lattices that together sample every pulse, for each sector of the track.
 
-        Diffuse returns depend on their cells and hardly on the rays, so they need far fewer rays than coherent tubes.
+        They are one for all returns, or a coarser one of its own for the diffuse: diffuse returns depend on their cells
+        and hardly on the rays, so they need far fewer rays than coherent tubes.
 
         Parameters
         ----------
@@ -208,43 +228,59 @@ class SamplingPlan:
         settings = self.scene.settings
         if not (self.flags.diffuse and self.flags.coherent):
             if self.flags.diffuse:
-                return (self._lattice(self.spacings.coherent, "diffuse", draw),)
-            return (self._lattice(sparser * self.spacings.coherent, "coherent", draw),)
+                return self._lattices(self.spacings.coherent, "diffuse", draw)
+            return self._lattices(sparser * self.spacings.coherent, "coherent", draw)
         coherent, diffuse = sparser * self.spacings.coherent, self.spacings.diffuse
         if settings.ray_spacing > 0 and settings.diffuse_ray_spacing == 0:
             diffuse = max(diffuse, coherent / sparser)
         if 0.8 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
-            return (self._lattice(min(coherent, diffuse), "all", draw),)
-        return (self._lattice(coherent, "coherent", draw), self._lattice(diffuse, "diffuse", draw))
+            return self._lattices(min(coherent, diffuse), "all", draw)
+        return (*self._lattices(coherent, "coherent", draw), *self._lattices(diffuse, "diffuse", draw))
 
-    def _lattice(self, spacing: float, purpose: Purpose, draw: int) -> LaunchGrid:
-        window = self.window
-        return lattice(
-            window.half_x,
-            window.half_y,
-            spacing,
-            taper=window.taper,
-            seed=self.scene.settings.seed,
-            draw=draw,
-            purpose=purpose,
+    def _lattices(self, spacing: float, purpose: Purpose, draw: int) -> tuple[LaunchGrid, ...]:
+        """One lattice in the launch plane of every sector."""
+        plain = (
+            lattice(
+                window.half_x,
+                window.half_y,
+                spacing,
+                taper=window.taper,
+                seed=self.scene.settings.seed,
+                draw=draw,
+                purpose=purpose,
+            )
+            for window in self.windows
+        )
+        return tuple(
+            replace(grid, frame=window.frame, pulses=window.pulses)
+            for grid, window in zip(plain, self.windows, strict=True)
         )
 
 
 def azimuth_cell(scene: Scene) -> float:
-    """Azimuth resolution cell lambda / (2 theta) of a pixel's aperture at the image centre, m."""
+    """Azimuth resolution cell lambda / (2 theta) of a pixel's aperture at the image centre, m.
+
+    theta is what the line of sight turns by from the middle to both sides, up to ``WIDEST``.
+    """
     track = scene.radar.track
     if np.isfinite(scene.radar.half_aperture):
         return float(scene.radar.waveform.wavelength / (4.0 * scene.radar.half_aperture))
     middle = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
-    first, last = track.position[0] - middle, track.position[-1] - middle
-    mean_range = 0.5 * (np.linalg.norm(first) + np.linalg.norm(last))
-    cosine = first @ last / (np.linalg.norm(first) * np.linalg.norm(last))
+    line = track.position - middle
+    reach = np.linalg.norm(line, axis=1, keepdims=True)
+    line = line / np.maximum(reach, 1e-300)
+    center = track.center_index
     # small angles lose all digits in the cosine: take the sine there
-    sine = np.linalg.norm(np.cross(first, last)) / (np.linalg.norm(first) * np.linalg.norm(last))
-    angle = float(np.arctan2(sine, cosine))
+    sine = np.linalg.norm(np.cross(line, line[center]), axis=1)
+    turn = np.arctan2(sine, line @ line[center])
+    angle = min(float(turn[: center + 1].max() + turn[center:].max()), WIDEST)
     if track.n_pulses < 2 or angle == 0.0:
-        return float(mean_range)
+        return float(0.5 * (reach[0, 0] + reach[-1, 0]))
     return float(scene.radar.waveform.wavelength / (2.0 * angle))
+
+
+def _window_at(windows: tuple[LaunchWindow, ...], pulse: int) -> LaunchWindow:
+    return next(window for window in windows if window.pulses[0] <= pulse < window.pulses[1])
 
 
 def _rounded_down(cell: float) -> float:

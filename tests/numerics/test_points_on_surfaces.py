@@ -1,0 +1,75 @@
+"""Ideal points that lie on surfaces: seen wherever the facet itself is, hidden behind everything else."""
+
+import numpy as np
+import pytest
+
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.points import visible
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+
+WAVELENGTH = 0.03
+
+
+def scene_of(vertices: np.ndarray, faces: np.ndarray) -> TraceScene:
+    ensure_backend()
+    geometry = Geometry(
+        np.asarray(vertices, dtype=np.float64),
+        np.asarray(faces, dtype=np.int32),
+        np.zeros(len(faces), dtype=np.int32),
+        np.zeros(len(faces), dtype=np.int32),
+        ("body",),
+        np.array([0, len(faces)]),
+    )
+    return build_trace_scene(geometry, (Material("metal", pec=True),), WAVELENGTH)
+
+
+def seen(scene: TraceScene, point: np.ndarray, towards: np.ndarray, distance: float = 5e3) -> np.ndarray:
+    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    return visible(scene, point, -towards * distance, np.full(len(towards), distance))
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    corner = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corner, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
+@pytest.mark.parametrize("offset", [0.0, 400.0])
+def test_random_points_on_random_facets_are_seen_at_any_angle(offset: float) -> None:
+    # rationale: a facet cannot hide what lies on it, and a convex body hides nothing else of its lit side
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    vertices, faces = box((-20.0, -10.0, -7.0), (20.0, 10.0, 7.0))
+    vertices = vertices @ turn.T + offset
+    scene = scene_of(vertices, faces)
+    for _ in range(60):
+        a, b, c = vertices[rng.choice(faces)]
+        u, v = np.sort(rng.random(2))
+        point = a + (b - a) * u + (c - b) * v * u
+        normal = np.cross(b - a, c - a)
+        normal *= np.sign(normal @ (a - vertices.mean(axis=0))) / np.linalg.norm(normal)
+        tangent = np.cross(normal, rng.normal(size=3))
+        tangent /= np.linalg.norm(tangent)
+        grazing = np.radians(np.array([0.05, 0.3, 2.0, 20.0, 70.0, 90.0]))[:, None]
+        towards = np.cos(grazing) * tangent + np.sin(grazing) * normal
+        assert seen(scene, point, towards).all()
+        # below the horizon the whole body stands between
+        assert not seen(scene, point, np.cos(grazing) * tangent - np.sin(grazing) * normal)[1:].any()
+
+
+def test_points_just_below_a_roof_and_behind_walls_are_hidden() -> None:
+    scene = scene_of(*box((-5.0, -5.0, 0.0), (5.0, 5.0, 8.0)))
+    up = np.array([[0.6, 0.0, 0.8], [0.9, 0.3, 0.1]])
+    assert seen(scene, np.array([1.0, 2.0, 8.0]), up).all()
+    assert not seen(scene, np.array([1.0, 2.0, 7.99]), up).any()
+    assert not seen(scene, np.array([-6.0, 0.0, 1.0]), up[1:]).any()
+    # on the wall turned away, and at its foot
+    assert not seen(scene, np.array([-5.0, 0.0, 3.0]), up).any()
+    assert not seen(scene, np.array([-5.0, 0.0, 0.0]), up).any()
+    # on the rim of the roof and at a corner of it, each face's normal another way
+    assert seen(scene, np.array([5.0, 1.0, 8.0]), up).all()
+    assert seen(scene, np.array([5.0, 5.0, 8.0]), up).all()
