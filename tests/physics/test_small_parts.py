@@ -42,9 +42,7 @@ def scene_file(folder: Path, shapes: str, extent: float) -> Path:
 def total_rcs(image: SarImage) -> float:
     """Energy of the image as a radar cross section, m^2."""
     pixel = image.grid.azimuth_spacing * image.grid.range_spacing
-    return (
-        float(np.sum(image.rcs())) * pixel / (image.azimuth_resolution_cell * image.range_resolution_cell)
-    )
+    return float(np.sum(image.rcs())) * pixel / (image.azimuth_resolution_cell * image.range_resolution_cell)
 
 
 def cube_rcs(side: float, turn: float, direction: F64) -> float:
@@ -72,7 +70,7 @@ def cube_rcs(side: float, turn: float, direction: F64) -> float:
 
 @pytest.mark.slow
 def test_field_of_small_cubes(tmp_path: Path) -> None:
-    """784 cubes of 5 cm, turned at random, in a scene whose rays are decimetres apart. Before: +11 dB, a pixel of +18 dB."""
+    """784 cubes of 5 cm, turned at random, rays decimetres apart. Before: +11 dB, a pixel of +18 dB."""
     rng = np.random.default_rng(2)
     side, n = 0.05, 28
     turns = rng.random(n * n) * 0.5 * np.pi
