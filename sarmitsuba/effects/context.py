@@ -30,7 +30,7 @@ class Sampling:
     ----------
     ray_spacing : m, of the rays for coherent returns, or of all where there is one lattice
     n_rays : of one key pulse, all lattices
-    cell : m, edge of the diffuse scatterers' cells
+    cell : m, edge of a square as large as a resolution cell on level ground
     box : (2, 3) float64, m, scene frame; the lit part of the scene
     key_pulses : pulses to trace, about
     """

@@ -32,11 +32,8 @@ def nodes_over(
     pieces = cut(triangles, LONGEST * spacing)
     c, s = np.cos(rotation), np.sin(rotation)
     turn = np.array([[c, -s], [s, c]])
-    low, high = np.full((len(pieces), 2), np.inf), np.full((len(pieces), 2), -np.inf)
-    for antenna in antennas:
-        xy = _projected(pieces, antenna, frame)
-        nodes = (xy - shift) @ turn / spacing
-        low, high = np.minimum(low, nodes.min(axis=1)), np.maximum(high, nodes.max(axis=1))
+    seen = [(_projected(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
+    low, high = np.min([n.min(axis=1) for n in seen], axis=0), np.max([n.max(axis=1) for n in seen], axis=0)
     first = np.ceil(low - RIM).astype(np.int64)
     size = np.maximum(np.floor(high + RIM).astype(np.int64) - first + 1, 0)
     count = size[:, 0] * size[:, 1]
@@ -44,7 +41,9 @@ def nodes_over(
     number = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
     i = first[owner, 0] + number // size[owner, 1]
     j = first[owner, 1] + number % size[owner, 1]
-    if not owner.size:
+    near = _near(i, j, owner, seen)
+    i, j = i[near], j[near]
+    if not i.size:
         return np.zeros(0), np.zeros(0)
     # one number per node: rows of two sort twenty times slower
     least, columns = int(j.min()), int(np.ptp(j)) + 1
@@ -52,6 +51,29 @@ def nodes_over(
     nodes = np.stack([number // columns, number % columns + least], axis=1).astype(np.float64)
     xy = nodes @ turn.T * spacing + shift
     return xy[:, 0], xy[:, 1]
+
+
+def _near(
+    i: NDArray[np.int64], j: NDArray[np.int64], owner: NDArray[np.int64], seen: list[F64]
+) -> NDArray[np.bool_]:
+    """Whether nodes lie within ``RIM`` of their triangle, (n, 3, 2) in lattice steps, as any of the antennas sees it."""
+    middle = seen[len(seen) // 2]
+    walk = np.max([np.linalg.norm(n - middle, axis=2).max(axis=1) for n in seen], axis=0)
+    along = np.roll(middle, -1, axis=1) - middle
+    length = np.linalg.norm(along, axis=2)
+    along /= np.maximum(length, 1e-300)[:, :, None]
+    outward = np.stack([along[..., 1], -along[..., 0]], axis=2)
+    # wound the other way, the normals point inward
+    facing = np.sign(np.einsum("ti,ti->t", outward[:, 0], middle[:, 0] - middle[:, 2]))
+    outward *= np.where(facing == 0.0, 1.0, facing)[:, None, None]
+    offset = np.einsum("tki,tki->tk", outward, middle)
+    near = np.ones(len(owner), dtype=bool)
+    x, y = i.astype(np.float32), j.astype(np.float32)
+    for k in range(3):
+        a, b = (outward[:, k, axis].astype(np.float32)[owner] for axis in (0, 1))
+        limit = (offset[:, k] + walk + RIM).astype(np.float32)[owner]
+        near &= x * a + y * b <= limit
+    return near
 
 
 def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:

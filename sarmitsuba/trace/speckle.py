@@ -53,7 +53,10 @@ class ScattererLattice:
     slope_b: mi.Float64
     first_a: mi.Float64
     first_b: mi.Float64
+    corner_a: mi.Float
+    corner_b: mi.Float
     columns: mi.UInt32
+    over_columns: mi.Float
     count: mi.UInt32
     inverse: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
     corners: tuple[tuple[mi.Float, mi.Float], ...]
@@ -88,7 +91,7 @@ class ScattererLattice:
         first_b = dr.floor(place_b + mi.Float64(_least(along)))
         last_a = dr.floor(place_a + mi.Float64(_most(across)))
         last_b = dr.floor(place_b + mi.Float64(_most(along)))
-        columns = mi.UInt32(mi.Int32(dr.clip(last_b - first_b + 1.0, 0.0, MOST_NODES)))
+        columns = dr.maximum(mi.UInt32(mi.Int32(dr.clip(last_b - first_b + 1.0, 0.0, MOST_NODES))), 1)
         rows = mi.UInt32(mi.Int32(dr.clip(last_a - first_a + 1.0, 0.0, MOST_NODES)))
         determinant = ua * vb - ub * va
         usable = active & (dr.abs(determinant) > 1e-30)
@@ -104,24 +107,27 @@ class ScattererLattice:
             slope_b=nb / nc,
             first_a=first_a,
             first_b=first_b,
-            columns=dr.maximum(columns, 1),
+            # the first node from the hit
+            corner_a=mi.Float((first_a + 0.5) * cell - a),
+            corner_b=mi.Float((first_b + 0.5) * cell - b),
+            columns=columns,
+            over_columns=dr.rcp(mi.Float(columns)),
             count=dr.select(usable, rows * columns, 0),
             inverse=(vb * over, -va * over, -ub * over, ua * over),
             corners=patch.corners,
             area=mi.Float(cell * cell / dr.abs(nc)),
         )
 
-    def _node(self, index: mi.UInt32) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64]:
-        """Lattice numbers and the two coordinates (m) of a node, counted within the patch's bounds."""
-        row = index // self.columns
-        ia = self.first_a + mi.Float64(row)
-        ib = self.first_b + mi.Float64(index - row * self.columns)
-        return ia, ib, (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
+    def _row_and_column(self, index: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+        """Of a node, counted within the patch's bounds; there are no vector instructions for whole-number division."""
+        row = mi.UInt32((mi.Float(index) + 0.5) * self.over_columns)
+        return row, index - row * self.columns
 
     def inside(self, index: mi.UInt32) -> mi.Bool:
         """Whether a node lies in the patch."""
-        _, _, ca, cb = self._node(index)
-        da, db = mi.Float(ca - self.a), mi.Float(cb - self.b)
+        row, column = self._row_and_column(index)
+        cell = mi.Float(self.cell)
+        da, db = self.corner_a + mi.Float(row) * cell, self.corner_b + mi.Float(column) * cell
         ka, kb, la, lb = self.inverse
         alpha, beta = ka * da + kb * db, la * da + lb * db
         inside = mi.Bool(True)
@@ -131,7 +137,9 @@ class ScattererLattice:
 
     def scatterer(self, index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
         """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
-        ia, ib, ca, cb = self._node(index)
+        row, column = self._row_and_column(index)
+        ia, ib = self.first_a + mi.Float64(row), self.first_b + mi.Float64(column)
+        ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
         # along the left-out axis onto the tangent plane
         cc = self.c - (ca - self.a) * self.slope_a - (cb - self.b) * self.slope_b
         ca, cb = TURN_COS * ca - TURN_SIN * cb, TURN_SIN * ca + TURN_COS * cb

@@ -17,8 +17,8 @@ CELL = 1.0
 RAYS_PER_CELL = 4.0
 # edge of the patch, m, and looks per surface: few cells and many looks cost least for a given standard error
 SIZE, LOOKS = 24.0, 150
-# tubes across the patch's rim lend part of their area to cells outside it: 0.14 cells' power per side, dB
-RIM_DB = 10.0 * np.log10(1.0 + 4.0 * 0.14 / SIZE)
+# nodes of a turned lattice in a square of so many cells are three more or less, dB
+COUNT_DB = 10.0 * np.log10(1.0 + 3.0 / SIZE**2)
 
 
 def diffuse_flags(channels: tuple[str, ...]) -> KernelFlags:
@@ -79,9 +79,9 @@ def mean_power(
 
 __all__ = [
     "CELL",
+    "COUNT_DB",
     "LOOKS",
     "RAYS_PER_CELL",
-    "RIM_DB",
     "SIZE",
     "diffuse_flags",
     "mean_power",

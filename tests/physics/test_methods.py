@@ -136,7 +136,7 @@ def test_one_look_takes_fewer_coherent_rays_where_they_are_sparse_already() -> N
     sampling = SamplingPlan.of(city, plan_scene(city).flags)
     look = sampling.of_one_look().spacings
     assert look.coherent == pytest.approx(LOOK_SPACING * sampling.spacings.coherent)
-    # diffuse rays stay: wider ones would leave scatterer cells out
+    # diffuse rays stay: wider ones would blur the rims of shadows
     assert look.diffuse == sampling.spacings.diffuse
     asked = SamplingPlan.of(replace(city, settings=replace(city.settings, ray_spacing=0.3)), sampling.flags)
     assert asked.of_one_look() is asked and asked.spacings.coherent == 0.3

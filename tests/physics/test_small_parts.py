@@ -70,7 +70,7 @@ def cube_rcs(side: float, turn: float, direction: F64) -> float:
 
 @pytest.mark.slow
 def test_field_of_small_cubes(tmp_path: Path) -> None:
-    """784 cubes of 5 cm, turned at random; the plain rays are decimetres apart. Before: +11 dB, a pixel of +18 dB."""
+    """784 cubes of 5 cm, turned at random, rays decimetres apart. Before: +11 dB, a pixel of +18 dB."""
     rng = np.random.default_rng(2)
     side, n = 0.05, 28
     turns = rng.random(n * n) * 0.5 * np.pi

@@ -141,7 +141,8 @@ def test_the_reference_is_of_as_much_of_the_scene_as_the_budget_allows() -> None
 
 
 def test_counted_seconds_are_the_work_and_nothing_else() -> None:
-    clock = WorkClock(SpeedModel(ray=1e-6, launch=0.1, path_pulse=0.0, sample=0.0, pixel_pulse=1e-9), 0.5)
+    model = SpeedModel(ray=1e-6, launch=0.1, scatterer=0.0, path_pulse=0.0, sample=0.0, pixel_pulse=1e-9)
+    clock = WorkClock(model, 0.5)
     work = Work(rays=2e6, launches=3, samples=1e9, pixel_pulses=1e9)
     found = clock.stages({"build": 123.0, "trace": 456.0, "focus": 789.0}, work)
     assert found == pytest.approx({"build": 0.5, "trace": 0.5 + 0.3 + 2.0, "focus": 0.5 + 1.0})

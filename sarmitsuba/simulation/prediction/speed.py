@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 
@@ -14,6 +16,7 @@ class Work:
     ----------
     rays : of all pulses traced
     launches : of the trace kernel
+    scatterers : diffuse ones met at first bounces, of all pulses traced
     path_pulses : contributions times the pulses they go to
     samples : range-compressed samples that are synthesised, all layers
     pixel_pulses : pixels of the image times pulses, all layers
@@ -21,6 +24,7 @@ class Work:
 
     rays: float = 0.0
     launches: float = 0.0
+    scatterers: float = 0.0
     path_pulses: float = 0.0
     samples: float = 0.0
     pixel_pulses: float = 0.0
@@ -32,11 +36,12 @@ class SpeedModel:
 
     Parameters
     ----------
-    ray, launch, path_pulse, sample, pixel_pulse : s for each
+    ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
     """
 
     ray: float
     launch: float
+    scatterer: float
     path_pulse: float
     sample: float
     pixel_pulse: float
@@ -50,12 +55,15 @@ class SpeedModel:
             "pixel_pulse": ("focus", work.pixel_pulses),
         }
         each = {k: seconds.get(stage, 0.0) / done if done else 0.0 for k, (stage, done) in rates.items()}
-        return SpeedModel(launch=0.0, path_pulse=0.0, **each)
+        return SpeedModel(launch=0.0, scatterer=0.0, path_pulse=0.0, **each)
 
     def stages(self, work: Work) -> dict[str, float]:
         """Seconds by stage."""
         return {
-            "trace": work.launches * self.launch + work.rays * self.ray + work.path_pulses * self.path_pulse,
+            "trace": work.launches * self.launch
+            + work.rays * self.ray
+            + work.scatterers * self.scatterer
+            + work.path_pulses * self.path_pulse,
             "synthesise": work.samples * self.sample,
             "focus": work.pixel_pulses * self.pixel_pulse,
         }
@@ -65,20 +73,30 @@ class SpeedModel:
         return float(sum(self.stages(work).values()))
 
 
-# two cores: 5 million rays per second with all that a hit does, 2 million samples, 400 million pixel-pulses. The
-# launch is what recording, laying out a block and reading its grid back take; adding to the grid is in the rays
-TWO_CORES = SpeedModel(ray=1 / 5e6, launch=2e-3, path_pulse=0.0, sample=1 / 2e6, pixel_pulse=1 / 4e8)
+# two cores: 5 million rays per second with all that a hit does, as many diffuse scatterers with those of later bounces,
+# 2 million samples, 400 million pixel-pulses. The launch is what recording, laying out a block and reading its grid
+# back take; adding to the grid is in the rays and scatterers
+TWO_CORES = SpeedModel(
+    ray=1 / 5e6, launch=2e-3, scatterer=1 / 5e6, path_pulse=0.0, sample=1 / 2e6, pixel_pulse=1 / 4e8
+)
 
 
 def expected_work(sampling: SamplingPlan) -> Work:
-    """About what simulating and focusing a scene takes, one ray subset and all bounce orders in one layer."""
+    """About what simulating and focusing a scene takes, one ray subset and all bounce orders in one layer.
+
+    Notes
+    -----
+    Ignores the finer lattices over small parts, which the geometry on the device decides; their rays are bounded.
+    """
     radar, image = sampling.scene.radar, sampling.scene.image
     n, channels = radar.track.n_pulses, len(radar.channels)
-    cell = sampling.scatterer_cell * sampling.range_cell
+    cell = sampling.azimuth_cell * sampling.range_cell
     pixels = image.extent_azimuth * image.extent_range / max(cell, 1e-9) * 2.0
     keys = sampling.expected_key_pulses
+    surface = sampling.window.area / max(float(np.cos(sampling.window.incidence)), 0.2)  # seen, were it level
     return Work(
         rays=sampling.rays_per_pulse * keys,
+        scatterers=keys * surface / sampling.scatterer_cell**2 if sampling.flags.diffuse else 0.0,
         samples=n * radar.window.n_samples * channels,
         pixel_pulses=pixels * n * channels,
     )

@@ -132,7 +132,7 @@ class SamplingPlan:
         """The plan with wider coherent rays, where the scene does not set their distance: enough for one look.
 
         Scenes small enough for several rays per wavelength keep them, and diffuse rays are as for raw data: wider ones
-        would leave scatterer cells out.
+        would blur the rims of shadows.
         """
         if self.scene.settings.ray_spacing > 0.0 or not self.flags.coherent:
             return self
@@ -204,10 +204,11 @@ class SamplingPlan:
 
     def for_effects(self) -> Sampling:
         """What the effects may know of the sampling."""
+        ground = self.range_cell / max(float(np.sin(self.window.incidence)), 0.05)
         return Sampling(
             ray_spacing=self.spacings.coherent,
             n_rays=self.rays_per_pulse,
-            cell=self.scatterer_cell,
+            cell=float(np.sqrt(self.azimuth_cell * ground)),
             box=self.box,
             key_pulses=self.expected_key_pulses,
         )
@@ -222,7 +223,7 @@ class SamplingPlan:
         ----------
         draw : number of the independent lattice (ray subsets, passes)
         subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
-            footprints wider than a cell would leave cells out
+            footprints wider than a cell would blur the rims of shadows
         """
         sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
         settings = self.scene.settings
