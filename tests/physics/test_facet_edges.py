@@ -11,8 +11,8 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.rcs import monostatic_rcs
 
 LOOK, WIDTH, DEPTH = 40.0, 2.0, 40.0
 
