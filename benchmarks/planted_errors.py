@@ -120,9 +120,13 @@ def missing_cosine() -> AbstractContextManager[None]:
 
 
 def no_tube_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import tube
+    from sarmitsuba.trace import polygon
 
-    return _replaced(tube, "phase_integral", lambda f: lambda q, u, v, piece: piece.area())
+    return _replaced(
+        polygon,
+        "phase_integral",
+        lambda f: lambda q, u, v, piece: (mi.Complex2f(piece.area(), 0.0), piece.rim),
+    )
 
 
 def swapped_fresnel() -> AbstractContextManager[None]:

@@ -19,6 +19,8 @@ LARGEST_BEND = 1.0 / 16.0
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
 N_EDGES = 4
+# sides of a facet that is cut into convex parts; those of a disc would be slivers
+MOST_SIDES = 24
 # triangles of the same facet so many edges away lend their boundary edges
 RINGS = 3
 # pairs of triangles that are compared at a time; bounds the memory
@@ -231,10 +233,11 @@ def _simple_facets(edges: _Edges, faces: NDArray[np.int64], boundary: F64) -> ND
 def _without_inner_vertices(
     edges: _Edges, facet: NDArray[np.int64], faces: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Which of ``faces`` lie in a facet cut into as few triangles as its outline allows, with up to three holes."""
+    """Which of ``faces`` lie in a facet of few sides, cut into about as few triangles as its outline allows."""
     triangles = np.bincount(facet)
     outline = np.bincount(facet, edges.sharp.sum(axis=1))
-    return np.asarray(triangles[facet[faces]] <= outline[facet[faces]] + 4)
+    few = (triangles <= outline + 4) & (outline <= MOST_SIDES)
+    return np.asarray(few[facet[faces]])
 
 
 def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:

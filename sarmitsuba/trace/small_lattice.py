@@ -9,8 +9,8 @@ F64 = NDArray[np.float64]
 
 # triangles are cut until they are no longer than so many steps of the lattice: their boxes then hold few extra nodes
 LONGEST = 12.0
-# steps that a lattice goes on beyond the outline: a tube reaches half a step to each side
-RIM = 1.0
+# steps that a lattice goes on beyond the outline: for what the track does between the antennas, and rounding
+RIM = 0.1
 
 
 def nodes_over(
@@ -56,7 +56,7 @@ def nodes_over(
 def _near(
     i: NDArray[np.int64], j: NDArray[np.int64], owner: NDArray[np.int64], seen: list[F64]
 ) -> NDArray[np.bool_]:
-    """Whether nodes lie within ``RIM`` of their triangle, (n, 3, 2) in lattice steps, as any of the antennas sees it."""
+    """Whether nodes lie within ``RIM`` of their triangle, (n, 3, 2) in steps, as any of the antennas sees it."""
     middle = seen[len(seen) // 2]
     walk = np.max([np.linalg.norm(n - middle, axis=2).max(axis=1) for n in seen], axis=0)
     along = np.roll(middle, -1, axis=1) - middle

@@ -1,4 +1,4 @@
-"""Ray tubes: the footprint of a ray on a facet and the phase integral over it."""
+"""Ray tubes: the footprint of a ray on a facet and how far it extends."""
 
 from __future__ import annotations
 
@@ -160,34 +160,3 @@ def patch(extent: Extent) -> Patch:
     chance = dr.clip(f[0] + f[2], 1e-3, 1.0) * dr.clip(f[4] + f[6], 1e-3, 1.0)
     extent = Extent(*(x for pair in zip(ends, slopes, strict=True) for x in pair))
     return Patch(extent, (right_top, left_top, left_bottom, right_bottom), rim, dr.rcp(chance))
-
-
-def phase_integral(q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Patch) -> mi.Complex2f:
-    r"""Integral of ``exp(j q . r)`` over a patch in tube units, times its weight (1 for a whole tube and q = 0).
-
-    .. math::
-        \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2}
-        \frac{e^{j Q \cdot x_{n+1}} - e^{j Q \cdot x_n}}{j Q \cdot \Delta_n}
-
-    over the corners :math:`x_n` and sides :math:`\Delta_n` of the quadrilateral (Gordon, IEEE TAP 23, 1975), referred
-    to its rim, and the area where the phase hardly changes.
-    """
-    qu, qv = dr.dot(q, u), dr.dot(q, v)
-    squared = qu * qu + qv * qv
-    small = squared < 1e-3
-    points = [(a - piece.rim[0], b - piece.rim[1]) for a, b in piece.corners]
-    phases = [qu * a + qv * b for a, b in points]
-    waves = [mi.Complex2f(c, s) for s, c in (dr.sincos(phase) for phase in phases)]
-    total = mi.Complex2f(0.0, 0.0)
-    for n in range(4):
-        (ax, ay), (bx, by) = points[n], points[(n + 1) % 4]
-        start, end, step = waves[n], waves[(n + 1) % 4], phases[(n + 1) % 4] - phases[n]
-        # mean of exp(j step) along the side: a quotient that loses digits, or the ends' mean to the third order
-        short = dr.abs(step) < 0.03
-        quotient = (end - start) * dr.rcp(dr.select(short, 1.0, step))
-        near = (end + start) * (0.5 + step * step * (1.0 / 24.0))
-        along = dr.select(short, near, mi.Complex2f(quotient.imag, -quotient.real))
-        total += along * (qu * (by - ay) - qv * (bx - ax))
-    total = mi.Complex2f(total.imag, -total.real) * (piece.weight * dr.rcp(dr.select(small, 1.0, squared)))
-    x = 0.25 * sum(phases[1:], phases[0])
-    return dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * piece.area(), total)
