@@ -51,8 +51,6 @@ ROUNDS, QUICK_ROUNDS = 3, 1
 LEAST_ROUNDS, MOST_ROUNDS, SPENT = 3, 30, 2.0
 # processor seconds up to which every pulse is traced, not predicted
 RUN_AT_MOST = 60.0
-# diffuse rays a usual distance, for images that shared tubes at their usual distance are too coarse to assess
-IMAGE_DENSITY, PULSES_DENSITY = 6.0, 2.0
 SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
 COST_ROUNDS = 8  # so short a time is disturbed often, and the least of many is not
@@ -73,7 +71,6 @@ SWITCHES = {
     "spreading": {"spreading": False},
     "visibility": {"visibility": False},
     "tube_phase": {"tube_phase": False},
-    "footprint_splitting": {"footprint_splitting": False},
 }
 # arithmetic in LLVM's intermediate code, and ray queries; gathers vary with where tables lie in memory
 ARITHMETIC = re.compile(r"= (?:f\w+ |xor |lshr |[su]itofp |call [^@]*@llvm\.(?!masked))|call void %")
@@ -168,18 +165,6 @@ def one_batch(job: Tracer, block: BlockPlan, grid: Any) -> float:
 # ---- planned against everything on
 
 
-def dense(scene: Scene, planned: EffectsPlan, factor: float) -> Scene:
-    """The scene with diffuse rays so close that their share in the error of an image is small.
-
-    Only where the plan's own rays go through the scatterer cells: shared tubes leave a noise of their own there, which
-    is no effect. Elsewhere both plans use the same rays.
-    """
-    if planned.flags.footprint_splitting or not planned.flags.diffuse:
-        return scene
-    spacing = SamplingPlan.of(scene, planned.flags).spacings.diffuse / factor
-    return replace(scene, settings=replace(scene.settings, diffuse_ray_spacing=spacing))
-
-
 def error_db(image: Any, reference: Any) -> float:
     """Energy of the difference over that of the reference, dB."""
     share = np.square(np.abs(image - reference)).sum() / np.square(np.abs(reference)).sum()
@@ -217,8 +202,6 @@ def planned_row(name: str, quick: bool) -> dict[str, Any]:
         focus(raw)
         focusing = min(focusing, time.process_time() - before)
     reference = images["all"]
-    if dense(scene, decided, IMAGE_DENSITY) is not scene:
-        reference = focus(simulate(dense(scene, decided, IMAGE_DENSITY), plan=full)).data
     a = images["plan"]
     cell = float(np.abs(a - reference).max() / np.sqrt(np.mean(np.square(np.abs(reference)))))
     row: dict[str, Any] = {
@@ -231,7 +214,6 @@ def planned_row(name: str, quick: bool) -> dict[str, Any]:
         "on": [d.name for d in decided.decisions if d.on and d.value is None],
         "error_db": error_db(a, reference),
         "worst_pixel_db": 20 * float(np.log10(max(cell, 1e-15))),
-        "rays_db": error_db(images["all"], reference),
         "seconds_plan": min(wall["plan"]),
         "seconds_all": min(wall["all"]),
         "ratio": min(cpu["all"]) / min(cpu["plan"]),
@@ -262,10 +244,8 @@ def every_pulse(
         before = time.process_time()
         raw = simulate(raw_scene, plan=full)
         total = time.process_time() - before
-        denser = dense(raw_scene, planned, PULSES_DENSITY)
-        reference = focus(raw if denser is raw_scene else simulate(denser, plan=full)).data
+        reference = focus(raw).data
         row["every_error_db"] = error_db(images["plan"], reference)
-        row["every_all_error_db"] = error_db(images["all"], reference)
     return row | {"cpu_every": total, "ratio_every": total / cpu_plan}
 
 
@@ -393,16 +373,13 @@ def markdown(results: dict[str, Any]) -> str:
             "keeps the plan's key pulses. Same density of rays. Times, ratios and shares are of processor seconds, "
             "without focusing; planning: share of simulating and focusing; `(p)`: predicted, it would take more than a "
             "minute. Error: energy of the difference of the focused images over that of the image, against everything "
-            "on at the same key pulses and with every pulse; worst pixel: over the image's rms. Where the plan's rays "
-            "go through the scatterer cells, the other image's rays are denser: at the same density they leave the "
-            "error in brackets.",
+            "on at the same key pulses and with every pulse; worst pixel: over the image's rms.",
             "",
             "| scene | bounces | effects left out | error | worst pixel | error, every pulse | planned | "
             "same key pulses | ratio | everything on | ratio | planning |",
             "|---|---|---|---|---|---|---|---|---|---|---|---|",
         ]
         for r in results["plans"]:
-            noise = f" ({r['rays_db']:.0f} dB)" if r["rays_db"] > -299.0 else ""
             mark = "" if r.get("every_measured") else " (p)"
             every = (
                 f"{r['cpu_every']:.2f} s{mark} | {r['ratio_every']:.2f}{mark}" if "cpu_every" in r else " | "
@@ -410,7 +387,7 @@ def markdown(results: dict[str, Any]) -> str:
             pulses = f"{r['every_error_db']:.0f} dB" if "every_error_db" in r else ""
             planning = f"{'pilot' if r['pilot'] else 'facts'}, {1e3 * r['plan_seconds']:.1f} ms"
             lines.append(
-                f"| {r['scene']} | {r['max_depth']} | {', '.join(r['off'])} | {r['error_db']:.0f} dB{noise} | "
+                f"| {r['scene']} | {r['max_depth']} | {', '.join(r['off'])} | {r['error_db']:.0f} dB | "
                 f"{r['worst_pixel_db']:.0f} dB | {pulses} | {_time(r['cpu_plan'])} | {_time(r['cpu_all'])} | "
                 f"{r['ratio']:.2f} | {every} | {planning}, {100 * r['plan_share']:.1f} % |"
             )

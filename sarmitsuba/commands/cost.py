@@ -111,8 +111,6 @@ def _text(report: "CostReport", name: str, command: str) -> str:
             f"no single pass meets {target:g} dB; the most accurate: {best.estimate()} "
             f"per pass; render --target-error {target:g} adds passes until it is met"
         )
-    if report.cells:
-        lines.append(report.cells)
     if report.check:
         lines.append(
             ("checked with other rays" if "ray_spacing" in best.changes else "run again with the same rays")
@@ -154,7 +152,6 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "reference": report.reference,
         "estimated_against": report.estimated_against,
         "estimated_against_factor": report.proof.factor,
-        "through_cells": report.cells,
         "measured_on": report.proof.text,
         "check": report.check,
         "plain_seconds": report.full_seconds,

@@ -83,8 +83,8 @@ def store_image(
         record["sampling_error"] = errors
         text = ", ".join(f"{channel} {bar['error_db']:.1f} dB" for channel, bar in errors.items())
         console.say(
-            f"sampling error of the image: {text} (of the ray lattices; too few bounces, blocks of pulses, gridding and "
-            "physical optics are not in it)"
+            f"sampling error of the image: {text} (of the ray lattices; too few bounces, blocks of pulses, gridding "
+            "and physical optics are not in it)"
         )
     with watch.stage("write image"):
         write_image(image, folder / IMAGE)

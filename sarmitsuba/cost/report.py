@@ -98,7 +98,6 @@ class CostReport:
     full_seconds : measured seconds of the plain setting on the whole scene
     reference : what the sweeps' errors are against
     estimated_against : what the errors of the combinations are against
-    cells : what rays through the scatterer cells come to, where leaving all spacings out gives those; else empty
     seconds : of the whole study
     """
 
@@ -112,7 +111,6 @@ class CostReport:
     full_seconds: float
     reference: str
     estimated_against: str
-    cells: str
     seconds: float
 
     def recommend(self, target_error_db: float) -> Recommendation:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from sarmitsuba.cost.cells import cells_text, has_cells, measure_cells
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
@@ -91,7 +90,7 @@ def study_cost(
     spacings = task.sampling.spacings
     sweeps, piece_text, converged = _sweep(task)
     proof = _proof(task, sweeps, piece_text, converged)
-    candidates, cells = _candidates(task, sweeps.model, proof)
+    candidates = _candidates(task, sweeps.model, proof)
     recommendation = recommend(candidates, target_error_db)
     check = None
     if task.spent + proof.cost(recommendation.setting.seconds) < budget:
@@ -107,7 +106,6 @@ def study_cost(
         full_seconds=sweeps.whole.seconds,
         reference=reference_text(spacings, SWEEP_FACTOR, REFERENCE_DEPTH),
         estimated_against=reference_text(spacings, proof.factor, REFERENCE_DEPTH),
-        cells=cells,
         seconds=task.spent,
     )
 
@@ -198,22 +196,13 @@ def _proof(task: _Task, sweeps: Sweeps, piece_text: str, converged: Reference) -
     return Proof(task.scene, field, grid, bare, against, factor, where, task.clock)
 
 
-def _candidates(task: _Task, model: CostModel, proof: Proof) -> tuple[list[Candidate], str]:
-    """Every combination, measured or corrected; what is said of rays through scatterer cells, where there are any."""
+def _candidates(task: _Task, model: CostModel, proof: Proof) -> list[Candidate]:
+    """Every combination, measured or corrected."""
     deadline = task.begin + LAST_SHARE * task.budget
-    cells = has_cells(task.scene, task.plan)
-    through: list[Candidate] = []
-    for method in model.full if cells else ():
-        through += measure_cells(proof, {"method": method}, sum(model.full[method].values()), deadline)
-    candidates = measure_front(model.combine(), proof, task.target_error_db, deadline, task.report)
-    if cells:  # the same with what else was found to save time
-        best = recommend(candidates, task.target_error_db).setting
-        end = task.begin + task.budget - proof.cost(best.seconds)
-        through += measure_cells(proof, best.changes, best.seconds, end)
+    found = measure_front(model.combine(), proof, task.target_error_db, deadline, task.report)
     # what the study switches off, the recommended line must
     off = {k: False for k in ("keep_orders", "keep_subsets") if getattr(task.scene.settings, k)}
-    found = [replace(c, changes={**c.changes, **off}) for c in (*candidates, *through)]
-    return found, cells_text(through) if cells else ""
+    return [replace(c, changes={**c.changes, **off}) for c in found]
 
 
 __all__ = ["study_cost"]

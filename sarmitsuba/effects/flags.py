@@ -28,7 +28,6 @@ class KernelFlags:
     coherent: bool = True
     diffuse: bool = True
     diffuse_double: bool = True
-    footprint_splitting: bool = True
     speckle: bool = True
     depolarisation: bool = True
     polarised_diffuse: bool = True

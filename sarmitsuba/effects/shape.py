@@ -40,8 +40,6 @@ class ShapeAnalysis:
         self.thorough = thorough
         keep = visible[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
         self.faces = geometry.faces[keep]
-        # faces of one material and smooth surface share scatterer cells
-        self.surface = (geometry.face_group.astype(np.int64) * len(visible) + geometry.face_material)[keep]
         self.vertices = geometry.vertices
         self.antenna = antenna
         self.stated_convex = _one_convex_mesh(geometry, keep)
@@ -139,33 +137,6 @@ class ShapeAnalysis:
         return heights is not None and bool(
             (heights[0] >= -self.slack).all() and (heights[1] <= self.slack).all()
         )
-
-    @property
-    def level(self) -> bool:
-        """All of it lies in one level plane."""
-        return self.n_faces > 0 and bool(np.ptp(self.points[:, 2]) <= self.slack)
-
-    def rim_length(self, low: F64, high: F64) -> float:
-        """Length within the rectangle ``low ... high`` of (x, y) of edges where a surface ends, m.
-
-        Edges between two surfaces count for each of them.
-        """
-        f = self._welded
-        ends = np.sort(face_edges(f), axis=1)
-        rows = np.column_stack([ends, np.tile(self.surface, 3)])
-        _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
-        edge = first[count != 2]
-        own = face_edges(self.faces)
-        start, stop = (self.vertices[own[edge, i], :2] for i in (0, 1))
-        step = stop - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            a, b = (low - start) / step, (high - start) / step
-        # parallel to a side: all or nothing
-        outside = (step == 0) & ((start < low) | (start > high))
-        enter = np.where(step == 0, np.where(outside, 1.0, 0.0), np.minimum(a, b)).max(axis=1, initial=0.0)
-        leave = np.where(step == 0, np.where(outside, 0.0, 1.0), np.maximum(a, b)).min(axis=1, initial=1.0)
-        share = np.clip(leave - enter, 0.0, 1.0)
-        return float((share * np.linalg.norm(step, axis=1)).sum())
 
     @cached_property
     def single_bounce(self) -> str:

@@ -18,6 +18,7 @@ from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
@@ -144,6 +145,8 @@ class Imager:
             self._lattices[pass_index] = [
                 tuple(grid for grid in grids if grid.serves(middle)) for grids in every
             ]
+            if pass_index == 0:
+                self.run.notes += check_small_parts(self.sampling, self.run.shortfalls)
         return self._lattices[pass_index]
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:

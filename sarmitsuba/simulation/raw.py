@@ -19,7 +19,7 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.checks import check_sampling
+from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
@@ -83,6 +83,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     notes += _check_energy(scene, run.statistics, data)
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
+        notes += check_small_parts(run.sampling, run.shortfalls)
         plan = plan.with_key_pulses(
             run.report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
         )

@@ -13,7 +13,7 @@ from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas, mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sampling.small_parts import with_small_parts
+from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
@@ -40,6 +40,7 @@ class Run:
     timer : seconds by stage
     statistics : of the last image or raw data
     report : the rays that raw data took; None before, and where there is no mesh
+    shortfalls : surface that the lattices made last are too coarse for
     notes : one line each; what was assumed, repaired or is worth a warning
     """
 
@@ -63,6 +64,7 @@ class Run:
         self.layers = LayerPlan.of(self.scene, self.plan)
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
+        self.shortfalls: tuple[Shortfall, ...] = ()
         self.notes = [*scene.notes, *self.plan.notes]
         if self.sampling is not None and self.plan.flags.multi_bounce:
             left_out = mirrors_outside(self.scene, self.sampling.windows)
@@ -87,31 +89,34 @@ class Run:
         RadarError
             Not a single ray is left for some pulse.
         """
-        made = []
+        assert self.trace_scene is not None
+        track = self.scene.radar.track
+        made, short = [], []
         for subset in self.layers.subsets:
             draw = subset + 2 * pass_index
             rng = np.random.default_rng([self.scene.settings.seed & 0x7FFFFFFF, draw, 0x50A1])
-            plain = sampling.lattices(draw=draw, subset=subset)
-            finer = [grid for one in plain for grid in self._with_small_parts(sampling, one, rng)]
+            finer: list[LaunchGrid] = []
+            for one in sampling.lattices(draw=draw, subset=subset):
+                pulses, frame = one.pulses or (0, track.n_pulses), one.frame or sampling.window.frame
+                antennas = bounding_antennas(track, pulses)
+                grids, missed = with_small_parts(one, self.trace_scene, frame, antennas, rng)
+                finer += grids
+                if missed is not None and one.serves(track.center_index):
+                    short.append(missed)
             made.append(tuple(grid for grid in finer if grid.n_rays))
-            for window in sampling.windows:
-                if not any(grid.serves(window.pulses[0]) for grid in made[-1]):
-                    raise RadarError(
-                        f"{self.scene.name}: rays {plain[0].spacing:.3g} m apart all pass beside what is to be seen, "
-                        f"{2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set ray_spacing "
-                        "to a fraction of that"
-                    )
+            self._check_rays(sampling, made[-1])
+        self.shortfalls = tuple(short)
         self.timer.lap("launch grid")
         return made
 
-    def _with_small_parts(
-        self, sampling: SamplingPlan, grid: LaunchGrid, rng: np.random.Generator
-    ) -> tuple[LaunchGrid, ...]:
-        """A lattice and the finer ones over small parts, as its own sector of the track sees them."""
-        assert self.trace_scene is not None
-        track = self.scene.radar.track
-        antennas = bounding_antennas(track, grid.pulses or (0, track.n_pulses))
-        return with_small_parts(grid, self.trace_scene, grid.frame or sampling.window.frame, antennas, rng)
+    def _check_rays(self, sampling: SamplingPlan, grids: tuple[LaunchGrid, ...]) -> None:
+        for window in sampling.windows:
+            if not any(grid.serves(window.pulses[0]) for grid in grids):
+                raise RadarError(
+                    f"{self.scene.name}: rays {sampling.spacings.coherent:.3g} m apart all pass beside what is to be "
+                    f"seen, {2 * window.half_x:.3g} m x {2 * window.half_y:.3g} m as the radar sees it; set "
+                    "ray_spacing to a fraction of that"
+                )
 
 
 __all__ = ["Run"]

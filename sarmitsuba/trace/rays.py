@@ -46,7 +46,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
 
     edge_a, edge_b = _lattice_edges(kernel, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
-    weight = _launch_weight(kernel, ray, gx, gy)
+    weight = _launch_weight(kernel, gx, gy)
     pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
     if pattern is not None:
         weight *= pattern.one_way(d)
@@ -94,11 +94,9 @@ def _lattice_edges(
     return a - d * dr.dot(a, d), b - d * dr.dot(b, d)
 
 
-def _launch_weight(kernel: Kernel, ray: mi.UInt32, gx: mi.Float, gy: mi.Float) -> mi.Float:
+def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     """Amplitude of a ray by where in the launch window it starts."""
     grid = kernel.grid
-    if grid.weight is not None:
-        return dr.gather(mi.Float, device_array(mi.Float, grid.weight), ray)
     if kernel.flags.taper:
         return fade(gx, grid.half_x, grid.taper) * fade(gy, grid.half_y, grid.taper)
     return mi.Float(1.0)

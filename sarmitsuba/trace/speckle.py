@@ -31,8 +31,8 @@ class ScattererLattice:
     """The scatterers that one ray stands for: nodes fixed to the scene that lie in its patch of the facet.
 
     Every node has a square cell in the two axes that span the surface best (the normal's largest component ``nc`` is
-    left out), so that it stands for ``cell^2 / |nc|`` of surface whatever the facet's position. Patches tile the
-    facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
+    left out), turned by a fixed angle. It stands for ``cell^2 / |nc|`` of surface wherever the facet is. Patches tile
+    the facet, so each node that is lit belongs to one ray, and what a surface returns goes with the area that is lit,
     however the mesh is cut.
 
     Parameters
@@ -75,10 +75,10 @@ class ScattererLattice:
         # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
         take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
         take_y = ~take_z & (ay >= ax - 1e-6)
-        a, b, c = _axes(point, take_z, take_y)
-        na, nb, nc = _axes(normal, take_z, take_y)
-        ua, ub, _ = _axes(u, take_z, take_y)
-        va, vb, _ = _axes(v, take_z, take_y)
+        a, b, c = _lattice_axes(point, take_z, take_y)
+        na, nb, nc = _lattice_axes(normal, take_z, take_y)
+        ua, ub, _ = _lattice_axes(u, take_z, take_y)
+        va, vb, _ = _lattice_axes(v, take_z, take_y)
         scale = mi.Float(1.0 / cell)
         across = [(alpha * ua + beta * va) * scale for alpha, beta in patch.corners]
         along = [(alpha * ub + beta * vb) * scale for alpha, beta in patch.corners]
@@ -116,7 +116,7 @@ class ScattererLattice:
         row = index // self.columns
         ia = self.first_a + mi.Float64(row)
         ib = self.first_b + mi.Float64(index - row * self.columns)
-        return ia, ib, (ia + _fraction(ib * STEP_A)) * self.cell, (ib + _fraction(ia * STEP_B)) * self.cell
+        return ia, ib, (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
 
     def inside(self, index: mi.UInt32) -> mi.Bool:
         """Whether a node lies in the patch."""
@@ -134,6 +134,7 @@ class ScattererLattice:
         ia, ib, ca, cb = self._node(index)
         # along the left-out axis onto the tangent plane
         cc = self.c - (ca - self.a) * self.slope_a - (cb - self.b) * self.slope_b
+        ca, cb = TURN_COS * ca - TURN_SIN * cb, TURN_SIN * ca + TURN_COS * cb
         point = mi.Vector3d(
             dr.select(self.take_z | self.take_y, ca, cc),
             dr.select(self.take_z, cb, dr.select(self.take_y, cc, ca)),
@@ -150,9 +151,9 @@ class ScattererLattice:
         return point, key
 
 
-# a node's place in its cell goes on by these irrational steps from row to row and column to column, so that strips
-# along the axes, however narrow, hold their share of nodes
-STEP_A, STEP_B = 0.6180339887498949, 0.7548776662466927
+# the lattice is turned by the angle whose tangent is the golden mean: strips along the scene's axes, however narrow,
+# then hold their share of nodes; its rows stay regular, so that its spectrum has nothing below one per cell
+TURN_COS, TURN_SIN = 0.8506508083520400, 0.5257311121191336
 # most nodes along one axis of a patch: bounds the loop where a patch is degenerate
 MOST_NODES = 64.0
 # thickness of a layer, cells
@@ -165,16 +166,14 @@ def cell_on(cell: mi.Float64, largest: mi.Float) -> mi.Float64:
     return cell * mi.Float64(dr.exp2(-0.5 * dr.clip(steps, 0.0, 40.0)))
 
 
-def _axes(
+def _lattice_axes(
     w: mi.Vector3d | mi.Vector3f, take_z: mi.Bool, take_y: mi.Bool
 ) -> tuple[mi.Float64 | mi.Float, mi.Float64 | mi.Float, mi.Float64 | mi.Float]:
-    """Components along the two lattice axes and the one left out."""
+    """Components along the two lattice axes and the scene's axis that is left out."""
     s = dr.select
-    return s(take_z | take_y, w.x, w.y), s(take_z, w.y, w.z), s(take_z, w.z, s(take_y, w.y, w.x))
-
-
-def _fraction(x: mi.Float64) -> mi.Float64:
-    return x - dr.floor(x)
+    a, b = s(take_z | take_y, w.x, w.y), s(take_z, w.y, w.z)
+    c = s(take_z, w.z, s(take_y, w.y, w.x))
+    return TURN_COS * a + TURN_SIN * b, TURN_COS * b - TURN_SIN * a, c
 
 
 def _least(values: list[mi.Float]) -> mi.Float:

@@ -47,10 +47,7 @@ def test_recommendation_is_checked_and_can_be_rendered(
     assert (tmp_path / "image" / "image.h5").exists()
 
 
-def test_bare_level_ground_is_measured_without_spacings(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Sweeps ask for spacings, which keeps the rays off the scatterer cells: those are a combination of their own."""
+def test_what_the_study_switches_off_the_line_to_render_does(tmp_path: Path) -> None:
     out = tmp_path / "cost"
     words = ["range_film.image_extent_azimuth=20", "range_film.image_extent_range=20"]
     words += ["sar_antenna.azimuth_resolution=6", "sar_antenna.n_pulses=64", "sar_path.keep_orders=true"]
@@ -58,10 +55,5 @@ def test_bare_level_ground_is_measured_without_spacings(
     assert (
         main(["cost", "flat_ground", *given, "--target-error", "-40", "--budget", "12", "-o", str(out)]) == 0
     )
-    text = capsys.readouterr().out
     facts = json.loads((out / "cost.json").read_text())
-    assert "leave spacings out: hybrid" in facts["through_cells"] and facts["through_cells"] in text
-    bare = [c["changes"] for c in facts["front"] if "ray_spacing" not in c["changes"]]
-    assert bare and not any("diffuse_ray_spacing" in c for c in bare)
-    # what the study switched off, the line to render switches off
     assert "-D sar_path.keep_orders=false" in facts["options"]

@@ -120,7 +120,7 @@ def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) 
     finally:
         dr.set_thread_count(threads)
     changes["again"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
-    monkeypatch.setattr(importlib.import_module("sarmitsuba.simulation.raw"), "MAX_LANES", 20_000)
+    monkeypatch.setattr(importlib.import_module("sarmitsuba.simulation.tracing"), "MAX_LANES", 20_000)
     changes["small batches"] = float(np.abs(sarmitsuba.simulate(scene).data - first).max() / peak)
     print(changes)
     row(

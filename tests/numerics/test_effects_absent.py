@@ -25,7 +25,6 @@ SWITCHES = (
     "coherent",
     "diffuse",
     "diffuse_double",
-    "footprint_splitting",
     "speckle",
     "depolarisation",
     "antenna_pattern",
@@ -107,7 +106,6 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
         channels=("HH",),
         diffuse=False,
         diffuse_double=False,
-        footprint_splitting=False,
         speckle=False,
         multi_bounce=False,
     )
@@ -116,7 +114,6 @@ def test_an_effect_without_work_leaves_the_same_kernel(tiny: Scene, history: Any
     with_words = replace(
         bare,
         diffuse_double=True,
-        footprint_splitting=True,
         speckle=True,
         depolarisation=True,
         visibility=True,
@@ -131,8 +128,6 @@ def test_any_subset_runs(tiny: Scene, seed: int) -> None:
     effects = {name: str(rng.choice(["auto", "on", "off"])) for name in EFFECT_SWITCHES}
     if effects["diffuse"] == "off":  # without both nothing returns, which is refused
         effects["coherent"] = "on"
-    if effects["footprint_splitting"] == "off":  # refused where there is more than bare level ground
-        effects["footprint_splitting"] = "auto"
     depth = int(rng.integers(0, 4))
     settings = replace(tiny.settings, effects=effects, max_depth=depth)  # type: ignore[arg-type]
     raw = simulate(replace(tiny, settings=settings))

@@ -13,6 +13,7 @@ from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.simulation.raw import _check_energy
+from sarmitsuba.simulation.sampling import small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.trace.accumulators import GridAccumulator
 
@@ -156,11 +157,7 @@ def test_contributions_outside_the_window_are_said(scene_file, row, monkeypatch,
     )
 
 
-def test_rays_too_sparse_for_the_cell_or_the_facets(scene_file, row) -> None:
-    """Spacings that the user asks for and the rays cannot carry; the spacing that is named then gives the answer.
-
-    Naive way: no word; a sphere traced with 0.3 m between the rays is decibels off, in any direction.
-    """
+def test_rays_too_sparse_for_the_cell(scene_file) -> None:
     coarse = sarmitsuba.load_scene(scene_file(), parameters={"sar_path.ray_spacing": "0.4"})
     texts = said(lambda: sarmitsuba.simulate(coarse))
     assert any(
@@ -168,29 +165,43 @@ def test_rays_too_sparse_for_the_cell_or_the_facets(scene_file, row) -> None:
         for t in texts
     )
 
-    def level(spacing: str) -> tuple[float, list[str]]:
-        scene = sarmitsuba.load_scene(
-            scene_file("sphere", 1.0), parameters={"sar_path.ray_spacing": spacing, "sar_path.max_depth": "1"}
-        )
+
+def test_rays_too_sparse_for_a_curved_surface(scene_file, row, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sphere whose rays are asked for 0.2 m apart gets the rays it needs; where they are too many, that is said.
+
+    Naive way: the rays asked for and no others.
+    """
+
+    def level() -> tuple[float, list[str]]:
+        given = {"sar_path.ray_spacing": "0.2", "sar_path.max_depth": "1"}
+        scene = sarmitsuba.load_scene(scene_file("sphere", 1.0), parameters=given)
         got = []
         texts = said(lambda: got.append(focus(sarmitsuba.simulate(scene), request=scene.image)))
         return 10 * np.log10(point_target_in(got[0]).rcs), texts
 
-    sparse, texts = level("0.2")
-    match = re.search(
-        r"coarser than the facets of curved surfaces, 100 % of .* 4.5 rays per wavelength: (\S+) m", texts[0]
-    )
-    fine, quiet = level(match[1])
+    served, quiet = level()
     assert quiet == []
+    monkeypatch.setattr(small_parts, "MOST_RAYS", 0)
+    monkeypatch.setattr(small_parts, "SHARE", 0.0)
+    sparse, texts = level()
+    (text,) = texts
+    stated = re.search(
+        r"(\d+) % of the surface is too small or too curved for the rays that fit the bound on rays, 0.2 m apart: its "
+        r"coherent return comes out up to (\d+) dB too strong; set ray_spacing to (\S+) m",
+        text,
+    )
+    assert stated is not None and stated[1] == "100"
     exact = 10 * np.log10(np.pi)
-    # tol: 4.5 rays per wavelength, 0.15 dB, and the chain
+    print(served - exact, sparse - exact, text)
+    assert float(stated[3]) < 0.07  # sqrt(0.1 lambda rho) is 0.056 m
+    # tol: 0.3 dB for the chain and the jitter of 4 rays per first Fresnel zone
     row(
-        "sphere at the spacing that the warning names",
-        abs(fine - exact),
+        "sphere of 1 m at rays 0.2 m apart",
+        abs(served - exact),
         0.3,
         "dB",
         naive=abs(sparse - exact),
-        remedy="said, with the spacing that would do",
+        remedy="a finer lattice over the curved part",
     )
 
 

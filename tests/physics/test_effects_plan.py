@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
-from sarmitsuba.errors import SceneError
-from sarmitsuba.focusing import focus
-from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
@@ -20,8 +17,6 @@ from sarmitsuba.mesh.tessellate import cube, sphere
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene, run_pilot
-from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 F64 = NDArray[np.float64]
@@ -177,95 +172,6 @@ def test_flat_rules_need_every_vertex(base: Scene) -> None:
     v = v.copy()
     v[2, 2] = 1e-3
     assert not SceneContext(scene(base, (v, f, m))).shape.flat
-
-
-# ---- cells of bare level ground
-
-
-def small(base: Scene, *meshes: Mesh, **settings: object) -> Scene:
-    """Image 30 m x 30 m at 128 pulses, tracing one in 32."""
-    target = scene(base, *meshes, extent=30.0)
-    return replace(target, settings=replace(target.settings, key_pulse_interval=32, **settings))  # type: ignore[arg-type]
-
-
-def imaged(target: Scene) -> SarImage:
-    return render(target) if target.settings.method == "image" else focus(simulate(target))
-
-
-def difference_db(a: SarImage, b: SarImage) -> float:
-    difference, whole = (np.square(np.abs(x)).sum() for x in (a.data - b.data, b.data))
-    return float(10.0 * np.log10(difference / whole))
-
-
-@pytest.mark.parametrize("method", ["hybrid", "raw", "image"])
-@pytest.mark.parametrize("heading", ["0", "33"])
-def test_rays_through_cells_return_what_dense_shared_tubes_do(heading: str, method: str) -> None:
-    """The same cells, the same random numbers: only the sampling by rays differs."""
-    given = {"sar_path.method": method, "range_film.image_extent_azimuth": "40"}
-    given |= {"range_film.image_extent_range": "24", "sar_antenna.heading_deg": heading}
-    given |= {"sar_antenna.n_pulses": "64", "sar_antenna.azimuth_resolution": "6"}
-    target = load_scene(resolve("flat_ground"), parameters=given)
-    plan = plan_scene(target)
-    assert not plan.on("footprint_splitting") and not plan.flags.footprint_splitting
-    cell = SamplingPlan.of(target).scatterer_cell
-    dense = replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8))
-    assert plan_scene(dense).on("footprint_splitting")
-    bare = imaged(target)
-    # tol: sampling by 64 rays per cell; the window's fade-out is fixed to the ground, not to the line of sight
-    assert difference_db(bare, imaged(dense)) < -44.0
-
-
-def test_sharing_stays_where_the_ground_is_not_bare_and_level(base: Scene) -> None:
-    lifted = plain(90.0)
-    lifted[0][2, 2] = 0.1
-    tilted = (plain(90.0)[0] @ np.array([[1, 0, 0.1], [0, 1, 0], [0, 0, 1]]), *plain(90.0)[1:])
-    cases = {
-        "one bounce": small(base, plain(90.0), box([-6, -8, 0], [6, 8, 9])),
-        "level": small(base, tilted),
-        "bent": small(base, lifted),
-        "subsets": small(base, plain(90.0), keep_subsets=True),
-        "asked": small(base, plain(90.0), diffuse_ray_spacing=0.3),
-        "smooth": replace(small(base, plain(90.0)), materials=(PEC, replace(SOIL, rms_height=1e-4))),
-    }
-    assert not plan_scene(small(base, plain(90.0))).flags.footprint_splitting
-    for name, target in cases.items():
-        assert plan_scene(target).flags.footprint_splitting, name
-    off = small(base, tilted, effects={"footprint_splitting": "off"})
-    with pytest.raises(SceneError, match="footprint_splitting = off is for bare level ground only"):
-        plan_scene(off)
-    for given, remedy in (
-        ({"keep_subsets": True}, "--no-error-bars"),
-        ({"ray_spacing": 0.3}, "leave out ray_spacing"),
-    ):
-        with pytest.raises(SceneError, match=remedy):
-            plan_scene(small(base, plain(90.0), effects={"footprint_splitting": "off"}, **given))
-
-
-def test_a_rim_within_the_image_keeps_the_sharing(base: Scene) -> None:
-    """A plate whose outermost cells are covered by nearly a half, which their neighbours return: about the worst."""
-    cell = SamplingPlan.of(base).scatterer_cell
-    target = small(base, plain(22.48 * cell))
-    decision = plan_scene(target).decision("footprint_splitting")
-    assert decision is not None and decision.on and "rim" in decision.why
-    with pytest.warns(UserWarning, match="footprint_splitting is switched off; predicted error"):
-        cells = imaged(
-            replace(target, settings=replace(target.settings, effects={"footprint_splitting": "off"}))
-        )
-    dense = imaged(replace(target, settings=replace(target.settings, diffuse_ray_spacing=cell / 8)))
-    # tol: speckle of 180 cells; the rim lies along the cells and meets pi / 4 of what it meets in any direction
-    assert abs(difference_db(cells, dense) - decision.error_db) < 3.0
-
-
-def test_rim_length(base: Scene) -> None:
-    shape = SceneContext(scene(base, plain(10.0))).shape
-    far, near = np.array([[-50.0, -50.0], [50.0, 50.0]]), np.array([[-50.0, 0.0], [4.0, 50.0]])
-    assert shape.rim_length(*far) == pytest.approx(80.0)
-    assert shape.rim_length(*near) == pytest.approx(10.0 + 14.0)
-    assert shape.rim_length(*np.array([[-5.0, -5.0], [5.0, 5.0]])) == 0.0
-    # two subsets of one material, but not one smooth surface: the seam counts for both
-    left = quad([-10, -10, 0], [0, -10, 0], [0, 10, 0], [-10, 10, 0], 1)
-    right = quad([0, -10, 0], [10, -10, 0], [10, 10, 0], [0, 10, 0], 1)
-    assert SceneContext(scene(base, left, right)).shape.rim_length(*far) == pytest.approx(120.0)
 
 
 # ---- pilot

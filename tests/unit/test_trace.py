@@ -45,7 +45,6 @@ class Tally:
         {"coherent": False},
         {"diffuse": False},
         {"diffuse_double": False},
-        {"footprint_splitting": False},
         {"multi_bounce": False},
     ],
     ids=lambda c: next(iter(c), "all"),
@@ -74,8 +73,6 @@ def test_every_contribution_arrives_once(changes: dict[str, bool]) -> None:
     assert (diffuse > 0) == flags.diffuse
     assert (retro > 0) == (flags.diffuse and flags.diffuse_double and flags.multi_bounce)
     assert wrong_order == 0
-    if not flags.footprint_splitting:
-        assert diffuse == coherent  # one cell per hit that the antenna sees
 
 
 def test_kinds_are_numbered_as_the_effects_name_them() -> None:

@@ -12,7 +12,6 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling.cell_grid import cell_grid
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
@@ -158,12 +157,6 @@ class SamplingPlan:
         return self.scene.radar.waveform.wavelength / RAYS_PER_WAVELENGTH
 
     @property
-    def through_cells(self) -> bool:
-        """Whether rays go through the scatterer cells, one per cell: bare level ground with one bounce."""
-        f = self.flags
-        return f.diffuse and not (f.footprint_splitting or f.coherent or f.multi_bounce)
-
-    @property
     def rays_per_pulse(self) -> int:
         """About as many rays as all lattices of one pulse have; diffuse rays only where they are automatic."""
         rays = self.window.area / self.spacings.coherent**2
@@ -231,8 +224,6 @@ class SamplingPlan:
         subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
             footprints wider than a cell would leave cells out
         """
-        if self.through_cells:
-            return (cell_grid(self.scene, self.window, self.scatterer_cell),)
         sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
         settings = self.scene.settings
         if not (self.flags.diffuse and self.flags.coherent):

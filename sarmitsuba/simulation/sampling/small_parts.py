@@ -1,12 +1,12 @@
 """Finer lattices of rays over the parts of a scene that the plain lattice is too coarse for."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, morton
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, morton
 from sarmitsuba.trace.small_lattice import nodes_over, outline_area
 
 F64 = NDArray[np.float64]
@@ -18,9 +18,43 @@ SHARE = 0.15
 MOST_LEVELS = 12
 
 
+@dataclass(frozen=True)
+class Shortfall:
+    r"""Surface that the rays of a purpose are too far apart for, because of the bound on rays.
+
+    Parameters
+    ----------
+    purpose : of the rays
+    share : of all surface that the antenna faces, as it sees it
+    spacing, needed : m, between the rays that there are and between those that such surface needs (mean of its
+        logarithm)
+
+    Notes
+    -----
+    A flat facet of area A that tubes of cross-section :math:`d^2` find by chance counts with :math:`d^2 / A`, and so
+    does a tube on a curved surface that spans more than the first Fresnel zone :math:`\lambda \rho`.
+    """
+
+    purpose: Purpose
+    share: float
+    spacing: float
+    needed: float
+
+    @property
+    def bias_db(self) -> float:
+        """About the most by which coherent power is too large; diffuse power varies, but is right on average."""
+        if self.purpose == "diffuse":
+            return 0.0
+        return float(max(0.0, 20.0 * np.log10(self.spacing / self.needed) + SERVED_DB))
+
+
+# power of a tube over the largest that serves (two rays across a width, a tenth of a Fresnel zone), dB
+SERVED_DB = -10.0
+
+
 def with_small_parts(
     grid: LaunchGrid, scene: TraceScene, frame: LaunchFrame, antennas: F64, rng: np.random.Generator
-) -> tuple[LaunchGrid, ...]:
+) -> tuple[tuple[LaunchGrid, ...], Shortfall | None]:
     """The plain lattice, and one with half the distance between rays for each further need.
 
     Every face belongs to one of them by the distance between rays that it needs; rays that meet another lattice's face
@@ -33,22 +67,27 @@ def with_small_parts(
     antennas : (n, 3) m, positions that bound the aperture
     rng : shifts the finer lattices
 
+    Returns
+    -------
+    lattices, and what they are too coarse for; None where they serve everything
+
     Notes
     -----
     Faces that need more than the bounds on rays allow get the finest lattice there is: those rays that meet a facet
-    narrower than their distance count for the rest of it, right on average.
+    narrower than their distance count for the rest of it. Diffuse power is then right on average.
     """
     coherent, diffuse = scene.needs
     need = {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[grid.purpose]
     level = np.ceil(np.log2(grid.spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
     level = np.clip(level, 0, MOST_LEVELS)
     if not level.any():
-        return (grid,)
+        return (grid,), None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * grid.n_rays)
     finest = _finest(level, area, grid.spacing, budget)
+    short = _shortfall(grid, need, area, finest)
     if finest == 0:
-        return (grid,)
+        return (grid,), short
     level = np.minimum(level, finest)
     out = [replace(grid, needs=(grid.spacing * (1.0 - 1e-6), np.inf))]
     for k in range(1, finest + 1):
@@ -75,7 +114,18 @@ def with_small_parts(
                 needs=needs,
             )
         )
-    return tuple(out)
+    return tuple(out), short
+
+
+def _shortfall(grid: LaunchGrid, need: F64, area: F64, finest: int) -> Shortfall | None:
+    """Faces that need more than the finest lattice, by their outlines' area (the half turned away included)."""
+    spacing = grid.spacing * 2.0**-finest
+    under = need < spacing * (1.0 - 1e-6)
+    weight = area[under]
+    if weight.sum() <= 0.0:
+        return None
+    needed = float(np.exp(np.average(np.log(np.maximum(need[under], 1e-9)), weights=weight)))
+    return Shortfall(grid.purpose, float(weight.sum() / area.sum()), spacing, needed)
 
 
 def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -> int:
@@ -90,4 +140,4 @@ def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -
     return 0
 
 
-__all__ = ["with_small_parts"]
+__all__ = ["Shortfall", "with_small_parts"]
