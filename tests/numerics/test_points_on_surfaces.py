@@ -1,15 +1,33 @@
 """Ideal points that lie on surfaces: seen wherever the facet itself is, hidden behind everything else."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import sarmitsuba
 from sarmitsuba.backend import ensure_backend
+from sarmitsuba.focusing import focus
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 
 WAVELENGTH = 0.03
+SCENE = """<scene version="3.0.0">
+  <integrator type="sar_path"><integer name="max_depth" value="1"/></integrator>
+  <sensor type="sar_antenna" id="radar">
+    <float name="slant_range" value="5000"/><float name="azimuth_resolution" value="1"/>
+    <string name="mode" value="spotlight"/>
+    <film type="range_film">
+      <float name="image_extent_azimuth" value="40"/><float name="image_extent_range" value="40"/>
+    </film>
+  </sensor>
+  <bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>
+  {shapes}
+</scene>
+"""
 
 
 def scene_of(vertices: np.ndarray, faces: np.ndarray) -> TraceScene:
@@ -73,3 +91,24 @@ def test_points_just_below_a_roof_and_behind_walls_are_hidden() -> None:
     # on the rim of the roof and at a corner of it, each face's normal another way
     assert seen(scene, np.array([5.0, 1.0, 8.0]), up).all()
     assert seen(scene, np.array([5.0, 5.0, 8.0]), up).all()
+
+
+def test_points_on_flat_ground_keep_their_cross_section(tmp_path: Path) -> None:
+    # rationale: 20 dBsm on ground that returns nothing itself (a smooth mirror, seen slantwise)
+    rng = np.random.default_rng(9)
+    shapes = '<shape type="rectangle" id="ground"><ref id="metal"/>' + (
+        '<transform name="to_world"><scale value="40"/></transform></shape>'
+    )
+    x, y = rng.uniform(-15.0, 15.0, 2)
+    shapes += (
+        f'<shape type="sphere" id="point"><point name="center" x="{x}" y="{y}" z="0"/>'
+        '<float name="radius" value="0.1"/>'
+        '<bsdf type="point_scatterer"><float name="rcs_dbsm" value="20"/></bsdf></shape>'
+    )
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(shapes=shapes))
+    raw = sarmitsuba.simulate(sarmitsuba.load_scene(path))
+    request = ImageRequest("ground", x, y, 0.0, 4.0, 4.0, 0.1, 0.1)
+    image = focus(raw, request=request)
+    # tol: the ground's rim and side lobes
+    assert abs(20.0 * np.log10(np.abs(image.data[0]).max()) - 20.0) < 0.2

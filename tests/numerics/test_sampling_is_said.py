@@ -15,6 +15,10 @@ from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.simulation.raw import _check_energy
 from sarmitsuba.simulation.sampling import small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
+<<<<<<< HEAD
+=======
+from sarmitsuba.trace.accumulators import GridAccumulator
+>>>>>>> angles
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>

@@ -1,7 +1,5 @@
 """Rays aimed exactly at edges, vertices and corner lines; lattices aligned with edges."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
