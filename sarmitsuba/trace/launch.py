@@ -28,7 +28,6 @@ class LaunchGrid:
     half_x, half_y : m, half extents of the window that is to be covered at full weight
     taper : m, width of the fade-out beyond the half extents
     purpose : returns that these rays are for; the two kinds want different densities
-    frame : launch plane, None for that of the middle of the track
     needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
     frame : launch plane of its own, None for that of the launch window
     pulses : first pulse that these rays are for, and the one after the last; None: all
@@ -44,7 +43,6 @@ class LaunchGrid:
     purpose: Purpose = "all"
     frame: "LaunchFrame | None" = None
     needs: tuple[float, float] | None = None
-    frame: "LaunchFrame | None" = None
     pulses: tuple[int, int] | None = None
 
     def serves(self, pulse: int) -> bool:
