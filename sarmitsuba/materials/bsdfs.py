@@ -159,9 +159,10 @@ def rough(rms_height: float) -> Material:
 
 
 def _length_words(rms_height: float) -> str:
-    return (
-        f" and correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm" if rms_height > 0.0 else ""
-    )
+    """The rest of what `rough` assumes."""
+    if rms_height == 0.0:
+        return ""
+    return f", correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm (diffuse_law small_slope)"
 
 
 def _rough_note(plugin: str, rms_height: float) -> str:

@@ -48,10 +48,14 @@ def close_coherent(
 ) -> Contribution:
     r"""Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch.
 
+    Behind a mirror the incident wave's part of the currents is left out and the reflected wave is received in the plane
+    halfway between its direction and that of the antenna, see :func:`sarmitsuba.trace.field.turned_receive`; at the
+    first hit and at a specular angle that is the same. With it a metal corner seen off its plane by psi has the
+    cross-polar return of the two mirrors, ``sin(2 psi) cos(theta) / cos(2 psi)`` of the co-polar one, to first order.
+
     A chain over A that closes at B and the reversed one, over B to A, are one path of one length, and reciprocity wants
-    ``S_HV(AB) = S_VH(BA)``. Mirror currents on the first facets, physical-optics ones on the last, are right where
-    the last is at its specular angle; off it each estimate errs in proportion to the offset, and not alike. Both chains
-    are traced, so that the mean of an estimate and of the reversed chain's,
+    ``S_HV(AB) = S_VH(BA)``. Off the specular angle each estimate errs in proportion to the offset, with opposite
+    signs. Both chains are traced, so that the mean of an estimate and of the reversed chain's,
 
     .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
 
@@ -90,6 +94,9 @@ def close_coherent(
             )
         else:
             closed[channel] = field.dot(field.po_current_pec(e, hit.direction, n), q)
+        if flags.multi_bounce:
+            turned = field.turned_receive(reflection.fields[i], reflection.direction, s, q)
+            closed[channel] = dr.select(hit.first, closed[channel], turned * -hit.cos_incidence)
     amplitudes = []
     for channel in flags.channels:
         a, b = flags.reciprocal(channel)
