@@ -179,7 +179,9 @@ def test_lattice_makes_no_false_lobes(row, monkeypatch, angle_deg: float) -> Non
             trace_polygon,
             "facet_lines",
             lambda edges, *a: [
-                replace(line, h=type(line.h)(trace_polygon.NOWHERE), gu=type(line.h)(1.0), gv=type(line.h)(0.0))
+                replace(
+                    line, h=type(line.h)(trace_polygon.NOWHERE), gu=type(line.h)(1.0), gv=type(line.h)(0.0)
+                )
                 for line in whole(edges, *a)
             ],
         )
