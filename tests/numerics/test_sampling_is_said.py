@@ -15,9 +15,6 @@ from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.simulation.raw import _check_energy
 from sarmitsuba.simulation.sampling import small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.raw import _check_energy
-from sarmitsuba.simulation.sampling import small_parts
-from sarmitsuba.simulation.statistics import TraceStatistics
 
 SCENE = """<scene version="3.0.0">
   <integrator type="sar_path"/>
