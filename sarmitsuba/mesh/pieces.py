@@ -48,9 +48,10 @@ def piece_sizes(corners: F64, piece: NDArray[np.int64]) -> tuple[F64, F64]:
     )
     count = int(piece.max(initial=-1)) + 1
     total = np.bincount(piece, area, count)
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, piece, corners.min(axis=1))
-    np.maximum.at(high, piece, corners.max(axis=1))
+    order = np.argsort(piece, kind="stable")
+    start = np.flatnonzero(np.diff(piece[order], prepend=-1))
+    low = np.minimum.reduceat(corners.min(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
+    high = np.maximum.reduceat(corners.max(axis=1)[order], start) if len(piece) else np.zeros((0, 3))
     width = total / np.maximum(np.linalg.norm(high - low, axis=1), 1e-300)
     return np.asarray(total[piece]), np.asarray(width[piece])
 

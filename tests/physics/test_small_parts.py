@@ -68,7 +68,6 @@ def cube_rcs(side: float, turn: float, direction: F64) -> float:
     return float(np.mean(np.square(np.abs(total))))
 
 
-@pytest.mark.slow
 def test_field_of_small_cubes(tmp_path: Path) -> None:
     """784 cubes of 5 cm, turned at random, rays decimetres apart. Before: +11 dB, a pixel of +18 dB."""
     rng = np.random.default_rng(2)
