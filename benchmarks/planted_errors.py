@@ -106,17 +106,17 @@ def wrong_reciprocity() -> AbstractContextManager[None]:
 
 
 def missing_cosine() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import field
+    from sarmitsuba.trace import kernel
 
-    # dS = dOmega L^2 instead of dOmega L^2 / cos: as if the current were cos times too weak
+    # dS = dOmega L^2 instead of dOmega L^2 / cos
     def make(f: Any) -> Any:
-        def current(e: Any, d: Any, n: Any) -> Any:
-            c = -dr.dot(d, n)
-            return tuple(part * c for part in f(e, d, n))
+        def footprint(k: Any, lane: Any, ray: Any, hit: Any) -> Any:
+            tube_here = f(k, lane, ray, hit)
+            return replace(tube_here, area=tube_here.area * hit.cos_incidence)
 
-        return current
+        return footprint
 
-    return _replaced(field, "po_current_pec", make)
+    return _replaced(kernel, "footprint", make)
 
 
 def no_tube_phase() -> AbstractContextManager[None]:
@@ -138,9 +138,9 @@ def swapped_fresnel() -> AbstractContextManager[None]:
 def wrong_reflection_sign() -> AbstractContextManager[None]:
     from sarmitsuba.trace import field
 
-    # E -> E - 2 (E . n) n, as sound or a mirror's TM wave: the dihedral loses its HH - VV phase
+    # E -> -E, the part along the normal turned round with the rest: the dihedral loses its HH - VV phase
     def make(f: Any) -> Any:
-        return lambda e, n: (e[0] - n * (2.0 * dr.dot(e[0], n)), e[1] - n * (2.0 * dr.dot(e[1], n)))
+        return lambda e, n: (-e[0], -e[1])
 
     return _replaced(field, "reflect_field_pec", make)
 
