@@ -42,9 +42,8 @@ class Setup:
     n_pulses: int = 0
 
     def scene(self, seed: int = 0, method: str = "hybrid"):  # type: ignore[no-untyped-def]
-        from sarmitsuba.loader.radar_parameters import FilmDescription, RadarDescription
-
         from sarmitsuba.loader.build import SceneMesh, build_scene
+        from sarmitsuba.radar.description import FilmDescription, RadarDescription
         from sarmitsuba.scene.settings import TraceSettings
 
         beam = {"antenna_length": self.antenna_length, "elevation_beamwidth_deg": 20.0}

@@ -96,12 +96,12 @@ def test_omega_k_from_the_command_line(point: Path, tmp_path: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_result(tmp_path: Path) -> None:
-    first = read_raw(render("dihedral", tmp_path / "a", "--seed", "1", "--no-focus") / "raw.h5")
-    second = read_raw(render("dihedral", tmp_path / "b", "--seed", "1", "--no-focus") / "raw.h5")
-    other = read_raw(render("dihedral", tmp_path / "c", "--seed", "2", "--no-focus") / "raw.h5")
+    first = read_raw(render("flat_ground", tmp_path / "a", "--seed", "1", "--no-focus") / "raw.h5")
+    second = read_raw(render("flat_ground", tmp_path / "b", "--seed", "1", "--no-focus") / "raw.h5")
+    other = read_raw(render("flat_ground", tmp_path / "c", "--seed", "2", "--no-focus") / "raw.h5")
     # tol: threads add contributions in any order, float32 rounding
     assert difference_db(second.data, first.data) < -100.0
-    assert difference_db(other.data, first.data) > -100.0
+    assert difference_db(other.data, first.data) > -3.0  # another random surface
 
 
 def test_every_channel_has_a_picture(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import sarmitsuba
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.focusing import focus
 from sarmitsuba.materials.material import Material
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 

@@ -9,8 +9,8 @@ import pytest
 import sarmitsuba
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing import focus
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import ImageRequest
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.launch_window import sectors

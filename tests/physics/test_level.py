@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sarmitsuba.loader.radar_parameters import FilmDescription, RadarDescription
 
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
@@ -13,6 +12,7 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.simulation.image import Imager

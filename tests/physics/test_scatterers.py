@@ -76,7 +76,7 @@ class _Power:
         self.memory = dr.zeros(mi.Float64, 1)
 
     def begin(self) -> tuple[Any, ...]:
-        return (mi.UInt32(0),)
+        return (mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         power = mi.Float64(dr.squared_norm(contribution.amplitudes[0]))

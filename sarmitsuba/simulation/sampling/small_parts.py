@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.simulation.sampling.small_lattice import nodes_over, outline_area
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, morton
-from sarmitsuba.trace.small_lattice import nodes_over, outline_area
 
 F64 = NDArray[np.float64]
 
@@ -98,7 +98,10 @@ def with_small_parts(
             continue
         shift = rng.random(2) * spacing
         x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift)
-        inside = (np.abs(x) <= grid.half_x + grid.taper) & (np.abs(y) <= grid.half_y + grid.taper)
+        if not x.size:  # so small that no node lies over it: those beside it
+            x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, rim=1.0)
+        reach_x, reach_y = (max(half + grid.taper, spacing) for half in (grid.half_x, grid.half_y))
+        inside = (np.abs(x) <= reach_x) & (np.abs(y) <= reach_y)
         x, y = x[inside], y[inside]
         if not x.size:
             continue

@@ -14,7 +14,13 @@ RIM = 0.1
 
 
 def nodes_over(
-    triangles: F64, antennas: F64, frame: LaunchFrame, spacing: float, rotation: float, shift: F64
+    triangles: F64,
+    antennas: F64,
+    frame: LaunchFrame,
+    spacing: float,
+    rotation: float,
+    shift: F64,
+    rim: float = RIM,
 ) -> tuple[F64, F64]:
     """Nodes of a square lattice that lie over the outlines of triangles, in coordinates of the launch plane.
 
@@ -24,6 +30,7 @@ def nodes_over(
     antennas : (m, 3) float64, m; the outline is what any of these and what lies between them sees
     frame : launch plane
     spacing, rotation, shift : of the lattice, m, rad and (2,) m
+    rim : steps that the lattice goes on beyond the outlines
 
     Returns
     -------
@@ -34,14 +41,14 @@ def nodes_over(
     turn = np.array([[c, -s], [s, c]])
     seen = [(_projected(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
     low, high = np.min([n.min(axis=1) for n in seen], axis=0), np.max([n.max(axis=1) for n in seen], axis=0)
-    first = np.ceil(low - RIM).astype(np.int64)
-    size = np.maximum(np.floor(high + RIM).astype(np.int64) - first + 1, 0)
+    first = np.ceil(low - rim).astype(np.int64)
+    size = np.maximum(np.floor(high + rim).astype(np.int64) - first + 1, 0)
     count = size[:, 0] * size[:, 1]
     owner = np.repeat(np.arange(len(pieces)), count)
     number = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
     i = first[owner, 0] + number // size[owner, 1]
     j = first[owner, 1] + number % size[owner, 1]
-    near = _near(i, j, owner, seen)
+    near = _near(i, j, owner, seen, rim)
     i, j = i[near], j[near]
     if not i.size:
         return np.zeros(0), np.zeros(0)
@@ -54,9 +61,9 @@ def nodes_over(
 
 
 def _near(
-    i: NDArray[np.int64], j: NDArray[np.int64], owner: NDArray[np.int64], seen: list[F64]
+    i: NDArray[np.int64], j: NDArray[np.int64], owner: NDArray[np.int64], seen: list[F64], rim: float
 ) -> NDArray[np.bool_]:
-    """Whether nodes lie within ``RIM`` of their triangle, (n, 3, 2) in steps, as any of the antennas sees it."""
+    """Whether nodes lie within ``rim`` of their triangle, (n, 3, 2) in steps, as any of the antennas sees it."""
     middle = seen[len(seen) // 2]
     walk = np.max([np.linalg.norm(n - middle, axis=2).max(axis=1) for n in seen], axis=0)
     along = np.roll(middle, -1, axis=1) - middle
@@ -71,7 +78,7 @@ def _near(
     x, y = i.astype(np.float32), j.astype(np.float32)
     for k in range(3):
         a, b = (outward[:, k, axis].astype(np.float32)[owner] for axis in (0, 1))
-        limit = (offset[:, k] + walk + RIM).astype(np.float32)[owner]
+        limit = (offset[:, k] + walk + rim).astype(np.float32)[owner]
         near &= x * a + y * b <= limit
     return near
 
