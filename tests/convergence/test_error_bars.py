@@ -35,11 +35,13 @@ def test_estimate_follows_the_truth(name: str) -> None:
 
     reference = np.mean([run(0.3, 50 + i, False).total() for i in range(2)], axis=0)
     found = []
-    for factor in (1.0, 0.71):
+    for factor in (1.0, 0.5):
         image = run(factor, 0, True)
         estimate = estimate_error(image.data, image.layers, pixels=False).error_db[0]
         true = image_error_db(image.total(), reference)
-        # tol: 1.5 dB, the scatter of what two lattices share over scenes and settings; 1 dB for so small a piece
-        assert abs(estimate - true) < 2.5
+        # tol: one draw of two ray subsets, 1.4 dB rms over scenes and settings (docs/accuracy.md): 2.5 of them
+        assert abs(estimate - true) < 3.5
         found.append(true)
-    assert found[1] < found[0] - 2.0  # half the tubes' area: at least 3 dB less noise, 1 dB of it allowed for
+    # a quarter of the tubes' area: what is left comes from outlines, whose error falls with the tubes' width; a third of
+    # those 3 dB, because both figures are single draws
+    assert found[1] < found[0] - 1.0
