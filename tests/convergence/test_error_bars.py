@@ -42,6 +42,6 @@ def test_estimate_follows_the_truth(name: str) -> None:
         # tol: one draw of two ray subsets, 1.4 dB rms over scenes and settings (docs/accuracy.md): 2.5 of them
         assert abs(estimate - true) < 3.5
         found.append(true)
-    # a quarter of the tubes' area: what is left comes from outlines, whose error falls with the tubes' width; a third of
-    # those 3 dB, because both figures are single draws
+    # a quarter of the tubes' area: what is left comes from outlines, whose error falls with the tubes' width, 3 dB;
+    # a third of that, because both figures are single draws
     assert found[1] < found[0] - 1.0
