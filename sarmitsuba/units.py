@@ -10,15 +10,9 @@ def db_from_power(power: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(10.0 * np.log10(np.asarray(power, dtype=np.float64)))
 
 
-def db_from_amplitude(amplitude: ArrayLike) -> NDArray[np.float64]:
-    """Return ``20 log10(|amplitude|)`` as float64; zero gives ``-inf`` without a warning."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(20.0 * np.log10(np.abs(np.asarray(amplitude))), dtype=np.float64)
-
-
 def power_from_db(value_db: ArrayLike) -> NDArray[np.float64]:
     """Return ``10**(value_db / 10)`` as float64."""
     return np.asarray(10.0 ** (np.asarray(value_db, dtype=np.float64) / 10.0))
 
 
-__all__ = ["db_from_amplitude", "db_from_power", "power_from_db"]
+__all__ = ["db_from_power", "power_from_db"]

@@ -7,14 +7,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from sarmitsuba.mesh.pieces import piece_sizes
+from sarmitsuba.mesh.pieces import SMOOTH_BEND, piece_sizes
 from sarmitsuba.mesh.welding import weld
 
 F64 = NDArray[np.float64]
 
-# bend of an edge below which a curved surface goes on across it and tubes are not ended there
-SMOOTH_BEND = np.radians(20.0)
-# bend (rad) times width (wavelengths) below which it does so across narrow flat strips: an eighth of pi in phase
+# bend (rad) times width (wavelengths) below which narrow flat strips go on into each other: an eighth of pi in phase
 LARGEST_BEND = 1.0 / 16.0
 # bend below which two triangles lie in one plane, rad
 FLAT_BEND = 1e-4
@@ -379,4 +377,4 @@ def _unused(n: int) -> F64:
     return np.tile([0.0, 0.0, 0.0, -1.0], (n, N_EDGES, 1))
 
 
-__all__ = ["FLAT_BEND", "N_EDGES", "SMOOTH_BEND", "Facets", "boundary_edges", "facets"]
+__all__ = ["FLAT_BEND", "N_EDGES", "Facets", "boundary_edges", "facets"]

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 F64 = NDArray[np.float64]
 
 # bend of an edge below which the surface goes on across it, rad
-GOES_ON = np.radians(20.0)
+SMOOTH_BEND = np.radians(20.0)
 
 
 def piece_of(corners: F64, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -36,7 +36,7 @@ def piece_of(corners: F64, vertex: NDArray[np.int64]) -> NDArray[np.int64]:
     # wound alike, two neighbours walk their edge in opposite directions
     alike = np.where(vertex[a] == vertex[b], -1.0, 1.0)
     bend = alike * np.einsum("ei,ei->e", normal[a // 3], normal[b // 3])
-    joined = bend > np.cos(GOES_ON)
+    joined = bend > np.cos(SMOOTH_BEND)
     links = coo_matrix((np.ones(int(joined.sum())), (a[joined] // 3, b[joined] // 3)), shape=(n, n))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
@@ -115,4 +115,4 @@ RAYS_ACROSS = 5.0
 # convex flat parts that a piece of surface may have to be given rays for each of them
 MOST_PARTS = 32.0
 
-__all__ = ["GOES_ON", "RAYS_ACROSS", "part_sizes", "piece_of", "piece_sizes", "ray_needs"]
+__all__ = ["RAYS_ACROSS", "SMOOTH_BEND", "part_sizes", "piece_of", "piece_sizes", "ray_needs"]

@@ -112,9 +112,8 @@ class Tracer:
         pick = slice(plan.key, plan.key + 1)
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
-        beam = (
-            self.flags.antenna_pattern
-        )  # each pulse's own: the block's rays carry the elevation pattern only
+        # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
+        beam = self.flags.antenna_pattern
         data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return stats

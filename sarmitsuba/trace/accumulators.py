@@ -120,6 +120,31 @@ class GridAccumulator:
         """Contributions of this lane that fell outside the receive window, their power and that of all, W."""
         return mi.UInt32(0), mi.Float(0.0), mi.Float(0.0)
 
+    def spread(
+        self,
+        contribution: Contribution,
+        range_offset: mi.Float64,
+        cells: tuple[mi.Float64, mi.Float64],
+        kernels: tuple[SpreadingKernel, SpreadingKernel],
+    ) -> mi.Bool:
+        """Spread over rows and columns (position in cells and kernel of each); the lanes that are within the grid.
+
+        ``range_offset`` (m) is the slant range less the reference that the phase is taken from.
+        """
+        (x, y), (_, n_rows, n_columns) = cells, self.shape
+        ix, wx, inside_x = grid_cells(x, kernels[0], n_rows)
+        iy, wy, inside_y = grid_cells(y, kernels[1], n_columns)
+        inside = contribution.active & inside_x & inside_y
+        phase = phase_factor(range_offset, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
+        # opaque sizes: the next grid of the same kind then needs no new kernel
+        rows, columns = dr.opaque(mi.UInt32, n_rows), dr.opaque(mi.UInt32, n_columns)
+        base = (self.slot(contribution.order) * rows + ix) * columns + iy
+        for i, wi in enumerate(wx):
+            for j, wj in enumerate(wy):
+                self.scatter(base + (i * columns + j), values, wi * wj, inside)
+        return inside
+
     def counted(self, state: LostCount, contribution: Contribution, lost: mi.Bool) -> LostCount:
         """The count with one more contribution."""
         power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
@@ -194,17 +219,7 @@ class BlockAccumulator(GridAccumulator):
         y = (contribution.range_rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
             mi.Float64, 1.0 / plan.range_rate_step
         )
-        ix, wx, inside_x = grid_cells(x, plan.kernel, plan.n_range)
-        iy, wy, inside_y = grid_cells(y, plan.range_rate_kernel, plan.n_range_rate)
-        inside = contribution.active & inside_x & inside_y
-        phase = phase_factor(range0, self.wavelength)
-        values = [amplitude * phase for amplitude in contribution.amplitudes]
-        # opaque sizes: the next block's grid then needs no new kernel
-        n_range, n_range_rate = dr.opaque(mi.UInt32, plan.n_range), dr.opaque(mi.UInt32, plan.n_range_rate)
-        base = (self.slot(contribution.order) * n_range + ix) * n_range_rate + iy
-        for i, wi in enumerate(wx):
-            for j, wj in enumerate(wy):
-                self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
+        inside = self.spread(contribution, range0, (x, y), (plan.kernel, plan.range_rate_kernel))
         lost = contribution.active & (~inside | self.outside(contribution))
         return self.counted(state, contribution, lost)
 

@@ -96,13 +96,13 @@ def cross(a: F64, b: F64) -> F64:
 
 
 def project(points: F64, antenna: F64, frame: LaunchFrame) -> F64:
-    """(n, 2) coordinates in the first launch plane of scene points (n, 3) seen from the antenna, m."""
+    """(..., 2) coordinates in the first launch plane of scene points (..., 3) seen from the antenna, m."""
     c, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
     w = cross(ux, uy)
     ray = points - antenna
     t = ((c - antenna) @ w) / (ray @ w)
-    hit = antenna + ray * t[:, None] - c
-    return np.stack([hit @ ux, hit @ uy], axis=1)
+    hit = antenna + ray * t[..., None] - c
+    return np.stack([hit @ ux, hit @ uy], axis=-1)
 
 
 def window_of(points: F64, antenna: F64, frame: LaunchFrame) -> tuple[F64, F64]:

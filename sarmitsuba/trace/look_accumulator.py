@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.trace.accumulators import GridAccumulator, grid_cells, phase_factor
+from sarmitsuba.trace.accumulators import GridAccumulator
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.accumulators import LostCount
@@ -33,17 +33,7 @@ class ImageAccumulator(GridAccumulator):
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
         y = (s - dr.opaque(f64, look.range_rate0)) * dr.opaque(f64, 1.0 / look.range_rate_step)
-        ix, wx, inside_x = grid_cells(x, look.kernel, look.n_range)
-        iy, wy, inside_y = grid_cells(y, look.kernel, look.n_range_rate)
-        inside = contribution.active & inside_x & inside_y
-        phase = phase_factor(offset, self.wavelength)
-        values = [amplitude * phase for amplitude in contribution.amplitudes]
-        # opaque: another grid of the same kind then needs no new kernel
-        n_range, n_range_rate = dr.opaque(mi.UInt32, look.n_range), dr.opaque(mi.UInt32, look.n_range_rate)
-        base = (self.slot(contribution.order) * n_range + ix) * n_range_rate + iy
-        for i, wi in enumerate(wx):
-            for j, wj in enumerate(wy):
-                self.scatter(base + (i * n_range_rate + j), values, wi * wj, inside)
+        inside = self.spread(contribution, offset, (x, y), (look.kernel, look.kernel))
         return self.counted(state, contribution, contribution.active & ~inside)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.trace.launch import LaunchFrame, cross
+from sarmitsuba.trace.launch import LaunchFrame, project
 
 F64 = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def nodes_over(
     pieces = cut(triangles, LONGEST * spacing)
     c, s = np.cos(rotation), np.sin(rotation)
     turn = np.array([[c, -s], [s, c]])
-    seen = [(_projected(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
+    seen = [(project(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
     low, high = np.min([n.min(axis=1) for n in seen], axis=0), np.max([n.max(axis=1) for n in seen], axis=0)
     first = np.ceil(low - rim).astype(np.int64)
     size = np.maximum(np.floor(high + rim).astype(np.int64) - first + 1, 0)
@@ -86,7 +86,7 @@ def _near(
 
 def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:
     """Area of every triangle as seen in the launch plane, (n,) float64, m^2."""
-    xy = _projected(triangles, antenna, frame)
+    xy = project(triangles, antenna, frame)
     a, b = xy[:, 1] - xy[:, 0], xy[:, 2] - xy[:, 0]
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
@@ -105,16 +105,6 @@ def cut(triangles: F64, longest: float) -> F64:
         m = 0.5 * (a + b)
         triangles = np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
     return np.concatenate(done) if done else triangles
-
-
-def _projected(points: F64, antenna: F64, frame: LaunchFrame) -> F64:
-    """(..., 2) coordinates in the launch plane of points (..., 3) seen from the antenna, m."""
-    center, ux, uy = frame.center[0], frame.axis_x[0], frame.axis_y[0]
-    w = cross(ux, uy)
-    ray = points - antenna
-    t = ((center - antenna) @ w) / (ray @ w)
-    hit = antenna + ray * t[..., None] - center
-    return np.stack([hit @ ux, hit @ uy], axis=-1)
 
 
 __all__ = ["cut", "nodes_over", "outline_area"]
