@@ -7,7 +7,7 @@ JOBS ?= auto
 BIN = $(VENV)/bin
 PIP = $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow benchmarks validation clean
+.PHONY: demo test test-slow benchmarks validation docs clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --window taylor --force
@@ -30,6 +30,11 @@ benchmarks: $(VENV)/.test
 # docs/validation.md and its plots; fails when a comparison is out of tolerance
 validation: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba validate -o docs
+
+# the documentation site; a warning is an error
+docs: $(VENV)/.test
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs $(OUT)/site
+	@echo "The site is $(OUT)/site/index.html"
 
 clean:
 	rm -rf $(VENV) $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist

@@ -45,7 +45,7 @@ def focus(
 
     Returns
     -------
-    SarImage : |pixel|^2 is the RCS at a point's peak; ``sigma0`` refers to flat ground
+    SarImage : ``abs(pixel)**2`` is the RCS at a point's peak; ``sigma0`` refers to flat ground
 
     Raises
     ------

@@ -122,7 +122,7 @@ class SarImage:
         return sum_of_channel(self.data, self.layers, channel, "image")
 
     def rcs(self, channel: str | None = None) -> NDArray[np.float64]:
-        """|pixel|^2 in m^2."""
+        """Squared magnitude of every pixel, m^2."""
         return np.abs(self.total(channel).astype(np.complex128)) ** 2
 
     @property

@@ -1,5 +1,6 @@
 """What is installed is complete: plugins, scenes with their meshes, type marker."""
 
+import re
 import subprocess
 import sys
 import zipfile
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("hatchling", reason="builds the wheel; in the test extra")
+pytest.importorskip("hatch_fancy_pypi_readme", reason="builds the wheel; in the test extra")
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,6 +21,7 @@ def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
+        (facts,) = (archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
     for folder, inside in (("plugins", "_plugins"), ("scenes", "_scenes")):
         files = [
             p
@@ -30,3 +33,8 @@ def test_wheel_contains_plugins_and_scenes(tmp_path: Path) -> None:
             assert f"sarmitsuba/{inside}/{path.relative_to(ROOT / folder).as_posix()}" in names
     assert "sarmitsuba/py.typed" in names
     assert not [name for name in names if name.startswith("tests") or "__pycache__" in name]
+    # a package index shows the README far from the checkout: no relative link may be left
+    assert "Project-URL: Homepage, https://" in facts
+    links = re.findall(r"\]\(([^)]+)\)", facts)
+    assert len(links) > 10
+    assert [link for link in links if not link.startswith(("https://", "#"))] == []

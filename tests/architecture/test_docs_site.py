@@ -1,0 +1,51 @@
+"""The documentation site builds without a warning, and its reference names every public name."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sarmitsuba
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_reference_names_every_public_name() -> None:
+    page = (ROOT / "docs" / "api.md").read_text()
+    described = set(re.findall(r"^\.\. auto\w+:: sarmitsuba\.(\w+)$", page, re.MULTILINE))
+    assert described == set(sarmitsuba.__all__) - {"__version__"}
+
+
+def test_every_page_is_on_the_site() -> None:
+    index = (ROOT / "docs" / "index.md").read_text()
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    assert {page for page in pages if re.search(rf"^{page}$", index, re.MULTILINE)} == pages
+
+
+def test_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="builds the site; in the docs extra")
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-b",
+        "html",
+        "-W",
+        "--keep-going",
+        "-q",
+        "docs",
+        str(tmp_path),
+    ]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+        "PYTHONWARNINGS": "default",
+    }
+    run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment)
+    assert run.returncode == 0, run.stderr
+    text = (tmp_path / "api.html").read_text()
+    # a parameter's text stands beside its name, not in the place of its type
+    assert re.search(r"<strong>range_window</strong> \S <code", text)
