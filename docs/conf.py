@@ -38,7 +38,7 @@ napoleon_google_docstring = False
 napoleon_numpy_docstring = True
 napoleon_use_rtype = False
 
-_SECTION_WITH_NAMES = {"Parameters", "Attributes", "Other Parameters"}
+_SECTIONS_WITH_NAMES = {"Parameters", "Attributes", "Other Parameters", "Raises", "Warns"}
 _NAMED = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (.+)$")
 
 
@@ -54,8 +54,13 @@ def _names_before_texts(lines: list[str]) -> list[str]:
         following = lines[i + 1] if i + 1 < len(lines) else ""
         if following.startswith("---") and set(following) == {"-"}:
             section = line.strip()
-        named = _NAMED.match(line) if section in _SECTION_WITH_NAMES else None
-        out += [named.group(1), f"    {named.group(2)}"] if named else [line]
+        named = _NAMED.match(line) if section in _SECTIONS_WITH_NAMES else None
+        if named is None:
+            out.append(line)
+        elif section in {"Raises", "Warns"}:  # napoleon takes one name at a time here
+            out += [text for name in named.group(1).split(", ") for text in (name, f"    {named.group(2)}")]
+        else:
+            out += [named.group(1), f"    {named.group(2)}"]
     return out
 
 
