@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field, polygon
+from sarmitsuba.trace import field
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import ScattererLattice, cell_on
 from sarmitsuba.trace.state import (
@@ -20,6 +20,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.tubes import polygon
 
 
 @dataclass(frozen=True, eq=False)

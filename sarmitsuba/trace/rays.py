@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
-from sarmitsuba.trace import curvature, field, polygon, tube
+from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import CLOSED_BIT, MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
+from sarmitsuba.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna

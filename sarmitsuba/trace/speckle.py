@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.backend import dr, mi
 
 if TYPE_CHECKING:
-    from sarmitsuba.trace.tube import Patch
+    from sarmitsuba.tubes.tube import Patch
 
 TWO_PI = 6.283185307179586
 

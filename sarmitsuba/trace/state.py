@@ -9,15 +9,15 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.beam import BeamPattern
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.trace.polygon import Polygon
-    from sarmitsuba.trace.tube import Patch
+    from sarmitsuba.tubes.polygon import Polygon
+    from sarmitsuba.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
