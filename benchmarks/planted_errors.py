@@ -118,7 +118,7 @@ def missing_cosine() -> AbstractContextManager[None]:
 
 
 def no_tube_phase() -> AbstractContextManager[None]:
-    from sarmitsuba.trace import polygon
+    from sarmitsuba.tubes import polygon
 
     return _replaced(
         polygon,

@@ -93,7 +93,7 @@ def ray_needs(
     corners : (n, 3, 3) float64, m
     area, width : (n,) m^2 and m, of each triangle's piece
     part_width : (n,) m, of :func:`part_sizes`
-    curvature : (n, 8) of :func:`sarmitsuba.trace.curvature.facet_curvature`, None where nothing bends
+    curvature : (n, 8) of :func:`sarmitsuba.mesh.curvature.facet_curvature`, None where nothing bends
     wavelength : m
     """
     size = np.minimum(0.5 * width, np.sqrt(area) / RAYS_ACROSS)

@@ -99,8 +99,8 @@ class Run:
             for one in sampling.lattices(draw=draw, subset=subset):
                 pulses, frame = one.pulses or (0, track.n_pulses), one.frame or sampling.window.frame
                 antennas = bounding_antennas(track, pulses)
-                grids, missed = with_small_parts(one, self.trace_scene, frame, antennas, rng)
-                finer += grids
+                grid, missed = with_small_parts(one, self.trace_scene, frame, antennas, rng)
+                finer.append(grid)
                 if missed is not None and one.serves(track.center_index):
                     short.append(missed)
             made.append(tuple(grid for grid in finer if grid.n_rays))

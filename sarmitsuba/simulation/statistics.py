@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
 
@@ -56,10 +54,8 @@ class LatticeSpacings:
 
     @staticmethod
     def of(lattices: Sequence[Sequence[LaunchGrid]]) -> "LatticeSpacings":
-        """From the lattices of every subset."""
+        """From the lattices of every subset; finer levels over small parts do not count."""
         grids = [grid for subset in lattices for grid in subset]
-        # finer ones over small parts do not count beside one for the rest
-        grids = [grid for grid in grids if grid.needs is None or np.isinf(grid.needs[1])] or grids
 
         def spacing(*purposes: Purpose) -> float:
             density = sum(grid.spacing**-2 for grid in grids if grid.purpose in purposes)

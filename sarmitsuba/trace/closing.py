@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field, polygon
+from sarmitsuba.trace import field
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
-from sarmitsuba.trace.speckle import ScattererLattice, cell_on
+from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
 from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
@@ -20,6 +20,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.tubes import polygon
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,19 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
     return mi.Float64(0.5 * (mi.Float(hit.length) + mi.Float(hit.length_back)))
 
 
+@dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
+class Slot:
+    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain."""
+
+    node: Node
+    back: mi.Bool
+
+    @property
+    def there(self) -> mi.Bool:
+        """Whether there is one, none after the last."""
+        return self.node.column <= self.node.last
+
+
 @dataclass(frozen=True, eq=False)
 class DiffuseReturns:
     """The diffuse returns of one hit, less what its scatterers have of their own.
@@ -142,26 +156,24 @@ class DiffuseReturns:
     straight_weight: mi.Float
     retro_weight: mi.Float
 
-    @property
-    def slots(self) -> mi.UInt32:
-        """Number of returns that there may be: one per node of the lattice, or two, home and back along the chain."""
-        return self.lattice.count * (1 if self.retro is None else 2)
+    def first(self) -> Slot:
+        """The first return there is."""
+        node, back = self.lattice.first(), mi.Bool(False)
+        return Slot(node, back if self.retro is None else ~self.hit.sees)
 
-    def there(self, slot: mi.UInt32) -> mi.Bool:
-        """Whether a slot holds a return: its node lies in the patch, and a way leads home."""
-        hit = self.hit
-        if self.retro is None:
-            return hit.sees & self.lattice.inside(slot)
-        back = (slot & 1) == 1
-        reached = dr.select(back, hit.active & ~hit.first, hit.sees)
-        return reached & self.lattice.inside(slot >> 1)
+    def after(self, slot: Slot, same: mi.Bool) -> Slot:
+        """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
+        stays, back = same, slot.back
+        if self.retro is not None:
+            # what the antenna sees from behind a mirror has two returns
+            turns = ~same & ~slot.back & ~self.hit.first
+            stays, back = same | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
+        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back)
 
-    def contribution(self, slot: mi.UInt32, active: mi.Bool) -> Contribution:
+    def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
-        centre, key = self.lattice.scatterer(
-            slot if self.retro is None else slot >> 1, self.kernel.constants.seed
-        )
+        centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
         random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
@@ -186,7 +198,7 @@ class DiffuseReturns:
             range_rate=rate_out,
             amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
-        return selected((slot & 1) == 1, retro, straight)
+        return selected(slot.back, retro, straight)
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -226,15 +238,12 @@ def close_diffuse(
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
 
     patch = tube_here.patch
-    lattice = ScattererLattice.of(
-        hit.p,
-        hit.normal64,
-        tube_here.u,
-        tube_here.v,
-        patch,
-        cell_on(constants.cell, hit.largest_cell),
-        hit.active,
-    )
+    cell = cell_on(constants.cell, hit.largest_cell)
+    if ray.spread is not None:
+        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
+        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
+    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
+    lattice = ScattererLattice.of(hit.p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
     # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
     weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
     return DiffuseReturns(
@@ -255,4 +264,4 @@ def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
 
-__all__ = ["DiffuseReturns", "Receiver", "close_coherent", "close_diffuse", "receiver", "selected"]
+__all__ = ["DiffuseReturns", "Receiver", "Slot", "close_coherent", "close_diffuse", "receiver", "selected"]

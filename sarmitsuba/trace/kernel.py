@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import DiffuseReturns, close_coherent, close_diffuse, receiver, selected
+from sarmitsuba.trace.closing import DiffuseReturns, Slot, close_coherent, close_diffuse, receiver, selected
 from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, past_foci, reflect
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
 
@@ -118,43 +118,26 @@ def _add(
         if coherent is None:
             return added, mi.UInt32(0)
         return accumulator.add(added, coherent), dr.select(coherent.active, mi.UInt32(1), 0)
-    extra = 0 if coherent is None else 1  # slot 0 is the coherent return
-    slots = diffuse.slots + extra
+    # the coherent return comes before all others
+    waiting = mi.Bool(False) if coherent is None else coherent.active
 
-    def there(slot: mi.UInt32) -> mi.Bool:
-        if coherent is None:
-            return diffuse.there(slot)
-        return dr.select(slot == 0, coherent.active, diffuse.there(slot - 1))
-
-    def next_slot(slot: mi.UInt32) -> mi.UInt32:
-        """The first slot from this one on that holds a return."""
-        return dr.while_loop(
-            (slot,),
-            lambda slot: (slot < slots) & ~there(slot),
-            lambda slot: (slot + 1,),
-            labels=("slot",),
-            label="slots",
-            mode="symbolic",
-        )[0]
-
-    def some_left(slot: mi.UInt32, count: mi.UInt32, added: LaneArrays) -> mi.Bool:
-        return slot < slots
+    def some_left(slot: Slot, waiting: mi.Bool, count: mi.UInt32, added: LaneArrays) -> mi.Bool:
+        return waiting | slot.there
 
     def add_next(
-        slot: mi.UInt32, count: mi.UInt32, added: LaneArrays
-    ) -> tuple[mi.UInt32, mi.UInt32, LaneArrays]:
-        active = slot < slots
-        if coherent is None:
-            contribution = diffuse.contribution(slot, active)
-        else:
-            contribution = selected(slot == 0, coherent, diffuse.contribution(slot - 1, active))
-        return next_slot(slot + 1), count + 1, accumulator.add(added, contribution)
+        slot: Slot, waiting: mi.Bool, count: mi.UInt32, added: LaneArrays
+    ) -> tuple[Slot, mi.Bool, mi.UInt32, LaneArrays]:
+        active = waiting | slot.there
+        contribution = diffuse.contribution(slot, active)
+        if coherent is not None:
+            contribution = selected(waiting, coherent, contribution)
+        return diffuse.after(slot, waiting), mi.Bool(False), count + 1, accumulator.add(added, contribution)
 
-    _, count, added = dr.while_loop(
-        (next_slot(mi.UInt32(0)), mi.UInt32(0), added),
+    _, _, count, added = dr.while_loop(
+        (diffuse.first(), waiting, mi.UInt32(0), added),
         some_left,
         add_next,
-        labels=("slot", "count", "added"),
+        labels=("slot", "waiting", "count", "added"),
         label="contributions",
         mode="symbolic",
     )

@@ -16,6 +16,22 @@ LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
 Purpose = Literal["all", "coherent", "diffuse"]
 
 
+@dataclass(frozen=True)
+class Level:
+    """Rays of one density within a lattice.
+
+    Parameters
+    ----------
+    first : number of the first of them; they end where the next level begins
+    spacing : m between neighbours
+    needs : m; only faces that need rays at least so far apart and closer than the second are theirs
+    """
+
+    first: int
+    spacing: float
+    needs: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class LaunchGrid:
     """One set of rays, in coordinates (x, y) of the launch plane.
@@ -23,12 +39,12 @@ class LaunchGrid:
     Parameters
     ----------
     x, y : (n_rays,) float32, m, lattice points within the window, neighbours in memory near in space
-    spacing : m between neighbouring rays
+    spacing : m between neighbouring rays, of the first level where there are several
     turn : rad, angle of the lattice against the plane's axes
     half_x, half_y : m, half extents of the window that is to be covered at full weight
     taper : m, width of the fade-out beyond the half extents
     purpose : returns that these rays are for; the two kinds want different densities
-    needs : m; only faces that need rays at least so far apart and closer than the second are theirs; None: all
+    levels : in turn, where rays are denser over some faces; empty: one for all
     frame : launch plane of its own, None for that of the launch window
     pulses : first pulse that these rays are for, and the one after the last; None: all
     """
@@ -42,7 +58,7 @@ class LaunchGrid:
     taper: float
     purpose: Purpose = "all"
     frame: "LaunchFrame | None" = None
-    needs: tuple[float, float] | None = None
+    levels: tuple[Level, ...] = ()
     pulses: tuple[int, int] | None = None
 
     def serves(self, pulse: int) -> bool:
@@ -53,6 +69,12 @@ class LaunchGrid:
     def n_rays(self) -> int:
         """Number of rays."""
         return int(self.x.size)
+
+    @property
+    def level(self) -> NDArray[np.uint32]:
+        """(n_rays,) number of the level of each ray."""
+        first = [level.first for level in self.levels]
+        return np.repeat(np.arange(len(first), dtype=np.uint32), np.diff([*first, self.n_rays]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +229,7 @@ __all__ = [
     "LATTICE_TURN",
     "LaunchFrame",
     "LaunchGrid",
+    "Level",
     "PulseBatch",
     "frame_towards",
     "lattice",

@@ -5,18 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
-from sarmitsuba.trace import curvature, field, polygon, tube
+from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import CLOSED_BIT, MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
+from sarmitsuba.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.trace.geometry import TraceScene
-    from sarmitsuba.trace.launch import LaunchGrid
+    from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
@@ -45,7 +48,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     d = v32(d64)
     origin = v32(start - d64 * dr.minimum(distance, _before_bounds(start, d64, kernel.scene)))
 
-    edge_a, edge_b = _lattice_edges(kernel, axis_x, axis_y, d)
+    spacing, needs = _level(grid, ray)
+    edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
     pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
@@ -63,6 +67,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         tube_rate_a=dr.dot(edge_a, v32(velocity)) * inverse_start,
         tube_rate_b=dr.dot(edge_b, v32(velocity)) * inverse_start,
         nudge=dr.normalize(edge_a) * constants.clearance,
+        needs=needs,
         pattern=pattern,
     )
     state = RayState(
@@ -84,12 +89,21 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     return lane, state
 
 
+def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float, mi.Float] | None]:
+    """Distance between neighbours of a ray, and what faces that it serves need, m."""
+    if not grid.levels:
+        return dr.opaque(mi.Float64, grid.spacing), None
+    table = np.array([[level.spacing, *level.needs, 0.0] for level in grid.levels])
+    row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
+    spacing, low, high, _ = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
+    return spacing, (mi.Float(low), mi.Float(high))
+
+
 def _lattice_edges(
-    kernel: Kernel, axis_x: mi.Vector3d, axis_y: mi.Vector3d, d: mi.Vector3f
+    spacing: mi.Float64, turn: mi.Float64, axis_x: mi.Vector3d, axis_y: mi.Vector3d, d: mi.Vector3f
 ) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Cross-section of a tube at the launch plane: the lattice's two steps, across the ray, m."""
-    constants = kernel.constants
-    c, s = dr.cos(constants.turn) * constants.spacing, dr.sin(constants.turn) * constants.spacing
+    c, s = dr.cos(turn) * spacing, dr.sin(turn) * spacing
     a = mi.Vector3f(axis_x * c + axis_y * s)
     b = mi.Vector3f(axis_y * c - axis_x * s)
     return a - d * dr.dot(a, d), b - d * dr.dot(b, d)
@@ -103,14 +117,11 @@ def _launch_weight(kernel: Kernel, gx: mi.Float, gy: mi.Float) -> mi.Float:
     return mi.Float(1.0)
 
 
-def _served(grid: LaunchGrid, info: mi.Vector4u) -> mi.Bool:
-    """Whether the rays of this lattice stand for a face: each face has the lattice that is fine enough for it."""
-    if grid.needs is None:
-        return mi.Bool(True)
+def _served(purpose: Purpose, needs: tuple[mi.Float, mi.Float], info: mi.Vector4u) -> mi.Bool:
+    """Whether a ray stands for a face: each face has the level that is fine enough for it."""
     coherent, diffuse = (dr.reinterpret_array(mi.Float, word) for word in (info.z, info.w))
-    need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[grid.purpose]
-    low, high = (dr.opaque(mi.Float, x) for x in grid.needs)
-    return (need >= low) & (need < high)
+    need = {"coherent": coherent, "diffuse": diffuse, "all": dr.minimum(coherent, diffuse)}[purpose]
+    return (need >= needs[0]) & (need < needs[1])
 
 
 def _before_bounds(start: mi.Vector3d, d: mi.Vector3d, scene: TraceScene) -> mi.Float64:
@@ -132,7 +143,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
-    active &= ~first | _served(kernel.grid, info)
+    if lane.needs is not None:
+        active &= ~first | _served(kernel.grid.purpose, lane.needs, info)
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)

@@ -6,13 +6,13 @@ centre in every pulse, whichever rays find it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 
 if TYPE_CHECKING:
-    from sarmitsuba.trace.tube import Patch
+    from sarmitsuba.tubes.tube import Patch
 
 TWO_PI = 6.283185307179586
 
@@ -26,6 +26,21 @@ def mix(x: mi.UInt32) -> mi.UInt32:
     return x ^ (x >> 16)
 
 
+@dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
+class Node:
+    """A node of a patch, and those left in its row.
+
+    Parameters
+    ----------
+    row, column : counted from the first node of the patch's bounds
+    last : column of the last one in this row; less than ``column`` when no node is left
+    """
+
+    row: mi.Int32
+    column: mi.Int32
+    last: mi.Int32
+
+
 @dataclass(frozen=True, eq=False)
 class ScattererLattice:
     """The scatterers that one ray stands for: nodes fixed to the scene that lie in its patch of the facet.
@@ -37,10 +52,15 @@ class ScattererLattice:
 
     Parameters
     ----------
-    u, v : m, edges of the whole tube's footprint
-    point, normal : float64, m, hit point and unit normal of the facet
     cell : m, distance between nodes
-    patch : part of the facet, in units of u and v
+    a, b, c : m, of the hit point, along both axes and the one left out
+    slope_a, slope_b : of the facet
+    first_a, first_b : numbers of the first row and column of the patch's bounds
+    rows : of the bounds, 0 in lanes without nodes
+    last_column : number of columns less one
+    sides : of the patch: a side crosses row r at column ``at + slope r``, and its nodes lie from there on (``lower``)
+        or up to there
+    area : m^2, of the facet for each node
     """
 
     take_z: mi.Bool
@@ -53,13 +73,9 @@ class ScattererLattice:
     slope_b: mi.Float64
     first_a: mi.Float64
     first_b: mi.Float64
-    corner_a: mi.Float
-    corner_b: mi.Float
-    columns: mi.UInt32
-    over_columns: mi.Float
-    count: mi.UInt32
-    inverse: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
-    corners: tuple[tuple[mi.Float, mi.Float], ...]
+    rows: mi.Int32
+    last_column: mi.Float
+    sides: tuple[tuple[mi.Float, mi.Float, mi.Bool], ...]
     area: mi.Float
 
     @classmethod
@@ -73,7 +89,15 @@ class ScattererLattice:
         cell: mi.Float64,
         active: mi.Bool,
     ) -> ScattererLattice:
-        """Lattice about a hit; lanes that are not active have no nodes."""
+        """Lattice about a hit; lanes that are not active have no nodes.
+
+        Parameters
+        ----------
+        point, normal : float64, m, hit point and unit normal of the facet
+        u, v : m, edges of the whole tube's footprint
+        patch : part of the facet, in units of u and v
+        cell : m, distance between nodes
+        """
         ax, ay, az = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
         # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
         take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
@@ -83,19 +107,24 @@ class ScattererLattice:
         ua, ub, _ = _lattice_axes(u, take_z, take_y)
         va, vb, _ = _lattice_axes(v, take_z, take_y)
         scale = mi.Float(1.0 / cell)
-        across = [(alpha * ua + beta * va) * scale for alpha, beta in patch.corners]
-        along = [(alpha * ub + beta * vb) * scale for alpha, beta in patch.corners]
+        corners = [
+            ((alpha * ua + beta * va) * scale, (alpha * ub + beta * vb) * scale)
+            for alpha, beta in patch.corners
+        ]
         # a node stands within its cell
         place_a, place_b = a / cell, b / cell
-        first_a = dr.floor(place_a + mi.Float64(_least(across)))
-        first_b = dr.floor(place_b + mi.Float64(_least(along)))
-        last_a = dr.floor(place_a + mi.Float64(_most(across)))
-        last_b = dr.floor(place_b + mi.Float64(_most(along)))
-        columns = dr.maximum(mi.UInt32(mi.Int32(dr.clip(last_b - first_b + 1.0, 0.0, MOST_NODES))), 1)
-        rows = mi.UInt32(mi.Int32(dr.clip(last_a - first_a + 1.0, 0.0, MOST_NODES)))
+        bounds_a, bounds_b = ([corner[axis] for corner in corners] for axis in (0, 1))
+        first_a = dr.floor(place_a + mi.Float64(_least(bounds_a)))
+        first_b = dr.floor(place_b + mi.Float64(_least(bounds_b)))
+        last_a = dr.floor(place_a + mi.Float64(_most(bounds_a)))
+        last_b = dr.floor(place_b + mi.Float64(_most(bounds_b)))
         determinant = ua * vb - ub * va
         usable = active & (dr.abs(determinant) > 1e-30)
-        over = dr.rcp(dr.select(usable, determinant, 1.0))
+        rows = mi.Int32(dr.clip(last_a - first_a + 1.0, 0.0, MOST_NODES))
+        # corners from the first node, in cells
+        to_a, to_b = mi.Float(place_a - first_a - 0.5), mi.Float(place_b - first_b - 0.5)
+        around = [(to_a + x, to_b + y) for x, y in corners]
+        turned = dr.select(determinant < 0.0, -1.0, 1.0)
         return cls(
             take_z=take_z,
             take_y=take_y,
@@ -107,38 +136,48 @@ class ScattererLattice:
             slope_b=nb / nc,
             first_a=first_a,
             first_b=first_b,
-            # the first node from the hit
-            corner_a=mi.Float((first_a + 0.5) * cell - a),
-            corner_b=mi.Float((first_b + 0.5) * cell - b),
-            columns=columns,
-            over_columns=dr.rcp(mi.Float(columns)),
-            count=dr.select(usable, rows * columns, 0),
-            inverse=(vb * over, -va * over, -ub * over, ua * over),
-            corners=patch.corners,
+            rows=dr.select(usable, rows, 0),
+            last_column=mi.Float(dr.clip(last_b - first_b, -1.0, MOST_NODES - 1.0)),
+            sides=tuple(_side(p, q, turned) for p, q in zip(around, (*around[1:], around[0]), strict=True)),
             area=mi.Float(cell * cell / dr.abs(nc)),
         )
 
-    def _row_and_column(self, index: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        """Of a node, counted within the patch's bounds; there are no vector instructions for whole-number division."""
-        row = mi.UInt32((mi.Float(index) + 0.5) * self.over_columns)
-        return row, index - row * self.columns
+    def first(self) -> Node:
+        """The first node of the patch."""
+        return self._found(self._row(mi.Int32(0)))
 
-    def inside(self, index: mi.UInt32) -> mi.Bool:
-        """Whether a node lies in the patch."""
-        row, column = self._row_and_column(index)
-        cell = mi.Float(self.cell)
-        da, db = self.corner_a + mi.Float(row) * cell, self.corner_b + mi.Float(column) * cell
-        ka, kb, la, lb = self.inverse
-        alpha, beta = ka * da + kb * db, la * da + lb * db
-        inside = mi.Bool(True)
-        for (px, py), (qx, qy) in zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True):
-            inside &= (qx - px) * (beta - py) - (qy - py) * (alpha - px) >= 0.0
-        return inside
+    def after(self, node: Node, step: mi.Int32) -> Node:
+        """The next node of the patch, or, in lanes with a ``step`` of 0 rather than 1, the same."""
+        return self._found(replace(node, column=node.column + step))
 
-    def scatterer(self, index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
+    def _row(self, row: mi.Int32) -> Node:
+        """The first node of a row."""
+        number = mi.Float(row)
+        low, high = mi.Float(0.0), dr.select(row < self.rows, self.last_column, -1.0)
+        for at, slope, lower in self.sides:
+            crossing = dr.fma(slope, number, at)
+            low = dr.select(lower, dr.maximum(low, crossing), low)
+            high = dr.select(lower, high, dr.minimum(high, crossing))
+        # below the first there is none, whatever the bound: keeps the conversion within whole numbers
+        return Node(
+            row, mi.Int32(dr.ceil(dr.minimum(low, MOST_NODES))), mi.Int32(dr.floor(dr.maximum(high, -1.0)))
+        )
+
+    def _found(self, node: Node) -> Node:
+        """The node itself, or the first one of the rows after it where its own has none left."""
+        found: tuple[Node] = dr.while_loop(
+            (node,),
+            lambda node: (node.column > node.last) & (node.row < self.rows),
+            lambda node: (self._row(node.row + 1),),
+            labels=("node",),
+            label="rows",
+            mode="symbolic",
+        )
+        return found[0]
+
+    def scatterer(self, node: Node, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
         """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
-        row, column = self._row_and_column(index)
-        ia, ib = self.first_a + mi.Float64(row), self.first_b + mi.Float64(column)
+        ia, ib = self.first_a + mi.Float64(node.row), self.first_b + mi.Float64(node.column)
         ca, cb = (ia + 0.5) * self.cell, (ib + 0.5) * self.cell
         # along the left-out axis onto the tangent plane
         cc = self.c - (ca - self.a) * self.slope_a - (cb - self.b) * self.slope_b
@@ -164,6 +203,8 @@ class ScattererLattice:
 TURN_COS, TURN_SIN = 0.8506508083520400, 0.5257311121191336
 # most nodes along one axis of a patch: bounds the loop where a patch is degenerate
 MOST_NODES = 64.0
+# scatterers that stand for all those of a patch which a curved mirror has spread
+WIDE_NODES = 16.0
 # thickness of a layer, cells
 LAYER_CELLS = 4.0
 
@@ -172,6 +213,32 @@ def cell_on(cell: mi.Float64, largest: mi.Float) -> mi.Float64:
     """The scene's cell, or on a small piece of surface the largest of ``cell / sqrt(2)^n`` up to ``largest``, m."""
     steps = dr.ceil(2.0 * dr.log2(mi.Float(cell) / dr.maximum(largest, 1e-6)) - 1e-4)
     return cell * mi.Float64(dr.exp2(-0.5 * dr.clip(steps, 0.0, 40.0)))
+
+
+def thinned(cell: mi.Float64, wider: mi.Float, area: mi.Float) -> mi.Float64:
+    """Edge of the cells in a patch that a curved mirror has spread: about ``WIDE_NODES`` of them serve.
+
+    Parameters
+    ----------
+    cell : m, of the facet
+    wider : area of the tube over one that no mirror has spread; cells grow by no more
+    area : m^2, of the patch
+    """
+    nodes = area / mi.Float(cell * cell)
+    steps = dr.ceil(dr.log2(dr.clip(dr.minimum(wider, nodes / WIDE_NODES), 1.0, 1e12)))
+    return cell * mi.Float64(dr.exp2(0.5 * steps))
+
+
+def _side(
+    p: tuple[mi.Float, mi.Float], q: tuple[mi.Float, mi.Float], turned: mi.Float
+) -> tuple[mi.Float, mi.Float, mi.Bool]:
+    """Where the side from p to q, the patch to its left (``turned`` -1: to its right), crosses the lattice's rows."""
+    along, rise = (q[0] - p[0]) * turned, (q[1] - p[1]) * turned
+    # a side along the rows lies far to one end of each; one without length, where two corners meet, is none
+    crosses, long = dr.abs(along) > 1e-9, dr.abs(along) + dr.abs(rise) > 1e-9
+    inverse = dr.rcp(dr.select(crosses, along, dr.select(along >= 0.0, 1e-9, -1e-9)))
+    slope = rise * inverse
+    return dr.select(long, p[1] - p[0] * slope, -1e9), dr.select(long, slope, 0.0), (along >= 0.0) | ~long
 
 
 def _lattice_axes(
@@ -210,4 +277,4 @@ def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["ScattererLattice", "cell_on", "gaussian", "mix", "unit_phase"]
+__all__ = ["Node", "ScattererLattice", "cell_on", "gaussian", "mix", "thinned", "unit_phase"]

@@ -9,15 +9,15 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.beam import BeamPattern
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.trace.polygon import Polygon
-    from sarmitsuba.trace.tube import Patch
+    from sarmitsuba.tubes.polygon import Polygon
+    from sarmitsuba.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
@@ -57,7 +57,7 @@ class Constants:
     po_gain : factor of the coherent return, 2 sqrt(pi) / wavelength times the amplitude
     inverse_range2 : 1/m^2, of the reference range
     clearance : m, how far a ray starts off the facet that it leaves
-    spacing, turn : of the launch lattice, m and rad
+    turn : of the launch lattice, rad
     others : as in :class:`KernelSettings`
     """
 
@@ -70,7 +70,6 @@ class Constants:
     inverse_range2: mi.Float
     clearance: mi.Float
     up: mi.Vector3f
-    spacing: mi.Float64
     turn: mi.Float64
 
     @classmethod
@@ -89,7 +88,6 @@ class Constants:
             inverse_range2=dr.rcp(dr.opaque(f32, settings.reference_range**2)),
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
-            spacing=dr.opaque(f64, grid.spacing),
             turn=dr.opaque(f64, grid.turn),
         )
 
@@ -122,6 +120,7 @@ class Lane:
     inverse_start : 1/m, of the distance from the antenna to the launch plane
     tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
     nudge : m, step beside a ray that slipped through a vertex
+    needs : m; only faces that need rays at least so far apart and closer than the second are this ray's; None: all
     pattern : of the antenna, None for an isotropic one
     """
 
@@ -133,6 +132,7 @@ class Lane:
     tube_rate_a: mi.Float
     tube_rate_b: mi.Float
     nudge: mi.Vector3f
+    needs: tuple[mi.Float, mi.Float] | None
     pattern: BeamPattern | None
 
 

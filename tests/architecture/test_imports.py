@@ -18,6 +18,7 @@ FLOORS = (
     ("io",),
     ("loader",),
     ("trace",),
+    ("tubes",),
     ("effects",),
     ("image",),
     ("echo",),
@@ -69,6 +70,7 @@ BACKEND_USERS = {
     "plugins",
     "simulation",
     "trace",
+    "tubes",
     "validation",
 }
 FOREIGN = {"mitsuba", "drjit"}

@@ -234,7 +234,7 @@ class SamplingPlan:
         coherent, diffuse = sparser * self.spacings.coherent, self.spacings.diffuse
         if settings.ray_spacing > 0 and settings.diffuse_ray_spacing == 0:
             diffuse = max(diffuse, coherent / sparser)
-        if 0.8 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
+        if 0.5 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
             return self._lattices(min(coherent, diffuse), "all", draw)
         return (*self._lattices(coherent, "coherent", draw), *self._lattices(diffuse, "diffuse", draw))
 

@@ -41,30 +41,28 @@ def nodes_over(
     turn = np.array([[c, -s], [s, c]])
     seen = [(project(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
     low, high = np.min([n.min(axis=1) for n in seen], axis=0), np.max([n.max(axis=1) for n in seen], axis=0)
-    first = np.ceil(low - rim).astype(np.int64)
-    size = np.maximum(np.floor(high + rim).astype(np.int64) - first + 1, 0)
-    count = size[:, 0] * size[:, 1]
-    owner = np.repeat(np.arange(len(pieces)), count)
-    number = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
-    i = first[owner, 0] + number // size[owner, 1]
-    j = first[owner, 1] + number % size[owner, 1]
-    near = _near(i, j, owner, seen, rim)
-    i, j = i[near], j[near]
-    if not i.size:
+    start, stop = _runs(low, high, seen, rim)
+    if not start.size:
         return np.zeros(0), np.zeros(0)
-    # one number per node: rows of two sort twenty times slower, and a sort is faster than numpy.unique
-    least, columns = int(j.min()), int(np.ptp(j)) + 1
-    number = np.sort(i * columns + (j - least))
-    number = number[np.diff(number, prepend=number[0] - 1) != 0]
+    # one number per node: runs of rows that follow each other stay apart
+    least, columns = int(start[:, 1].min()), int(np.ptp(np.concatenate([start[:, 1], stop]))) + 1
+    number = _union(start[:, 0] * columns + (start[:, 1] - least), start[:, 0] * columns + (stop - least))
     nodes = np.stack([number // columns, number % columns + least], axis=1).astype(np.float64)
     xy = nodes @ turn.T * spacing + shift
     return xy[:, 0], xy[:, 1]
 
 
-def _near(
-    i: NDArray[np.int64], j: NDArray[np.int64], owner: NDArray[np.int64], seen: list[F64], rim: float
-) -> NDArray[np.bool_]:
-    """Whether nodes lie within ``rim`` of their triangle, (n, 3, 2) in steps, as any of the antennas sees it."""
+def _runs(low: F64, high: F64, seen: list[F64], rim: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Runs of nodes within ``rim`` of a triangle, (n, 3, 2) in steps, as any of the antennas sees it.
+
+    Parameters
+    ----------
+    low, high : (n, 2) bounds of each triangle, whichever antenna sees it
+
+    Returns
+    -------
+    start, stop : (n_runs, 2) row and column of the first node, and column of the last
+    """
     middle = seen[len(seen) // 2]
     walk = np.max([np.linalg.norm(n - middle, axis=2).max(axis=1) for n in seen], axis=0)
     along = np.roll(middle, -1, axis=1) - middle
@@ -74,14 +72,36 @@ def _near(
     # wound the other way, the normals point inward
     facing = np.sign(np.einsum("ti,ti->t", outward[:, 0], middle[:, 0] - middle[:, 2]))
     outward *= np.where(facing == 0.0, 1.0, facing)[:, None, None]
-    offset = np.einsum("tki,tki->tk", outward, middle)
-    near = np.ones(len(owner), dtype=bool)
-    x, y = i.astype(np.float32), j.astype(np.float32)
+    limit = np.einsum("tki,tki->tk", outward, middle) + (walk + rim)[:, None]
+
+    first = np.ceil(low - rim).astype(np.int64)
+    last = np.floor(high + rim).astype(np.int64)
+    count = np.maximum(last[:, 0] - first[:, 0] + 1, 0)
+    owner = np.repeat(np.arange(len(low)), count)
+    row = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count) + first[owner, 0]
+    left, right = first[owner, 1].astype(np.float64), last[owner, 1].astype(np.float64)
     for k in range(3):
-        a, b = (outward[:, k, axis].astype(np.float32)[owner] for axis in (0, 1))
-        limit = (offset[:, k] + walk + rim).astype(np.float32)[owner]
-        near &= x * a + y * b <= limit
-    return near
+        across, slope = outward[owner, k, 0], outward[owner, k, 1]
+        left_over = limit[owner, k] - row * across
+        steep = np.abs(slope) > 1e-9
+        end = left_over / np.where(steep, slope, 1.0)
+        # a side along the row has all of it on one side
+        right = np.where(steep & (slope > 0.0), np.minimum(right, end), right)
+        left = np.where(steep & (slope < 0.0), np.maximum(left, end), left)
+        left = np.where(~steep & (left_over < 0.0), np.inf, left)
+    kept = np.ceil(left) <= np.floor(right)
+    column = np.ceil(left[kept]).astype(np.int64)
+    return np.stack([row[kept], column], axis=1), np.floor(right[kept]).astype(np.int64)
+
+
+def _union(start: NDArray[np.int64], stop: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Whole numbers that runs ``start ... stop`` hold, each once, in order."""
+    order = np.argsort(start, kind="stable")
+    start, reached = start[order], np.maximum.accumulate(stop[order])
+    new = np.flatnonzero(np.append(True, start[1:] > reached[:-1]))
+    begin, end = start[new], reached[np.append(new[1:], len(start)) - 1]
+    count = end - begin + 1
+    return np.repeat(begin - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
 
 
 def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:

@@ -1,5 +1,6 @@
 """Finer lattices of rays over the parts of a scene that the plain lattice is too coarse for."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.simulation.sampling.small_lattice import nodes_over, outline_area
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Purpose, morton
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
 
 F64 = NDArray[np.float64]
 
@@ -54,10 +55,10 @@ SERVED_DB = -10.0
 
 def with_small_parts(
     grid: LaunchGrid, scene: TraceScene, frame: LaunchFrame, antennas: F64, rng: np.random.Generator
-) -> tuple[tuple[LaunchGrid, ...], Shortfall | None]:
-    """The plain lattice, and one with half the distance between rays for each further need.
+) -> tuple[LaunchGrid, Shortfall | None]:
+    """The plain lattice, and a level with half the distance between rays for each further need.
 
-    Every face belongs to one of them by the distance between rays that it needs; rays that meet another lattice's face
+    Every face belongs to one of them by the distance between rays that it needs; rays that meet another level's face
     first end there. So each lit piece of surface is counted once.
 
     Parameters
@@ -65,11 +66,11 @@ def with_small_parts(
     grid : plain lattice
     frame : its launch plane
     antennas : (n, 3) m, positions that bound the aperture
-    rng : shifts the finer lattices
+    rng : shifts the finer levels
 
     Returns
     -------
-    lattices, and what they are too coarse for; None where they serve everything
+    lattice, and what it is too coarse for; None where it serves everything
 
     Notes
     -----
@@ -81,15 +82,15 @@ def with_small_parts(
     level = np.ceil(np.log2(grid.spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
     level = np.clip(level, 0, MOST_LEVELS)
     if not level.any():
-        return (grid,), None
+        return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * grid.n_rays)
     finest = _finest(level, area, grid.spacing, budget)
     short = _shortfall(grid, need, area, finest)
     if finest == 0:
-        return (grid,), short
+        return grid, short
     level = np.minimum(level, finest)
-    out = [replace(grid, needs=(grid.spacing * (1.0 - 1e-6), np.inf))]
+    rays, levels = [(grid.x, grid.y)], [(grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf))]
     for k in range(1, finest + 1):
         faces = scene.triangles[level == k]
         spacing = grid.spacing * 2.0**-k
@@ -108,16 +109,26 @@ def with_small_parts(
         order = np.argsort(
             morton(x, y, float(np.hypot(grid.half_x, grid.half_y) + grid.taper)), kind="stable"
         )
-        out.append(
-            replace(
-                grid,
-                x=x[order].astype(np.float32),
-                y=y[order].astype(np.float32),
-                spacing=spacing,
-                needs=needs,
-            )
-        )
-    return tuple(out), short
+        rays.append((x[order].astype(np.float32), y[order].astype(np.float32)))
+        levels.append((spacing, needs))
+    return _joined(grid, rays, levels), short
+
+
+def _joined(
+    grid: LaunchGrid,
+    rays: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]],
+    levels: Sequence[tuple[float, tuple[float, float]]],
+) -> LaunchGrid:
+    """One lattice of all levels that hold a ray: launched together, they cost one kernel launch and one grid."""
+    kept = [i for i, (x, _) in enumerate(rays) if x.size] or [0]
+    first = np.cumsum([0, *(rays[i][0].size for i in kept)])
+    return replace(
+        grid,
+        x=np.concatenate([rays[i][0] for i in kept]),
+        y=np.concatenate([rays[i][1] for i in kept]),
+        spacing=levels[kept[0]][0],
+        levels=tuple(Level(int(start), *levels[i]) for start, i in zip(first, kept, strict=False)),
+    )
 
 
 def _shortfall(grid: LaunchGrid, need: F64, area: F64, finest: int) -> Shortfall | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.tube import NOWHERE, Extent
+from sarmitsuba.tubes.tube import NOWHERE, Extent
 
 # rows of the lattice to each side that are looked at for other rays on the facet
 ROWS = 4
@@ -39,7 +39,7 @@ class Polygon:
     Parameters
     ----------
     sides : (alpha, beta) of start and end of each; those that are not there have no length
-    rim : point that phases refer to, see :class:`sarmitsuba.trace.tube.Patch`
+    rim : point that phases refer to, see :class:`sarmitsuba.tubes.tube.Patch`
     weight : of its area
     tiles : its first four sides are those of other rays' parts too, all around the facet
     """
@@ -62,7 +62,7 @@ class Polygon:
 def facet_lines(
     edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> list[Line]:
-    """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.trace.tube.limited`."""
+    """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.tubes.tube.limited`."""
     lines = []
     for edge in edges:
         m = type(point)(edge[0], edge[1], edge[2])
