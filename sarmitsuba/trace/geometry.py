@@ -161,9 +161,9 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
             material
             | (form[material] << np.uint32(FORM_SHIFT))
             | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT))
-            | (flat.inner.astype(np.uint32) << np.arange(INNER_BIT, INNER_BIT + N_EDGES, dtype=np.uint32)).sum(
-                axis=1, dtype=np.uint32
-            ),
+            | (
+                flat.inner.astype(np.uint32) << np.arange(INNER_BIT, INNER_BIT + N_EDGES, dtype=np.uint32)
+            ).sum(axis=1, dtype=np.uint32),
             *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
         ],
         axis=1,

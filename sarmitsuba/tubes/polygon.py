@@ -19,7 +19,7 @@ REACH_ALONG = 30.0
 REACH_RIM = 1.5
 # phase from one ray to the next (rad) beyond which what neighbouring parts of a facet have in common is left out. Over
 # a bandwidth B about f it cancels to B / 2 f times a fifth of the phase's square only
-INNER_UP_TO = 3.0
+INNER_UP_TO = 2.0
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
