@@ -180,7 +180,7 @@ def physical_optics(draw: Draw, position: F64, frequency: F64) -> C128:
     are cut until the wave is plane over each.
     """
     body = draw.bodies[0]
-    size = np.sqrt(0.02 * draw.radar.wavelength * draw.radar.slant_range)
+    size = np.sqrt(0.002 * draw.radar.wavelength * draw.radar.slant_range)
     triangles = _cut(body.triangles, size)
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     cross = np.cross(e1, e2)

@@ -22,6 +22,10 @@ BANDS = {
     "Ku": (16e9, (0.3e9, 1.2e9)),
 }
 
+# copies of a small scene lie over so many resolution cells, and have so many triangles, at most
+WIDEST = 120.0
+MOST_FACES = 40_000
+
 
 @dataclass(frozen=True)
 class Radar:
@@ -53,13 +57,17 @@ class Radar:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One object: triangles (n, 3, 3) in m, closed (seen from outside) or open (seen from both sides)."""
+    """One object: triangles (n, 3, 3) in m, closed (seen from outside) or open (seen from both sides).
+
+    Smooth without a law: a metal where the permittivity is 0.
+    """
 
     kind: str
     triangles: F64
     closed: bool
     law: str = "none"
     level_db: float = 0.0
+    permittivity: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +80,7 @@ class Draw:
     bodies, radar : what there is and what sees it
     extent : m, of the image on the ground, both axes
     ray_spacing : m; 0: automatic
+    method : of the scene file; empty: automatic
     """
 
     seed: int
@@ -80,12 +89,20 @@ class Draw:
     radar: Radar
     extent: float
     ray_spacing: float = 0.0
+    method: str = ""
+
+    @property
+    def size(self) -> float:
+        """Largest extent of a body along an axis, m."""
+        return max(float(np.ptp(b.triangles.reshape(-1, 3), axis=0).max()) for b in self.bodies)
 
     def write(self, folder: Path) -> Path:
         """Write the scene file with its meshes and return its path."""
         folder.mkdir(parents=True, exist_ok=True)
         r = self.radar
         spacing = f'<float name="ray_spacing" value="{self.ray_spacing!r}"/>' if self.ray_spacing else ""
+        if self.method:
+            spacing += f'<string name="method" value="{self.method}"/>'
         text = ['<scene version="3.0.0">', f'<integrator type="sar_path">{spacing}</integrator>']
         text.append('<sensor type="sar_antenna">')
         for name in ("mode", "look_side", "polarisation", "pattern"):
@@ -112,7 +129,9 @@ class Draw:
         text += ["</film>", "</sensor>"]
         for i, body in enumerate(self.bodies):
             text.append(f'<bsdf type="radar_material" id="m{i}">')
-            if body.law == "none":
+            if body.law == "none" and body.permittivity:
+                text.append(f'<float name="permittivity_real" value="{body.permittivity!r}"/>')
+            elif body.law == "none":
                 text.append('<string name="material" value="pec"/>')
             else:
                 # rougher than a wavelength: nothing of the coherent wave is left
@@ -310,6 +329,37 @@ def draw_diffuse(seed: int) -> Draw:
     return Draw(seed, "diffuse", tuple(bodies), radar, 2.0 * reach * 2.2 + 60.0 * cell)
 
 
+def side_by_side(draw: Draw, most: int) -> tuple[Draw, int]:
+    """Up to ``most`` copies of a diffuse scene, far enough apart not to hide each other, and how many; 1 if large.
+
+    Each has speckle of its own, and lies elsewhere against the lattices of scatterers and rays.
+    """
+    r = draw.radar
+    cell = max(r.range_cell, r.azimuth_resolution)
+    points = np.concatenate([b.triangles.reshape(-1, 3) for b in draw.bodies])
+    reach = float(np.linalg.norm(points[:, :2], axis=1).max())
+    height = float(np.ptp(points[:, 2]))
+    # shadow and layover fall across the track, either way
+    slope = max(np.tan(np.radians(r.look_angle_deg)), 1.0 / np.tan(np.radians(r.look_angle_deg)))
+    pitch = np.array([2.0 * reach + 3.0 * cell, 2.0 * reach + slope * height + 3.0 * cell])
+    n = np.maximum((WIDEST * cell / pitch).astype(int), 1)
+    n = np.minimum(n, max(1, int(np.sqrt(most) + 0.999)))
+    faces = sum(len(b.triangles) for b in draw.bodies)
+    while n.prod() > 1 and n.prod() * faces > MOST_FACES:
+        n = np.maximum(n - 1, 1)
+    heading = np.radians(r.heading_deg)
+    along = np.array([np.sin(heading), np.cos(heading), 0.0])
+    across = np.array([along[1], -along[0], 0.0])
+    i, j = ((np.arange(k) - 0.5 * (k - 1)) * p for k, p in zip(n, pitch, strict=True))
+    place = (i[:, None, None] * along + j[None, :, None] * across).reshape(-1, 3)
+    bodies = tuple(
+        replace(b, triangles=(b.triangles[None] + place[:, None, None]).reshape(-1, 3, 3))
+        for b in draw.bodies
+    )
+    extent = draw.extent + 1.5 * float(((n - 1) * pitch).max())
+    return replace(draw, bodies=bodies, extent=extent), int(n.prod())
+
+
 def draw_metal(seed: int) -> Draw:
     """A single smooth metal body that is convex or flat: physical optics has one bounce and no shadow."""
     rng = np.random.default_rng([seed, 2])
@@ -380,8 +430,59 @@ def draw_metal_coarse(seed: int) -> Draw:
     return replace(draw, seed=seed, topic="metal_coarse", ray_spacing=spacing)
 
 
+def draw_fine(seed: int) -> Draw:
+    """Two or three bodies on ground or without: shadows, mirrors, double bounces; some with rays far apart."""
+    rng = np.random.default_rng([seed, 4])
+    radar = draw_radar(rng, ("L", "C"))
+    size = float(rng.uniform(6.0, 25.0)) * radar.wavelength
+    shapes: dict[str, Callable[[], tuple[F64, bool, bool]]] = {
+        "box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True, True),
+        "gabled": lambda: (gabled(rng, size * rng.uniform(0.3, 1.0, 3)), True, True),
+        "tilted box": lambda: (box(size * rng.uniform(0.3, 1.0, 3)), True, False),
+        "post": lambda: (box(np.array([0.06, 0.06, 1.0]) * size), True, True),
+        "sphere": lambda: (np.asarray(trimesh.creation.icosphere(4, 0.4 * size).triangles), True, False),
+        "plate": lambda: (
+            polygon(size * np.array([[-0.5, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.5, 0.3]])),
+            False,
+            False,
+        ),
+    }
+    bodies = []
+    for i in range(int(rng.integers(2, 4))):
+        kind = str(rng.choice(list(shapes)))
+        triangles, closed, upright = shapes[kind]()
+        triangles = turned(triangles, rng, upright=upright)
+        if kind == "plate":
+            triangles = _facing(triangles, radar, rng, 0.3)
+        triangles = triangles - [0.0, 0.0, triangles[:, :, 2].min()]
+        if i:
+            triangles = triangles + np.array([*rng.uniform(-size, size, 2), 0.0])
+        bodies.append(Body(kind, triangles, closed, permittivity=float(rng.choice([0.0, 6.0]))))
+    if rng.random() < 0.6:
+        side = 3.5 * size
+        ground = turned(terrain(rng, side, side, 1e-9), rng, upright=True) - [
+            0.0,
+            0.0,
+            0.05 * radar.wavelength,
+        ]
+        law = str(rng.choice(["none", "lambert"]))
+        bodies.append(Body("ground", ground, False, law, float(rng.uniform(-20.0, -5.0)), permittivity=6.0))
+    cell = min(radar.range_cell, radar.azimuth_resolution)
+    spacing = min(float(rng.uniform(1.0, 8.0)) * radar.wavelength, 0.5 * cell) if rng.random() < 0.5 else 0.0
+    reach = max(float(np.abs(b.triangles).max()) for b in bodies)
+    return Draw(
+        seed,
+        "fine",
+        tuple(bodies),
+        radar,
+        4.0 * reach + 40.0 * max(radar.range_cell, radar.azimuth_resolution),
+        spacing,
+    )
+
+
 DRAWS: dict[str, Callable[[int], Draw]] = {
     "diffuse": draw_diffuse,
     "metal": draw_metal,
     "metal_coarse": draw_metal_coarse,
+    "fine": draw_fine,
 }

@@ -42,12 +42,14 @@ class Facets:
     part : (n_faces,) number of the facet, or of the convex part of one, that these edges belong to
     creased : some boundary bends less than ``SMOOTH_BEND``
     closed : (n_faces,) these edges bound the part all around, and all its triangles have the same
+    inner : (n_faces, 4) edges that cut a facet into convex parts: it goes on in its plane beyond
     """
 
     edges: NDArray[np.float32]
     part: NDArray[np.int64]
     creased: bool
     closed: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
 
 
 def boundary_edges(
@@ -120,6 +122,7 @@ def facets(
 
     sharp = ~smooth
     boundary = _unused(n)
+    inner = np.zeros((n, N_EDGES), dtype=bool)
     offset = np.einsum("fki,fki->fk", inward, start - corners[:, :1])
     boundary[:, :3][sharp] = np.concatenate([inward, offset[:, :, None]], axis=2)[sharp]
 
@@ -134,6 +137,7 @@ def facets(
         pairs = _paired(edges, shared[whole])
         part = pairs.facet()
         _simple_facets(pairs, shared[whole], boundary)
+        inner[shared[whole]] = _cuts(pairs, edges.mate, shared[whole], boundary)
         shared = shared[~whole]
     closed = ~(smooth & ~flat).any(axis=1)
     # the whole facet, where a neighbour in the plane goes on into a curved surface
@@ -147,7 +151,7 @@ def facets(
             rows = np.flatnonzero(count == most)
             for some in np.array_split(rows, 1 + rows.size * most**2 // PAIRS):
                 boundary[slab[some]] = _limits(edges, slab[some], -np.sort(-near[some], axis=1)[:, :most])
-    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()), closed)
+    return Facets(boundary.astype(np.float32), part, bool((goes_on & ~smooth).any()), closed, inner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +271,27 @@ def _paired(edges: _Edges, faces: NDArray[np.int64]) -> _Edges:
             mate[a, k[e]] = b
             mate[b, (edges.mate[b] == a).argmax()] = a
     return replace(edges, mate=mate, sharp=np.where(inside[:, None], mate < 0, edges.sharp))
+
+
+def _cuts(
+    pairs: _Edges, mate: NDArray[np.int64], faces: NDArray[np.int64], boundary: F64
+) -> NDArray[np.bool_]:
+    """(len(faces), N_EDGES) boundary edges along which the facet goes on, with ``mate`` (n, 3) of the uncut facets."""
+    lines = boundary[faces]
+    found = {cut: np.zeros(lines.shape[:2], dtype=bool) for cut in (True, False)}
+    # edges of the triangle itself and of the one that it makes a convex part with
+    other = np.where(pairs.mate[faces] >= 0, pairs.mate[faces], -1).max(axis=1)
+    for owner in (faces, np.where(other >= 0, other, faces)):
+        for k in range(3):
+            start = pairs.corners[owner, k] - pairs.corners[faces, 0]
+            height = np.einsum("fli,fi->fl", lines[:, :, :3], start) - lines[:, :, 3]
+            slack = 1e-6 * pairs.length[owner].max(axis=1) + 2.0 * pairs.rounding[owner]
+            on = np.einsum("fli,fi->fl", lines[:, :, :3], pairs.inward[owner, k]) > 1.0 - FLAT_BEND
+            on &= (np.abs(height) < slack[:, None]) & pairs.sharp[owner, k][:, None]
+            goes_on = (mate[owner, k] >= 0)[:, None]
+            found[True] |= on & goes_on
+            found[False] |= on & ~goes_on
+    return np.asarray(found[True] & ~found[False])
 
 
 def _straight(

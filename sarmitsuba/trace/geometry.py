@@ -12,7 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.boundary_edges import boundary_edges, facets
+from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs
 from sarmitsuba.mesh.welding import weld
@@ -38,8 +38,8 @@ class TraceScene:
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
     face_info : (4 n_faces,) uint32: material (the two highest bits: place of its law in ``FORMS``; the next: the edges
-        bound a convex part of a flat facet all around), then the bits of
-        float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
+        bound a convex part of a flat facet all around; the next four: those of its edges where the facet goes on in its
+        plane), then the bits of float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees
@@ -93,7 +93,9 @@ FORMS: tuple[Bistatic, ...] = ("mean", "facets", "spectrum")
 FORM_SHIFT = 30
 # marks faces whose boundary edges bound a convex part of a flat facet all around
 CLOSED_BIT = 29
-MATERIAL_MASK = (1 << CLOSED_BIT) - 1
+# the first of four that mark those of a face's boundary edges where its facet goes on in its plane
+INNER_BIT = 25
+MATERIAL_MASK = (1 << INNER_BIT) - 1
 
 
 def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
@@ -158,7 +160,10 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         [
             material
             | (form[material] << np.uint32(FORM_SHIFT))
-            | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT)),
+            | (flat.closed.astype(np.uint32) << np.uint32(CLOSED_BIT))
+            | (
+                flat.inner.astype(np.uint32) << np.arange(INNER_BIT, INNER_BIT + N_EDGES, dtype=np.uint32)
+            ).sum(axis=1, dtype=np.uint32),
             *(v.astype(np.float32).view(np.uint32) for v in (largest, *needs)),
         ],
         axis=1,
@@ -222,6 +227,7 @@ __all__ = [
     "DIFFUSE_NODES",
     "FORMS",
     "FORM_SHIFT",
+    "INNER_BIT",
     "MATERIAL_MASK",
     "SPECTRUM_COSINES",
     "SPECTRUM_SINES",

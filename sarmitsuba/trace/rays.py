@@ -12,7 +12,7 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
-from sarmitsuba.trace.geometry import CLOSED_BIT, MATERIAL_MASK
+from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
 
@@ -253,7 +253,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     edges = _edges(kernel.scene.edge_table, hit)
     extent = tube.limited(ray.extent, edges, point, u, v)
     patch = tube.patch(extent)
-    lines = polygon.facet_lines(edges, point, u, v)
+    inner = [((hit.material >> (INNER_BIT + i)) & 1) == 1 for i in range(N_EDGES)]
+    lines = polygon.facet_lines(edges, inner, point, u, v)
     if kernel.flags.multi_bounce:
         # behind mirrors the facets of the whole chain limit the tube
         lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))

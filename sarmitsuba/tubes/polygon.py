@@ -17,19 +17,42 @@ REACH = ROWS + 0.5
 REACH_ALONG = 30.0
 # the same up to the rim of a curved surface
 REACH_RIM = 1.5
-# phase over a tube (rad) beyond which sides between the parts of a facet are left out
-INNER_UP_TO = 5.0
+# phase from one ray to the next (rad) beyond which what neighbouring parts of a facet have in common is left out. Over
+# a bandwidth B about f it cancels to B / 2 f times a fifth of the phase's square only
+INNER_UP_TO = 2.0
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Line:
-    """Half-plane ``h + gu alpha + gv beta >= 0`` of tube units, the larger of ``|gu|, |gv|`` one."""
+    """Half-plane ``h + gu alpha + gv beta >= 0`` of tube units, the larger of ``|gu|, |gv|`` one.
+
+    ``inner``: it cuts the facet into convex parts, which go on into each other.
+    """
 
     h: mi.Float
     gu: mi.Float
     gv: mi.Float
+    inner: mi.Bool
+
+
+@dataclass(frozen=True)
+class Side:
+    """What a side along an edge of the facet has beyond its two ends.
+
+    Parameters
+    ----------
+    along : (alpha, beta) of its direction, the larger one 1
+    step_start, step_end : lengths of ``along`` from one cut of the edge to the next, at ends where it goes on in a
+        neighbour's part; 0 at a corner of the facet
+    inner : in the middle of the facet, which it cuts into convex parts
+    """
+
+    along: tuple[mi.Float, mi.Float]
+    step_start: mi.Float
+    step_end: mi.Float
+    inner: mi.Bool
 
 
 @dataclass(frozen=True)
@@ -39,15 +62,17 @@ class Polygon:
     Parameters
     ----------
     sides : (alpha, beta) of start and end of each; those that are not there have no length
-    rim : point that phases refer to, see :class:`sarmitsuba.tubes.tube.Patch`
+    edges : of the sides from the fifth on, which lie on edges of the facet
+    rim : point that phases refer to where it is not exact, see :class:`sarmitsuba.tubes.tube.Patch`
     weight : of its area
-    tiles : its first four sides are those of other rays' parts too, all around the facet
+    exact : the parts of all rays tile the facet; its first four sides are those of other rays' parts too
     """
 
     sides: tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], ...]
+    edges: tuple[Side, ...]
     rim: tuple[mi.Float, mi.Float]
     weight: mi.Float
-    tiles: mi.Bool
+    exact: mi.Bool
 
     def area(self) -> mi.Float:
         """Area over that of a whole tube, times the weight."""
@@ -60,13 +85,14 @@ class Polygon:
 
 
 def facet_lines(
-    edges: Sequence[mi.Vector4f], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
+    edges: Sequence[mi.Vector4f], inner: Sequence[mi.Bool], point: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f
 ) -> list[Line]:
     """Boundary edges of the facet in units of the tube that hit it; see :func:`sarmitsuba.tubes.tube.limited`."""
     lines = []
-    for edge in edges:
+    for edge, within in zip(edges, inner, strict=True):
         m = type(point)(edge[0], edge[1], edge[2])
-        lines.append(_line(dr.maximum(dr.dot(m, point) - edge[3], 0.0), dr.dot(m, u), dr.dot(m, v)))
+        height = dr.maximum(dr.dot(m, point) - edge[3], 0.0)
+        lines.append(_line(height, dr.dot(m, u), dr.dot(m, v), within))
     return lines
 
 
@@ -75,14 +101,14 @@ def extent_lines(extent: Extent) -> list[Line]:
     e = extent
     one = mi.Float(1.0)
     return [
-        Line(e.right, -one, e.right_slope),
-        Line(e.left, one, e.left_slope),
-        Line(e.top, e.top_slope, -one),
-        Line(e.bottom, e.bottom_slope, one),
+        Line(e.right, -one, e.right_slope, mi.Bool(False)),
+        Line(e.left, one, e.left_slope, mi.Bool(False)),
+        Line(e.top, e.top_slope, -one, mi.Bool(False)),
+        Line(e.bottom, e.bottom_slope, one, mi.Bool(False)),
     ]
 
 
-def _line(h: mi.Float, gu: mi.Float, gv: mi.Float) -> Line:
+def _line(h: mi.Float, gu: mi.Float, gv: mi.Float, inner: mi.Bool) -> Line:
     largest = dr.maximum(dr.abs(gu), dr.abs(gv))
     used = largest * NOWHERE > h
     scale = dr.rcp(dr.select(used, largest, 1.0))
@@ -90,13 +116,14 @@ def _line(h: mi.Float, gu: mi.Float, gv: mi.Float) -> Line:
         dr.select(used, h * scale, NOWHERE),
         dr.select(used, gu * scale, 1.0),
         dr.select(used, gv * scale, 0.0),
+        inner,
     )
 
 
 def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[Line]:
     """``a`` in the lanes where the condition holds, else ``b``."""
     return [
-        Line(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv")))
+        Line(*(dr.select(condition, getattr(x, k), getattr(y, k)) for k in ("h", "gu", "gv", "inner")))
         for x, y in zip(a, b, strict=True)
     ]
 
@@ -145,12 +172,11 @@ def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float
     for value, axis, sign in ((right, columns, 1), (left, columns, -1)):
         a, b = _span(bottom, top, _interval(axis, value))
         sides.append((value, a, value, b) if sign > 0 else (value, b, value, a))
-    sides += [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
-    exact &= bounded
-    own = _rim(sides[4:], (left, right, bottom, top))
-    rim = (dr.select(exact, own[0], rim[0]), dr.select(exact, own[1], rim[1]))
+    cut = [_side(k, lines, (left, right, bottom, top)) for k in range(len(lines))]
     weight = dr.rcp(dr.select(wide | ~bounded, 1.0, chance))
-    return Polygon(tuple(sides), rim, weight, wide & exact)
+    return Polygon(
+        (*sides, *(ends for ends, _ in cut)), tuple(side for _, side in cut), rim, weight, exact & bounded
+    )
 
 
 @dataclass(frozen=True)
@@ -209,7 +235,7 @@ def _span(start: mi.Float, end: mi.Float, interval: tuple[mi.Float, mi.Float]) -
 
 def _side(
     k: int, lines: Sequence[Line], box: tuple[mi.Float, mi.Float, mi.Float, mi.Float]
-) -> tuple[mi.Float, mi.Float, mi.Float, mi.Float]:
+) -> tuple[tuple[mi.Float, mi.Float, mi.Float, mi.Float], Side]:
     """Part of line ``k`` within the others and the box, the facet to its left."""
     line = lines[k]
     foot = -line.h * dr.rcp(dr.square(line.gu) + dr.square(line.gv))
@@ -217,38 +243,26 @@ def _side(
     dx, dy = line.gv, -line.gu
     low, high = mi.Float(-4.0 * NOWHERE), mi.Float(4.0 * NOWHERE)
     left, right, bottom, top = box
-    others = [(other.h + other.gu * x + other.gv * y, other.gu * dx + other.gv * dy) for other in lines]
+    none = mi.Float(0.0)
+    others = [(o.h + o.gu * x + o.gv * y, o.gu * dx + o.gv * dy, none) for o in lines]
     del others[k]
-    others += [(x - left, dx), (right - x, -dx), (y - bottom, dy), (top - y, -dy)]
-    for height, rate in others:
+    # from column to column, and from row to row
+    column, row = (dr.rcp(dr.maximum(dr.abs(d), 1.0 / REACH_ALONG)) for d in (dx, dy))
+    others += [(x - left, dx, column), (right - x, -dx, column), (y - bottom, dy, row), (top - y, -dy, row)]
+    step_low, step_high = none, none
+    for height, rate, step in others:
         end = -height * dr.rcp(_nonzero(rate))
         lower = rate >= 0.0
-        low = dr.select(lower, dr.maximum(low, end), low)
-        high = dr.select(lower, high, dr.minimum(high, end))
+        ends = lower & (end > low)
+        low, step_low = dr.select(ends, end, low), dr.select(ends, step, step_low)
+        ends = ~lower & (end < high)
+        high, step_high = dr.select(ends, end, high), dr.select(ends, step, step_high)
     there = high > low
     low, high = dr.select(there, low, 0.0), dr.select(there, high, 0.0)
+    step_low, step_high = dr.select(there, step_low, 0.0), dr.select(there, step_high, 0.0)
     x, y = dr.select(there, x, 0.0), dr.select(there, y, 0.0)
-    return x + low * dx, y + low * dy, x + high * dx, y + high * dy
-
-
-def _rim(
-    sides: Sequence[tuple[mi.Float, mi.Float, mi.Float, mi.Float]],
-    box: tuple[mi.Float, mi.Float, mi.Float, mi.Float],
-) -> tuple[mi.Float, mi.Float]:
-    """Corner of the facet within a part, else the middle of its sides, else the ray: where its return stands."""
-    left, right, bottom, top = (x + shrink for x, shrink in zip(box, (1e-3, -1e-3, 1e-3, -1e-3), strict=True))
-    corner, side = [mi.Float(0.0)] * 3, [mi.Float(0.0)] * 3
-    for ax, ay, bx, by in sides:
-        length = dr.sqrt(dr.square(bx - ax) + dr.square(by - ay))
-        side = [a + length * b for a, b in zip(side, (0.5 * (ax + bx), 0.5 * (ay + by), 1.0), strict=True)]
-        for x, y in ((ax, ay), (bx, by)):
-            within = (length > 0.0) & (x > left) & (x < right) & (y > bottom) & (y < top)
-            one = dr.select(within, 1.0, 0.0)
-            corner = [a + one * b for a, b in zip(corner, (x, y, 1.0), strict=True)]
-    has = corner[2] > 0.0
-    x, y, n = (dr.select(has, a, b) for a, b in zip(corner, side, strict=True))
-    n = dr.rcp(dr.select(n > 0.0, n, 1.0))
-    return x * n, y * n
+    ends = (x + low * dx, y + low * dy, x + high * dx, y + high * dy)
+    return ends, Side((dx, dy), step_low, step_high, line.inner)
 
 
 def phase_integral(
@@ -260,37 +274,72 @@ def phase_integral(
         \iint e^{j Q \cdot x} d^2x = \sum_n \frac{Q \times \Delta_n}{j |Q|^2}
         e^{j Q \cdot m_n} \frac{\sin(Q \cdot \Delta_n / 2)}{Q \cdot \Delta_n / 2}
 
-    over the sides :math:`\Delta_n` of middles :math:`m_n` (Gordon, IEEE TAP 23, 1975), referred to its rim, and the
-    area and its first moment where the phase hardly changes.
+    over the sides :math:`\Delta_n` of middles :math:`m_n` (Gordon, IEEE TAP 23, 1975); the area and its first moment
+    where the phase hardly changes. It is referred to the mean place of the terms, each with its modulus, and stands at
+    the range of that place for the whole bandwidth.
+
+    Two neighbours on a facet have a side in common, and where an edge of the facet is cut between them an end: terms
+    that cancel at the carrier, and the less away from it the faster the phase turns from ray to ray. There a side
+    between them is left out, and of an edge's side
+
+    .. math:: \frac{Q \times \Delta}{j |Q|^2} \frac{e^{j Q \cdot b} - e^{j Q \cdot a}}{j Q \cdot \Delta}
+
+    the term of such an end: what is left stands at the corners of the facet.
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
+    inner = dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.sqrt(squared), 0.0, 1.0), 1.0)
     total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
-    phase = dr.sqrt(squared)
-    # towards the glint all of the part returns, off it its edge
-    at_edge = dr.select(piece.tiles, dr.clip(0.5 * (phase - 1.0), 0.0, 1.0), 1.0)
-    rim = (piece.rim[0] * at_edge, piece.rim[1] * at_edge)
-    inner = dr.select(piece.tiles, dr.clip(INNER_UP_TO - phase, 0.0, 1.0), 1.0)
+    place_u, place_v, sum_of_moduli = mi.Float(0.0), mi.Float(0.0), mi.Float(1e-20)
     for n, (ax, ay, bx, by) in enumerate(piece.sides):
-        ax, ay, bx, by = ax - rim[0], ay - rim[1], bx - rim[0], by - rim[1]
         start, end = qu * ax + qv * ay, qu * bx + qv * by
+        twice = ax * by - bx * ay
+        twice_area += twice
+        moment += twice * (start + end)
         half = 0.5 * (end - start)
-        s, c = dr.sincos(0.5 * (start + end))
         short = dr.abs(half) < 0.05
         filled = dr.select(
             short, 1.0 - half * half * (1.0 / 6.0), dr.sin(half) * dr.rcp(dr.select(short, 1.0, half))
         )
         turn = (qu * (by - ay) - qv * (bx - ax)) * filled
-        total += mi.Complex2f(c, s) * (turn * inner if n < 4 else turn)
-        twice = ax * by - bx * ay
-        twice_area += twice
-        moment += twice * (start + end)
+        terms = []
+        if n < 4:
+            turn *= inner
+        else:
+            edge = piece.edges[n - 4]
+            dx, dy = edge.along
+            rate = qu * dx + qv * dy
+            weight_a, weight_b = (
+                dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.abs(rate) * step, 0.0, 1.0), 1.0)
+                for step in (edge.step_start, edge.step_end)
+            )
+            both = dr.select(edge.inner, inner, 1.0)
+            turn *= dr.minimum(weight_a, weight_b) * both
+            # the end that is a corner, or nearer to one: a term of its own, a quarter of a turn behind
+            unequal = weight_b - weight_a
+            at_end = unequal > 0.0
+            alone = unequal * both * (qu * dy - qv * dx) * dr.rcp(dr.select(unequal == 0.0, 1.0, rate))
+            s, c = dr.sincos(dr.select(at_end, end, start))
+            total += mi.Complex2f(s, -c) * alone
+            terms.append((dr.abs(alone), dr.select(at_end, bx, ax), dr.select(at_end, by, ay)))
+        s, c = dr.sincos(0.5 * (start + end))
+        total += mi.Complex2f(c, s) * turn
+        terms.append((dr.abs(turn), 0.5 * (ax + bx), 0.5 * (ay + by)))
+        for modulus, x, y in terms:
+            place_u, place_v = place_u + modulus * x, place_v + modulus * y
+            sum_of_moduli += modulus
     total = mi.Complex2f(total.imag, -total.real) * dr.rcp(dr.select(small, 1.0, squared))
     area = 0.5 * twice_area
     x = moment * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
     filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
-    return filled, rim
+    scale = dr.rcp(sum_of_moduli)
+    place = tuple(
+        dr.select(piece.exact, mean * scale, rim)
+        for mean, rim in zip((place_u, place_v), piece.rim, strict=True)
+    )
+    s, c = dr.sincos(-(qu * place[0] + qv * place[1]))
+    return filled * mi.Complex2f(c, s), (place[0], place[1])
 
 
 __all__ = ["Line", "Polygon", "clipped", "extent_lines", "facet_lines", "phase_integral", "selected"]

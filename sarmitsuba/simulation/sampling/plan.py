@@ -32,6 +32,11 @@ WIDEST = 1.0
 # automatic distance between the coherent rays of one look, in that of raw data: a third of the rays, for an error
 # (-25.3 dB instead of -26.0 in Munich) that what changes over the aperture makes anyway
 LOOK_SPACING = 2.0**0.75
+# rad; half of what the phase over a tube changes by over the pulses that share a tracing. Amplitudes are those of the
+# middle pulse, and an edge's return goes with one over that phase
+TUBE_PHASE_CHANGE = 0.4
+# pulses that may share a tracing: the grids of more are no cheaper per pulse
+LONGEST_BLOCK = 128
 # key pulses share about this many pulses when nothing else is known
 USUAL_INTERVAL = 100
 
@@ -185,7 +190,26 @@ class SamplingPlan:
             settings.gridding_width,
             settings.tolerance_db,
             extra_slant_range=self.extra_slant_range,
+            max_length=max(1, min(LONGEST_BLOCK, int(self._steady_pulses))),
         )
+
+    @property
+    def _steady_pulses(self) -> float:
+        r"""Pulses over which tubes of coherent returns keep their amplitudes.
+
+        The line of sight turns by :math:`\lambda / 2 \delta_a` over the pulses of the azimuth resolution
+        :math:`\delta_a`, and the phase over a tube of width d by :math:`4 \pi d / \lambda` times that.
+        """
+        if not self.flags.coherent:
+            return float("inf")
+        track, radar = self.scene.radar.track, self.scene.radar
+        step = np.linalg.norm(np.diff(track.position, axis=0), axis=1)
+        if not step.size or not step.any():
+            return float("inf")
+        reach = np.linalg.norm(self.window.center - track.center_position)
+        turn = radar.waveform.wavelength / (2.0 * self.azimuth_cell)
+        per_pulse = np.pi * self.spacings.coherent / self.azimuth_cell * float(step.mean() / (reach * turn))
+        return TUBE_PHASE_CHANGE / per_pulse
 
     @cached_property
     def phase_box(self) -> F64:
