@@ -30,7 +30,8 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
+LIST = ".sarmitsuba.json"
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json", LIST}
 
 
 def make_scene() -> Scene:
@@ -45,7 +46,8 @@ def make_scene() -> Scene:
         ReceiveWindow(np.full(n, 7e3), 1.2, 16),
     )
     settings = TraceSettings(seed=3, keep_orders=True)
-    return Scene("fake", None, Geometry.empty(), (), (), radar, settings, ImageRequest(), notes=("a note",))
+    asked = ImageRequest(extent_azimuth=20.0, extent_range=20.0)
+    return Scene("fake", None, Geometry.empty(), (), (), radar, settings, asked, notes=("a note",))
 
 
 def fake_simulate(scene: Scene, *, progress: Any) -> RawData:
@@ -82,7 +84,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     module("sarmitsuba.backend", ensure_backend=lambda: backend)
     module("sarmitsuba.loader.load", load_scene=load_scene)
     module("sarmitsuba.simulation.raw", simulate=fake_simulate)
-    module("sarmitsuba.focusing", focus=fake_focus)
+    monkeypatch.setattr("sarmitsuba.focusing.focus", fake_focus)
     return seen
 
 
@@ -122,7 +124,7 @@ def test_quiet_says_nothing(fake_stages: dict[str, Any], tmp_path: Path, capsys:
 
 def test_no_focus_stops_after_raw(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
     assert cli.main(["render", "box", "-o", str(tmp_path), "--no-focus"]) == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json"}
+    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json", LIST}
     assert str(tmp_path / "raw.h5") in capsys.readouterr().out
 
 

@@ -12,7 +12,7 @@ import pytest
 from sarmitsuba import cli
 from sarmitsuba.io import read_image, read_raw
 
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json"}
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json", ".sarmitsuba.json"}
 
 
 def render(scene: str, out: Path, *options: str) -> Path:

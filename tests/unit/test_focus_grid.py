@@ -53,7 +53,7 @@ def test_squint_needs_finer_pixels() -> None:
 
 def test_request_may_come_with_the_data_or_not_at_all() -> None:
     raw = ideal_echoes(ideal_radar(n_samples=128), np.zeros(3))
-    asked = default_grid(replace(raw, metadata={"image_request": vars(request())}))
+    asked = default_grid(replace(raw, request=request()))
     np.testing.assert_array_equal(asked.azimuth, default_grid(raw, request()).azimuth)
     own = default_grid(raw)
     r = np.linalg.norm(own.positions()[own.shape[0] // 2] - raw.radar.track.center_position, axis=-1)
