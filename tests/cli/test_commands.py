@@ -42,7 +42,7 @@ def make_scene() -> Scene:
         Track.straight([-5e3, 0.0, 5e3], [0.0, 100.0, 0.0], 200.0, n),
         Waveform(1e10, 1e8, 1e-6),
         Antenna(),
-        Pointing(triad[0].copy(), triad[1].copy(), triad[2].copy()),
+        Pointing(triad[:, 0].copy(), triad[:, 1].copy(), triad[:, 2].copy()),
         ReceiveWindow(np.full(n, 7e3), 1.2, 16),
     )
     settings = TraceSettings(seed=3, keep_orders=True)
@@ -81,7 +81,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         monkeypatch.setitem(sys.modules, name, fake)
 
     backend = types.SimpleNamespace(variant="none")
-    module("sarmitsuba.backend", ensure_backend=lambda: backend)
+    monkeypatch.setattr("sarmitsuba.backend.ensure_backend", lambda: backend)
     module("sarmitsuba.loader.load", load_scene=load_scene)
     module("sarmitsuba.simulation.raw", simulate=fake_simulate)
     monkeypatch.setattr("sarmitsuba.focusing.focus", fake_focus)
