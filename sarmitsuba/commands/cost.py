@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep the parameters, print the table, draw the plot."""
-    from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
     from sarmitsuba.loader.tables import INTEGRATOR
 
@@ -40,6 +39,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise SceneError(
             f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
+    from sarmitsuba.cost.study import study_cost
+
     scene = scene_of(args)
     report = study_cost(
         scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress

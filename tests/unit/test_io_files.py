@@ -31,6 +31,7 @@ from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.view.quicklook import quicklook, save
 
 LAYERS = (Layer("VV", 1, 1), Layer("VV", 1, 2), Layer("VV", 2), Layer("HV"))
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 METADATA = {"seed": 7, "scene": "σ.xml", "times": [0.1, 1e-300], "nested": {"a": None, "b": True}}
 
 
@@ -478,3 +479,61 @@ def test_a_registered_format_is_found_by_suffix_and_name(tmp_path: Path) -> None
         read_image(tmp_path / "a.npy")
     with pytest.raises(DataError, match=r"no raw format for the suffix '\.npy'"):
         write_raw(make_raw(), tmp_path / "a.npy")
+
+
+# ---- docs/files.md
+
+
+def listed(heading: str) -> dict[str, str]:
+    """Path and unit of every row of the section's table."""
+    section = PAGE.split(f"## `{heading}`")[1].split("\n## ")[0]
+    return dict(re.findall(r"^\| `(/[^`]+)` \|[^|]*\|\s*([^|]*?)\s*\|", section, re.MULTILINE))
+
+
+def general(name: str) -> str:
+    """Path with the page's example channel, order and subset."""
+    name = re.sub(r"^subsets/\d/", "subsets/1/", name)
+    name = re.sub(r"(image|echoes)/(VV|HV)$", r"\1/VV", name)
+    return "/" + re.sub(r"orders/(VV|HV)/\d$", "orders/VV/2", name)
+
+
+def held(path: Path) -> dict[str, str]:
+    """Path and unit of every dataset of a file."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, item: (
+                found.update({general(name): str(item.attrs.get("unit", ""))})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
+    return found
+
+
+def test_the_page_lists_every_dataset(tmp_path: Path) -> None:
+    image, raw = make_image(), dataclasses.replace(make_raw(), request=ImageRequest())
+    plain = dataclasses.replace(
+        image, layers=tuple(dataclasses.replace(e, order=0) for e in image.layers[:2])
+    )
+    plain = dataclasses.replace(plain, data=image.data[:2])
+    write_image(plain, tmp_path / "plain.h5")
+    write_image(with_subsets(image), tmp_path / "image.h5")
+    assert held(tmp_path / "plain.h5") | held(tmp_path / "image.h5") == listed("image.h5")
+    few = dataclasses.replace(raw, layers=plain.layers, data=raw.data[:2])
+    write_raw(few, tmp_path / "few.h5")
+    write_raw(with_subsets(raw), tmp_path / "raw.h5")
+    assert held(tmp_path / "few.h5") | held(tmp_path / "raw.h5") == listed("raw.h5")
+
+
+def test_the_page_lists_the_header_of_exr(tmp_path: Path) -> None:
+    write_image(make_image(), tmp_path / "image.exr")
+    _, header = read_exr(tmp_path / "image.exr")
+    section = PAGE.split("## `image.exr`")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (`.*?`) \|", section, re.MULTILINE)
+    names = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    own = {
+        "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "pixelAspectRatio",
+        "screenWindowCenter", "screenWindowWidth", "type",
+    }  # fmt: skip
+    assert names == set(header) - own
