@@ -37,6 +37,7 @@ FLOORS = (
         "samples",
         "timing",
         "units",
+        "version",
     ),
 )
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

@@ -20,7 +20,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-import sarmitsuba
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError, RadarError
@@ -33,6 +32,7 @@ from sarmitsuba.io.guarded import GuardedFile
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.version import __version__
 
 FORMAT_VERSION = 2
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
@@ -181,7 +181,7 @@ def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) ->
             with h5py.File(guarded, "w") as file:
                 file.attrs["format"] = f"sarmitsuba {content}"
                 file.attrs["format_version"] = FORMAT_VERSION
-                file.attrs["software"] = f"sarmitsuba {sarmitsuba.__version__}"
+                file.attrs["software"] = f"sarmitsuba {__version__}"
                 file.attrs["phase_convention"] = CONVENTION
                 file.attrs["frame"] = FRAME
                 fill(file)

@@ -10,11 +10,11 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-import sarmitsuba
 from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.version import __version__
 
 
 def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
@@ -58,7 +58,7 @@ def _where(image: SarImage) -> dict[str, object]:
     """
     grid = image.grid.in_frame(np.zeros(3))
     return {
-        "software": f"sarmitsuba {sarmitsuba.__version__}",
+        "software": f"sarmitsuba {__version__}",
         "frame": "the scene file's own: x east, y north, z up, metres",
         "grid": grid.kind,
         "origin_m": grid.origin,
