@@ -25,7 +25,7 @@ class OutputFolder:
 
     Attributes
     ----------
-    mark : of the scene and settings whose results lie here; empty where there are none
+    mark : of the scene and settings whose results lie here or, where there are none, come here
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,7 +64,10 @@ class OutputFolder:
         """
         for name in names:
             self._check_own(name)
-        if mark != self.mark and not force and any(self.owns(name) for name in self._bytes):
+        results = any(self.owns(name) for name in self._bytes)
+        if not results:
+            self.mark = mark
+        if mark != self.mark and not force:
             raise OutputError(
                 f"{self.path}: holds results of another scene or of other settings; choose another -o, or use "
                 "--force to replace them"
@@ -99,11 +102,6 @@ class OutputFolder:
             del self._bytes[name]
         self.mark = mark
         self._save()
-
-    def remove(self, name: str) -> None:
-        """Remove one file that the program wrote, if it is there."""
-        if self.owns(name):
-            (self.path / name).unlink()
 
     def enter(self, name: str) -> None:
         """List a file that the program wrote, as it is now; one that is not there is left out."""

@@ -139,6 +139,11 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
     return dataclasses.replace(scene, settings=settings)
 
 
+def _many_passes(scene: "Scene") -> bool:
+    """Whether passes are added until an error or a time is reached."""
+    return scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0
+
+
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
     """Raise a SarmitsubaError for whatever would stop the run after its simulation. Return the mark of its results."""
     from sarmitsuba.commands import results
@@ -151,7 +156,7 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
             f"method {settings.method} makes an image without raw data; leave out --no-focus and --raw, "
             "or use --method hybrid"
         )
-    if not with_raw and (settings.target_error_db < 0.0 or settings.time_limit > 0.0):
+    if not with_raw and _many_passes(scene):
         raise DataError(
             f"method {settings.method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
             "--time-limit), or use --method hybrid"
@@ -160,6 +165,8 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
         check_focusing(scene.radar, scene.image, args)
     formats = results.Formats.parse(args.format)
     mark = fingerprint(scene, getattr(args, "extension", ()))
+    if _many_passes(scene):  # worth more than one pass: not replaced by one unasked
+        mark += " passes"
     names = results.expected_names(
         formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
     )
@@ -182,18 +189,18 @@ def _raw_and_image(
     from sarmitsuba.echo.chirp import to_chirped
 
     formats = results.Formats.parse(args.format)
-    settings = scene.settings
     found = None
-    if not (args.force or settings.target_error_db < 0.0 or settings.time_limit > 0.0):
+    if not (args.force or _many_passes(scene)):
         with watch.stage("read raw"):
             found = results.saved_raw(folder, formats, mark, console)
     if found is not None and found[1].domain in ("compressed", args.raw):
         path, raw = found
         console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates anew")
         keep = [path] if raw.domain == args.raw and len(formats.raw) == 1 else []
+        saved = bool(keep)
         record["raw_file"] = str(path)
     else:
-        raw, keep = _simulate(folder, scene, args, console, watch), []
+        raw, keep, saved = _simulate(folder, scene, args, console, watch, mark), [], False
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     console.say(f"plan: {raw.metadata['plan']}")
@@ -202,8 +209,9 @@ def _raw_and_image(
     if raw.domain != args.raw:
         with watch.stage("chirp"):
             raw = to_chirped(raw)
-    folder.clear(mark, keep=[*keep, folder.path / results.PASSES])
-    if not keep:
+    keep += [folder.path / results.PASSES] if folder.mark == mark else []
+    folder.clear(mark, keep=keep)
+    if not saved:
         with watch.stage("write raw"):
             results.save_raw(folder, raw, formats)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
@@ -213,20 +221,25 @@ def _raw_and_image(
 
 
 def _simulate(
-    folder: "OutputFolder", scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
+    folder: "OutputFolder",
+    scene: "Scene",
+    args: argparse.Namespace,
+    console: Console,
+    watch: StageTimer,
+    mark: str,
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.raw import simulate
 
     settings = scene.settings
-    if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
+    if not _many_passes(scene):
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
     from sarmitsuba.simulation.refinement.passes import refine
 
-    if args.force:
-        folder.remove(results.PASSES)
+    if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
+        folder.clear(mark)
     with watch.stage("simulate"):
         try:
             refined = refine(

@@ -126,8 +126,7 @@ def saved_raw(
         except DataError as error:
             console.warn(f"{error}; simulating anew")
             continue
-        # data of many passes are more than what one simulation gives
-        if raw.metadata.get(MARK) == mark and "refinement" not in raw.metadata:
+        if raw.metadata.get(MARK) == mark:
             return path, raw
     return None
 

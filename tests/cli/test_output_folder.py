@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import sys
+import types
 from collections import namedtuple
 from pathlib import Path
 from typing import Any
@@ -136,6 +138,34 @@ def test_a_run_that_failed_while_focusing_goes_on_from_its_raw_data(
     monkeypatch.setattr(sarmitsuba.focusing, "focus", good)
     assert render(tmp_path / "out", "--quiet") == 0
     assert len(simulations) == 1 and "image.h5" in names(tmp_path / "out")
+
+
+def test_an_interrupted_run_of_many_passes_goes_on(
+    fake_stages: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[bool] = []
+
+    def refine(scene: Scene, *, state: Path, **_: Any) -> None:
+        seen.append(state.exists())
+        state.write_text("a pass")
+        raise KeyboardInterrupt
+
+    module = types.ModuleType("sarmitsuba.simulation.refinement.passes")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    module.refine = refine  # type: ignore[attr-defined]
+    out = tmp_path / "out"
+    goal = ("--target-error", "-40", "--quiet")
+    for options in ((), (), ("--target-error", "-30"), ("--force",), ()):
+        assert render(out, *goal, *options) == 130
+        assert names(out) == {"passes.npz", MANIFEST}
+    assert seen == [False, True, True, False, True]
+    # over the results of something else
+    assert render(out, "--seed", "7", "--force", "--quiet") == 0
+    assert "passes.npz" not in names(out)
+    assert render(out, *goal) == 2
+    assert render(out, *goal, "--force") == 130
+    assert render(out, *goal) == 130
+    assert seen[5:] == [False, True]
 
 
 def test_chirped_data_are_made_from_what_is_there_and_not_the_other_way_round(
