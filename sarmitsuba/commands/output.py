@@ -69,8 +69,8 @@ class OutputFolder:
             self.mark = mark
         if mark != self.mark and not force:
             raise OutputError(
-                f"{self.path}: holds results of another scene or of other settings; choose another -o, or use "
-                "--force to replace them"
+                f"{self.path}: holds results of another scene, of other settings or of another version of the program; "
+                "choose another -o, or use --force to replace them"
             )
 
     def check_space(self, needed: float) -> None:

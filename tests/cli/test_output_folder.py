@@ -114,7 +114,7 @@ def test_a_corrected_command_uses_the_raw_data_that_are_there(
     assert json.loads((out / "parameters.json").read_text())["focus"]["window"] == "hamming"
     # other settings are not the same data
     assert render(out, "--seed", "8") == 2
-    assert "holds results of another scene or of other settings" in capsys.readouterr().err
+    assert "holds results of another scene, of other settings or of another version" in capsys.readouterr().err
     assert (out / "raw.h5").read_bytes() == before
     assert render(out, "--seed", "8", "--force") == 0
     assert [scene.settings.seed for scene in simulations] == [3, 8]
