@@ -196,11 +196,10 @@ def _raw_and_image(
     if found is not None and found[1].domain in ("compressed", args.raw):
         path, raw = found
         console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates anew")
-        keep = [path] if raw.domain == args.raw and len(formats.raw) == 1 else []
-        saved = bool(keep)
+        keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
     else:
-        raw, keep, saved = _simulate(folder, scene, args, console, watch, mark), [], False
+        raw, keep = _simulate(folder, scene, args, console, watch, mark), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     console.say(f"plan: {raw.metadata['plan']}")
@@ -209,11 +208,10 @@ def _raw_and_image(
     if raw.domain != args.raw:
         with watch.stage("chirp"):
             raw = to_chirped(raw)
-    keep += [folder.path / results.PASSES] if folder.mark == mark else []
-    folder.clear(mark, keep=keep)
-    if not saved:
-        with watch.stage("write raw"):
-            results.save_raw(folder, raw, formats)
+    passes = [folder.path / results.PASSES] if folder.mark == mark else []
+    folder.clear(mark, keep=[*keep, *passes])
+    with watch.stage("write raw"):
+        results.save_raw(folder, raw, formats, leave_out=keep)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]

@@ -101,9 +101,11 @@ def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool) -> 
     return 8.0 * planes * total
 
 
-def save_raw(folder: OutputFolder, raw: RawData, formats: Formats) -> None:
-    """Write the raw data in every format asked for."""
+def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Sequence[Path] = ()) -> None:
+    """Write the raw data in every format asked for, but for files that hold them already."""
     for entry, name in zip(formats.raw, formats.names(raw=True), strict=True):
+        if folder.path / name in leave_out:
+            continue
         with folder.writing(name) as path:
             write_raw(raw, path, format=entry.name)
 

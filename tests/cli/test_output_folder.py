@@ -13,6 +13,7 @@ import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.commands.output import MANIFEST
+from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw
@@ -114,7 +115,9 @@ def test_a_corrected_command_uses_the_raw_data_that_are_there(
     assert json.loads((out / "parameters.json").read_text())["focus"]["window"] == "hamming"
     # other settings are not the same data
     assert render(out, "--seed", "8") == 2
-    assert "holds results of another scene, of other settings or of another version" in capsys.readouterr().err
+    assert (
+        "holds results of another scene, of other settings or of another version" in capsys.readouterr().err
+    )
     assert (out / "raw.h5").read_bytes() == before
     assert render(out, "--seed", "8", "--force") == 0
     assert [scene.settings.seed for scene in simulations] == [3, 8]
@@ -267,22 +270,30 @@ def test_focus_replaces_results_of_the_same_data_only(
     assert {"raw.h5", "image.h5"} <= names(tmp_path / "a")
 
 
-def test_formats_of_extensions_are_written(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
-    def write(path: Path, image: SarImage) -> None:
+def test_formats_of_extensions_are_written(simulations: list[Scene], tmp_path: Path, capsys: Any) -> None:
+    def pixels(path: Path, image: SarImage) -> None:
         np.savez(path, **{channel: image.total(channel) for channel in image.channels})
 
-    FORMATS.register(FileFormat("test_npz", "pixels only", (".npz",), write_image=write))
+    def echoes(path: Path, raw: RawData) -> None:
+        path.write_bytes(raw.total("VV").tobytes())
+
+    FORMATS.register(FileFormat("test_pixels", "pixels only", (".npz",), write_image=pixels))
+    FORMATS.register(FileFormat("test_echoes", "echoes only", (".echo",), write_raw=echoes))
     FORMATS.register(FileFormat("test_read_only", "nothing", (".ro",), read_image=read_image))
-    assert render(tmp_path / "a", "--format", "test_npz") == 0
-    assert names(tmp_path / "a") == {
-        "raw.h5", "image.npz", "quicklook.png", "quicklook_order.png", "parameters.json", MANIFEST,
-    }  # fmt: skip
-    assert render(tmp_path / "a", "--format", "hdf5,test_npz", "--quiet") == 0
-    image = read_image(tmp_path / "a" / "image.h5")
-    np.testing.assert_array_equal(np.load(tmp_path / "a" / "image.npz")["VV"], image.total("VV"))
-    raw = str(tmp_path / "a" / "raw.h5")
-    assert cli.main(["focus", raw, "-o", str(tmp_path / "b"), "--format", "test_npz", "--quiet"]) == 0
-    assert "image.npz" in names(tmp_path / "b") and "image.h5" not in names(tmp_path / "b")
+    out, pictures = tmp_path / "a", {"quicklook.png", "quicklook_order.png", "parameters.json", MANIFEST}
+    assert render(out, "--format", "test_pixels", "--quiet") == 0
+    assert names(out) == {"raw.h5", "image.npz", *pictures}
+    written = (out / "raw.h5").stat().st_mtime_ns
+    assert render(out, "--format", "hdf5,test_pixels, test_echoes", "--quiet") == 0
+    assert names(out) == {"raw.h5", "raw.echo", "image.h5", "image.npz", *pictures}
+    assert len(simulations) == 1 and (out / "raw.h5").stat().st_mtime_ns == written
+    image = read_image(out / "image.h5")
+    np.testing.assert_array_equal(np.load(out / "image.npz")["VV"], image.total("VV"))
+    whole = np.frombuffer((out / "raw.echo").read_bytes(), np.complex64)
+    np.testing.assert_array_equal(whole, read_raw(out / "raw.h5").total("VV").ravel())
+    options = ("-o", str(tmp_path / "b"), "--format", "test_pixels", "--quiet")
+    assert cli.main(["focus", str(out / "raw.h5"), *options]) == 0
+    assert names(tmp_path / "b") == {"image.npz", *pictures}
     capsys.readouterr()
     assert render(tmp_path / "c", "--format", "test_read_only") == 2
     assert "test_read_only can be read but not written" in capsys.readouterr().err
