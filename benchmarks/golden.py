@@ -88,7 +88,7 @@ def compare(before: Path, after: Path) -> int:
             worst = 0.0
             continue
         with h5py.File(path) as a, h5py.File(other) as b:
-            x, y = a["data"][()], b["data"][()]
+            x, y = (np.stack([file[name][()] for name in file["layers"].asstr()]) for file in (a, b))
         if x.shape != y.shape:
             print(f"{path.relative_to(before)}: shape {x.shape} is now {y.shape}")
             worst = 0.0

@@ -6,6 +6,8 @@ The names below are loaded on first use: importing the package imports neither M
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from sarmitsuba.version import __version__
+
 if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.focusing import focus
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.rcs import monostatic_rcs
     from sarmitsuba.simulation.render import render
-
-__version__ = "0.1.0"
 
 _HOME = {
     "PointTarget": "sarmitsuba.scene.geometry",

@@ -39,6 +39,7 @@ class Param:
     choices : allowed strings, or a function that returns them (names of a registry that modules of the user fill)
     auto : True when the default 0 means automatic
     python : errors give an example in Python, not in XML
+    option : it is an option of the command line; errors give its bounds
     """
 
     name: str
@@ -52,6 +53,7 @@ class Param:
     choices: Choices = ()
     auto: bool = False
     python: bool = False
+    option: bool = False
 
     @property
     def tag(self) -> str:
@@ -86,6 +88,11 @@ class Param:
         elif self.kind == "float":
             value = _as_number(text, float)
         return self.convert(value, where, error)
+
+    def check_option(self, option: str, value: object, where: str) -> None:
+        """Raise a SceneError with one line unless an option of the command line keeps to the bounds; None does."""
+        if value is not None:
+            replace(self, name=option, option=True).convert(value, where, SceneError)
 
     def _number(self, value: object, where: str, error: type[SarmitsubaError]) -> Value:
         if self.kind == "integer or auto" and isinstance(value, str):
@@ -124,6 +131,8 @@ class Param:
         example = self.default if self.default != "" or not self.choices else self.allowed[0]
         if example is None:
             example = 0.0
+        if self.option:
+            return f"give {self.bounds_text()}"
         if self.python:
             return f"give {self.bounds_text()}, for example {self.name}={example!r}"
         if isinstance(example, bool):

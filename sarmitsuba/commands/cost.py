@@ -31,13 +31,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep the parameters, print the table, draw the plot."""
-    from sarmitsuba.cost.study import study_cost
     from sarmitsuba.errors import SceneError
+    from sarmitsuba.loader.tables import INTEGRATOR
 
-    if args.budget <= 0.0 or args.target_error >= 0.0:
+    INTEGRATOR["target_error_db"].check_option("--target-error", args.target_error, "cost")
+    if not (args.budget > 0.0 and args.target_error < 0.0):
         raise SceneError(
             f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
+    from sarmitsuba.cost.study import study_cost
+
     scene = scene_of(args)
     report = study_cost(
         scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress

@@ -9,8 +9,10 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.radar.image_request import ImageRequest
+    from sarmitsuba.radar.radar import Radar
 
 _FOCUSER, _WINDOW = "backprojection", "rectangular"
 
@@ -57,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("raw", metavar="RAW", help="raw data written by `render` (raw.h5)")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
-    parser.add_argument("--force", action="store_true", help="overwrite the results in OUT")
+    parser.add_argument(
+        "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
+    )
     add_focus_arguments(parser)
     image = parser.add_argument_group("image", "where to put pixels (default: as the scene asked, see RAW)")
     image.add_argument(
@@ -68,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         type=float,
         metavar=("X", "Y"),
-        help="centre of the image, m in the scene's frame",
+        help="centre of the image, m in the frame of the scene's file",
     )
     image.add_argument("--height", type=float, metavar="Z", help="height of the image plane, m")
     image.add_argument(
@@ -106,10 +110,22 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         help="window against sidelobes in range and azimuth (default: rectangular), with parameters if wanted, e.g. "
         "taylor:4:-35. ",
     )
+    parser.add_argument(
+        "--format",
+        action=_Listing,
+        entries=_formats,
+        default="hdf5,openexr",
+        metavar="NAME[,NAME...]",
+        help="file formats of the results (default: hdf5,openexr); what none of those named can hold is written as "
+        "hdf5. ",
+    )
 
 
 def check_focus_arguments(args: argparse.Namespace) -> None:
-    """Raise a SarmitsubaError for a focuser or window that does not exist, before any time goes into tracing."""
+    """Raise a SarmitsubaError for a focuser, window or format that does not exist, before any other work."""
+    from sarmitsuba.commands.results import Formats
+
+    Formats.parse(args.format)
     if args.focuser != _FOCUSER:
         from sarmitsuba.focusing.focuser import parse_focuser
 
@@ -126,6 +142,12 @@ def _focusers() -> str:
     return " ".join(f"{focuser.name}: {focuser.help}." for focuser in FOCUSERS)
 
 
+def _formats() -> str:
+    from sarmitsuba.io import FORMATS
+
+    return " ".join(f"{entry.name}: {entry.doc}." for entry in FORMATS)
+
+
 def _windows() -> str:
     from sarmitsuba.focusing.windows import WINDOWS
 
@@ -135,15 +157,23 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
+    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.focusing import image_request
     from sarmitsuba.io import read_raw
 
     check_focus_arguments(args)
+    formats = results.Formats.parse(args.format)
     watch = StageTimer()
-    with results.output_folder(args.output, force=args.force) as folder:
+    with output_folder(args.output) as folder:
         with watch.stage("read raw"):
             raw = read_raw(args.raw)
         request = _request(raw, args)
-        results.clear_results(folder, keep=Path(args.raw))
+        orders = any(layer.order > 0 for layer in raw.layers)
+        names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
+        mark = str(raw.metadata.get(results.MARK) or _mark_of(Path(args.raw)))
+        folder.check(mark, names, force=args.force)
+        check_focusing(raw.radar, request or image_request(raw), args)
+        folder.clear(mark, keep=[Path(args.raw)])
         record: dict[str, object] = {
             "command": "focus",
             "raw_file": args.raw,
@@ -153,7 +183,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "simulation": raw.metadata,
         }
         if request is not None:
-            record["image_request"] = request
+            record["image_request"] = request.moved(raw.radar.offset)
         picture = focus_into(folder, raw, args, console, watch, record, request)
         record["warnings"] = console.warnings
         record["seconds"] = {**watch.seconds, "total": watch.total}
@@ -162,17 +192,35 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def _mark_of(path: Path) -> str:
+    """Mark of raw data that carry none: the file as it is."""
+    status = path.stat()
+    return f"{path.resolve()} {status.st_size} {status.st_mtime_ns}"
+
+
+def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
+    """Raise a SarmitsubaError where the image cannot be focused as asked, before any work goes into its data."""
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
+
+    check_focuser(parse_focuser(args.focuser), radar, default_grid(radar, request))
+
+
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     """The data's own image request with what the command line changes; None where it changes nothing."""
+    from sarmitsuba.radar.description import FILM
+
     changes: dict[str, object] = {"grid": args.grid, "height": args.height}
+    FILM["image_height"].check_option("--height", args.height, "focus")
     pairs = (
-        (args.center, "center_x", "center_y"),
-        (args.extent, "extent_azimuth", "extent_range"),
-        (args.spacing, "spacing_azimuth", "spacing_range"),
+        ("center", "image_", ("center_x", "center_y")),
+        ("extent", "image_", ("extent_azimuth", "extent_range")),
+        ("spacing", "pixel_", ("spacing_azimuth", "spacing_range")),
     )
-    for given, first, second in pairs:
-        if given is not None:
-            changes |= {first: given[0], second: given[1]}
+    for option, prefix, names in pairs:
+        for name, value in zip(names, getattr(args, option) or (), strict=False):
+            FILM[prefix + name].check_option(f"--{option}", value, "focus")
+            changes[name] = value
     changes = {name: value for name, value in changes.items() if value is not None}
     if not changes:
         return None
@@ -183,7 +231,7 @@ def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
 
 
 def focus_into(
-    folder: Path,
+    folder: "OutputFolder",
     raw: "RawData",
     args: argparse.Namespace,
     console: Console,
@@ -205,7 +253,7 @@ def focus_into(
             progress=console.progress,
         )
     record["focus"] = {"method": args.focuser, "window": args.window}
-    return results.store_image(folder, image, watch, record, console)
+    return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 
 __all__ = [
@@ -214,6 +262,7 @@ __all__ = [
     "add_arguments",
     "add_focus_arguments",
     "check_focus_arguments",
+    "check_focusing",
     "focus_into",
     "run",
 ]

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, focus_into
+from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
 
@@ -59,36 +60,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep one set of rays instead of two: half the data and half the focusing, but no error estimate",
     )
     parser.add_argument("--no-focus", action="store_true", help="write the raw data and stop")
-    parser.add_argument("--force", action="store_true", help="overwrite the results in OUT")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="simulate anew and replace the results in OUT, also those of another scene; other files stay",
+    )
     add_focus_arguments(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render."""
     from sarmitsuba.commands import results
+    from sarmitsuba.commands.output import output_folder
 
     check_focus_arguments(args)
+    _check_settings(args)
     watch = StageTimer()
-    with results.output_folder(args.output, force=args.force) as folder:
+    with output_folder(args.output) as folder:
         from sarmitsuba.backend import ensure_backend
 
         with watch.stage("start"):
             backend = ensure_backend()
         with watch.stage("load"):
-            scene = scene_of(args)
-        changes = {
-            "method": args.method,
-            "seed": args.seed,
-            "target_error_db": args.target_error,
-            "time_limit": args.time_limit,
-            "keep_subsets": None if args.no_error_bars else True,
-        }
-        settings = dataclasses.replace(
-            scene.settings, **{key: value for key, value in changes.items() if value is not None}
-        )
-        scene = dataclasses.replace(scene, settings=settings)
+            scene = _scene_with_settings(args)
+        mark = _check_everything(folder, scene, args)
         for note in scene.notes:
             console.warn(note)
+        settings = scene.settings
         record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
@@ -98,13 +96,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "versions": results.versions(),
             "backend": backend,
             "settings": settings,
-            "image_request": scene.image,
+            "image_request": scene.image.moved(scene.offset),
             "radar": results.radar_record(scene.radar),
         }
         if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, record)
+            done = _image_only(folder, scene, args, console, watch, record, mark)
         else:
-            done = _raw_and_image(folder, scene, args, console, watch, record)
+            done = _raw_and_image(folder, scene, args, console, watch, record, mark)
         record["warnings"] = console.warnings
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
@@ -112,61 +110,145 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def _check_settings(args: argparse.Namespace) -> None:
+    """Raise a SceneError for an option outside the bounds that the parameter of the same meaning has in a scene."""
+    from sarmitsuba.loader.tables import INTEGRATOR
+
+    for option, value in (
+        ("seed", args.seed),
+        ("target_error_db", args.target_error),
+        ("time_limit", args.time_limit),
+    ):
+        name = option.removesuffix("_db").replace("_", "-")
+        INTEGRATOR[option].check_option(f"--{name}", value, "render")
+
+
+def _scene_with_settings(args: argparse.Namespace) -> "Scene":
+    """The scene with the settings that the command line gives."""
+    scene = scene_of(args)
+    changes = {
+        "method": args.method,
+        "seed": args.seed,
+        "target_error_db": args.target_error,
+        "time_limit": args.time_limit,
+        "keep_subsets": None if args.no_error_bars else True,
+    }
+    settings = dataclasses.replace(
+        scene.settings, **{key: value for key, value in changes.items() if value is not None}
+    )
+    return dataclasses.replace(scene, settings=settings)
+
+
+def _many_passes(scene: "Scene") -> bool:
+    """Whether passes are added until an error or a time is reached."""
+    return scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0
+
+
+def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
+    """Raise a SarmitsubaError for whatever would stop the run after its simulation. Return the mark of its results."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.simulation.fingerprint import fingerprint
+
+    settings = scene.settings
+    with_raw = settings.method not in _WITHOUT_RAW
+    if not with_raw and (args.no_focus or args.raw != "compressed"):
+        raise DataError(
+            f"method {settings.method} makes an image without raw data; leave out --no-focus and --raw, "
+            "or use --method hybrid"
+        )
+    if not with_raw and _many_passes(scene):
+        raise DataError(
+            f"method {settings.method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
+            "--time-limit), or use --method hybrid"
+        )
+    if not args.no_focus:
+        check_focusing(scene.radar, scene.image, args)
+    formats = results.Formats.parse(args.format)
+    mark = fingerprint(scene, getattr(args, "extension", ()))
+    if _many_passes(scene):  # worth more than one pass: not replaced by one unasked
+        mark += " passes"
+    names = results.expected_names(
+        formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
+    )
+    folder.check(mark, names, force=args.force)
+    folder.check_space(results.least_bytes(scene, formats, raw=with_raw, image=not args.no_focus))
+    return mark
+
+
 def _raw_and_image(
-    folder: Path,
+    folder: "OutputFolder",
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
+    mark: str,
 ) -> Path:
-    """Simulate raw data, write and focus them. Return the file to look at."""
+    """Make the raw data or take those that are there, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
+    from sarmitsuba.echo.chirp import to_chirped
 
-    raw = _simulate(folder, scene, args, console, watch)
-    known = {
-        "scene": scene.name,
-        "look_side": raw.radar.look_side,
-    }
-    raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
+    formats = results.Formats.parse(args.format)
+    found = None
+    if not (args.force or _many_passes(scene)):
+        with watch.stage("read raw"):
+            found = results.saved_raw(folder, formats, mark, console)
+    if found is not None and found[1].domain in ("compressed", args.raw):
+        path, raw = found
+        console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates anew")
+        keep = [path] if raw.domain == args.raw else []
+        record["raw_file"] = str(path)
+    else:
+        raw, keep = _simulate(folder, scene, args, console, watch, mark), []
+        known = {"scene": scene.name, "look_side": raw.radar.look_side}
+        raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     console.say(f"plan: {raw.metadata['plan']}")
     for note in raw.metadata.get("notes", ()):
         console.warn(str(note))
-    if args.raw == "chirped":
-        from sarmitsuba.echo.chirp import to_chirped
-
+    if raw.domain != args.raw:
         with watch.stage("chirp"):
             raw = to_chirped(raw)
-    results.clear_results(folder)
+    passes = [folder.path / results.PASSES] if folder.mark == mark else []
+    folder.clear(mark, keep=[*keep, *passes])
     with watch.stage("write raw"):
-        results.save_raw(folder, raw)
+        results.save_raw(folder, raw, formats, leave_out=keep)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
-        return folder / results.RAW
+        return folder.path / formats.names(raw=True)[0]
     return focus_into(folder, raw, args, console, watch, record)
 
 
 def _simulate(
-    folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
+    folder: "OutputFolder",
+    scene: "Scene",
+    args: argparse.Namespace,
+    console: Console,
+    watch: StageTimer,
+    mark: str,
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.raw import simulate
 
     settings = scene.settings
-    if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
+    if not _many_passes(scene):
         with watch.stage("simulate"):
             return simulate(scene, progress=console.progress)
     from sarmitsuba.simulation.refinement.passes import refine
 
+    if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
+        folder.clear(mark)
     with watch.stage("simulate"):
-        refined = refine(
-            scene,
-            state=folder / results.PASSES,
-            range_window=args.window,
-            azimuth_window=args.window,
-            progress=console.progress,
-        )
+        try:
+            refined = refine(
+                scene,
+                state=folder.path / results.PASSES,
+                range_window=args.window,
+                azimuth_window=args.window,
+                progress=console.progress,
+            )
+        finally:
+            folder.enter(results.PASSES)
     if settings.target_error_db < 0.0 and not refined.met:
         console.warn(
             f"{scene.name}: the sampling error is {refined.error_db:.1f} dB after {refined.passes} passes. The time "
@@ -177,28 +259,18 @@ def _simulate(
 
 
 def _image_only(
-    folder: Path,
+    folder: "OutputFolder",
     scene: "Scene",
     args: argparse.Namespace,
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
+    mark: str,
 ) -> Path:
     """Simulate the image without raw data and write it. Return the picture's path."""
     from sarmitsuba.commands import results
     from sarmitsuba.simulation.render import render
 
-    method = scene.settings.method
-    if args.no_focus or args.raw != "compressed":
-        raise DataError(
-            f"method {method} makes an image without raw data; leave out --no-focus and --raw, "
-            "or use --method hybrid"
-        )
-    if scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0:
-        raise DataError(
-            f"method {method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
-            "--time-limit), or use --method hybrid"
-        )
     with watch.stage("simulate"):
         image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
@@ -206,9 +278,9 @@ def _image_only(
     console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
-    results.clear_results(folder)
+    folder.clear(mark)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
-    return results.store_image(folder, image, watch, record, console)
+    return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -1,81 +1,147 @@
-"""The output folder of ``render`` and ``focus``: its files, and the contents of parameters.json."""
+"""The files that ``render`` and ``focus`` write, and the contents of parameters.json."""
 
 import dataclasses
 import importlib.metadata
 import platform
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sarmitsuba import __version__
 from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.output import OutputFolder
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import OutputError
+from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import parameters, write_image, write_raw
-from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
 
-RAW, IMAGE, EXR = "raw.h5", "image.h5", "image.exr"
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
+
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
-_ALL = (RAW, IMAGE, EXR, PICTURE, RECORD)
+MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
 
 
-@contextmanager
-def output_folder(path: str, *, force: bool) -> Iterator[Path]:
-    """Yield the folder. It is made if needed, and removed again if nothing was put into it.
+@dataclass(frozen=True)
+class Formats:
+    """File formats of a run's results, raw data and images apart.
 
-    Raises
-    ------
-    OutputError
-        It holds files and ``force`` was not given, or it cannot be made or written to.
+    Parameters
+    ----------
+    raw, image : in the order asked for; never empty
     """
-    folder = Path(path)
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: this is a file, not a folder; choose another -o")
-    existed = folder.is_dir()
-    if existed and not force and any(path.name != PASSES for path in folder.iterdir()):
-        raise OutputError(
-            f"{folder}: this folder is not empty; choose another -o, or use --force to overwrite its results"
+
+    raw: tuple[FileFormat, ...]
+    image: tuple[FileFormat, ...]
+
+    @staticmethod
+    def parse(text: str) -> "Formats":
+        """Read a list such as ``hdf5,openexr``.
+
+        Raises
+        ------
+        ExtensionError
+            There is no format of that name.
+        DataError
+            One cannot be written, or two would write the same file.
+        """
+        named = tuple(FORMATS[name.strip()] for name in text.split(","))
+        for entry in named:
+            if entry.write_raw is None and entry.write_image is None:
+                raise DataError(f"--format {text}: {entry.name} can be read but not written")
+        # what none of them can hold is written as HDF5, which holds everything
+        rest = (FORMATS["hdf5"],)
+        found = Formats(
+            tuple(entry for entry in named if entry.write_raw) or rest,
+            tuple(entry for entry in named if entry.write_image) or rest,
         )
-    make_folder(folder)
-    probe = folder / ".sarmitsuba.part"
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
-        ) from error
-    try:
-        yield folder
-    finally:
-        if not existed and not any(folder.iterdir()):
-            folder.rmdir()
+        names = [*found.names(raw=True), *found.names(raw=False)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise DataError(f"--format {text}: two of them would write {twice[0]}; name one of them")
+        return found
+
+    def names(self, *, raw: bool) -> tuple[str, ...]:
+        """Names of the files with raw data, or with images."""
+        stem, formats = ("raw", self.raw) if raw else ("image", self.image)
+        return tuple(f"{stem}{entry.suffixes[0]}" for entry in formats)
 
 
-def clear_results(folder: Path, keep: Path | None = None) -> None:
-    """Remove the results of an earlier run, so that old and new files never stand side by side."""
-    for path in (*(folder / name for name in _ALL), *folder.glob("quicklook_*.png")):
-        if keep is None or not keep.exists() or not path.exists() or not path.samefile(keep):
-            path.unlink(missing_ok=True)
+def expected_names(
+    formats: Formats, channels: Sequence[str], *, raw: bool, image: bool, orders: bool
+) -> tuple[str, ...]:
+    """Files that a run will write: of raw data, of the image with its pictures, of its bounce orders."""
+    names = [RECORD]
+    if raw:
+        names += formats.names(raw=True)
+    if image:
+        names += [*formats.names(raw=False), PICTURE, *(_picture_name(c) for c in channels[1:])]
+        names += [PICTURE_ORDERS] if orders else []
+    return tuple(names)
 
 
-def save_raw(folder: Path, raw: RawData) -> None:
-    """Write raw.h5."""
-    write_raw(raw, folder / RAW)
+def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool) -> float:
+    """Bytes that the results take at least: every channel, once more for its ray subsets; bounce orders come on top."""
+    from sarmitsuba.focusing import default_grid
+
+    planes = len(scene.radar.channels) * (3 if scene.settings.keep_subsets else 1)
+    total = 0.0
+    if raw and any(entry.name == "hdf5" for entry in formats.raw):
+        total += scene.radar.track.n_pulses * scene.radar.window.n_samples
+    if image and any(entry.name == "hdf5" for entry in formats.image):
+        total += float(np.prod(default_grid(scene.radar, scene.image).shape))
+    return 8.0 * planes * total
+
+
+def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Sequence[Path] = ()) -> None:
+    """Write the raw data in every format asked for, but for files that hold them already."""
+    for entry, name in zip(formats.raw, formats.names(raw=True), strict=True):
+        if folder.path / name in leave_out:
+            continue
+        with folder.writing(name) as path:
+            write_raw(raw, path, format=entry.name)
+
+
+def saved_raw(
+    folder: OutputFolder, formats: Formats, mark: str, console: Console
+) -> tuple[Path, RawData] | None:
+    """Raw data in the folder that simulating would only repeat, and their file; None where there are none.
+
+    Parameters
+    ----------
+    mark : of the scene, its settings and the program; only data that carry the same are the same
+    """
+    for entry, name in zip(formats.raw, formats.names(raw=True), strict=True):
+        path = folder.path / name
+        if entry.read_raw is None or not folder.owns(name) or folder.mark != mark:
+            continue
+        try:
+            raw = read_raw(path, format=entry.name)
+        except DataError as error:
+            console.warn(f"{error}; simulating anew")
+            continue
+        if raw.metadata.get(MARK) == mark:
+            return path, raw
+    return None
 
 
 def store_image(
-    folder: Path, image: SarImage, watch: StageTimer, record: dict[str, object], console: Console
+    folder: OutputFolder,
+    image: SarImage,
+    formats: Formats,
+    watch: StageTimer,
+    record: dict[str, object],
+    console: Console,
 ) -> Path:
-    """Write the image as HDF5, OpenEXR and pictures, and add to the record. Return the first picture's path."""
+    """Write the image in every format asked for, and pictures; add to the record. Return the first picture's path."""
     with watch.stage("error bars"):
         image = with_error_bars(image)
     errors = image.metadata.get("sampling_error", {})
@@ -87,8 +153,9 @@ def store_image(
             "and physical optics are not in it)"
         )
     with watch.stage("write image"):
-        write_image(image, folder / IMAGE)
-        write_image(image, folder / EXR)
+        for entry, name in zip(formats.image, formats.names(raw=False), strict=True):
+            with folder.writing(name) as path:
+                write_image(image, path, format=entry.name)
     with watch.stage("picture"):
         picture = save_pictures(folder, image)
     record["image"] = {
@@ -103,21 +170,29 @@ def store_image(
     return picture
 
 
-def save_pictures(folder: Path, image: SarImage) -> Path:
+def save_pictures(folder: OutputFolder, image: SarImage) -> Path:
     """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
     from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
 
-    save(quicklook(image), folder / PICTURE)
+    with folder.writing(PICTURE) as first:
+        save(quicklook(image), first)
     for channel in image.channels[1:]:
-        save(quicklook(image, channel=channel), folder / f"quicklook_{channel}.png")
+        with folder.writing(_picture_name(channel)) as path:
+            save(quicklook(image, channel=channel), path)
     if bounce_orders(image):
-        save(quicklook_by_order(image), folder / PICTURE_ORDERS)
-    return folder / PICTURE
+        with folder.writing(PICTURE_ORDERS) as path:
+            save(quicklook_by_order(image), path)
+    return first
 
 
-def save_record(folder: Path, record: Mapping[str, object]) -> None:
+def _picture_name(channel: str) -> str:
+    return f"quicklook_{channel}.png"
+
+
+def save_record(folder: OutputFolder, record: Mapping[str, object]) -> None:
     """Write parameters.json."""
-    parameters.write(folder / RECORD, record)
+    with folder.writing(RECORD) as path:
+        parameters.write(path, record)
 
 
 def versions() -> dict[str, str]:
@@ -132,7 +207,11 @@ def versions() -> dict[str, str]:
 
 
 def radar_record(radar: Radar) -> dict[str, object]:
-    """Return the radar's parameters, with units in their names. The track is summarised; raw.h5 has every pulse."""
+    """Return the radar's parameters, with units in their names and positions in the frame of the scene's file.
+
+    The track is summarised; raw.h5 has every pulse.
+    """
+    radar = radar.in_file_frame()
     track, window = radar.track, radar.window
     span = float(track.time[-1] - track.time[0])
     return {
@@ -160,19 +239,19 @@ def radar_record(radar: Radar) -> dict[str, object]:
 
 
 __all__ = [
-    "EXR",
-    "IMAGE",
+    "MARK",
     "PASSES",
     "PICTURE",
     "PICTURE_ORDERS",
-    "RAW",
     "RECORD",
-    "clear_results",
-    "output_folder",
+    "Formats",
+    "expected_names",
+    "least_bytes",
     "radar_record",
     "save_pictures",
     "save_raw",
     "save_record",
+    "saved_raw",
     "store_image",
     "versions",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 
 
@@ -74,6 +75,7 @@ class RawData:
         ``n_fast = n_samples + ceil(pulse_width * sampling_rate)``.
     radar : the radar that recorded it
     metadata : JSON-able facts: parameters, versions, seed, timings, warnings
+    request : image to focus from them where nothing else is asked for, in the frame of ``radar``
 
     Notes
     -----
@@ -85,6 +87,7 @@ class RawData:
     domain: Literal["compressed", "chirped"]
     radar: Radar
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    request: ImageRequest | None = None
 
     def __post_init__(self) -> None:
         if self.data.ndim != 3 or self.data.shape[0] != len(self.layers):

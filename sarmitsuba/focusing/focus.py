@@ -34,7 +34,7 @@ def focus(
     Parameters
     ----------
     raw : chirped (compressed here first) or range-compressed data
-    grid : where to focus; default: :func:`default_grid` of ``request``, or of what the data's metadata ask for
+    grid : where to focus; default: :func:`default_grid` of ``request``, or of the one that comes with the data
     request : image request for the default grid
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``: straight uniform track, its
         slant grid), with options if wanted, such as ``backprojection,interpolation=kernel:8``; or a focuser itself
@@ -59,6 +59,7 @@ def focus(
     raw = range_compress(raw, method=compression)
     if grid is None:
         grid = default_grid(raw, request)
+    grid = grid.in_frame(raw.radar.offset)
     check_focuser(focuser, raw.radar, grid)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
 
@@ -75,7 +76,7 @@ def focus(
         "azimuth_window": str(azimuth_window),
         **focuser.options,
         **cells.facts,
-        "center_position": [float(v) for v in raw.radar.track.center_position],
+        "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
         "range_compression": raw.metadata.get("range_compression", "none"),
     }
     return SarImage(

@@ -27,12 +27,11 @@ _WEAK = 0.01
 def image_request(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageRequest:
-    """Which image to make: the one asked for, else the one that the data's metadata ask for, else one of our own.
+    """Which image to make: the one asked for, else the one that comes with the data, else one of our own.
 
     Parameters
     ----------
-    raw : data, or only their radar. Their metadata may hold ``image_request`` or, from a simulation that was not
-        saved by ``render``, ``image``
+    raw : data, or only their radar
     request : an image request, or a mapping with its fields
 
     Returns
@@ -45,7 +44,7 @@ def image_request(
         The mapping has fields that no image request has.
     """
     if request is None and isinstance(raw, RawData):
-        request = raw.metadata.get("image_request") or raw.metadata.get("image")
+        request = raw.request
     if request is None:
         return _request_from_window(raw if isinstance(raw, Radar) else raw.radar)
     if isinstance(request, ImageRequest):
@@ -61,7 +60,7 @@ def image_request(
 def default_grid(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageGrid:
-    """Make the grid of a request, or of what the data's metadata ask for, or one about the aim point.
+    """Make the grid of a request, or of the one that comes with the data, or one about the aim point.
 
     Parameters
     ----------
@@ -100,6 +99,7 @@ def default_grid(
             along=along,
             across=across,
             height=float(request.height),
+            offset=radar.offset,
         )
     origin = radar.track.center_position
     ground = float((center - origin) @ across)
@@ -122,6 +122,7 @@ def default_grid(
         along=along,
         across=across,
         height=float(request.height),
+        offset=radar.offset,
     )
 
 

@@ -1,7 +1,7 @@
 """The focused complex image and the grid it stands on."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ class ImageGrid:
     origin : (3,) float64, m, scene frame
     along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
     height : m, scene frame
+    offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     """
 
     kind: Literal["slant", "ground"]
@@ -36,6 +37,21 @@ class ImageGrid:
     along: NDArray[np.float64]
     across: NDArray[np.float64]
     height: float = 0.0
+    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
+        """The same pixels in the frame of that offset; zeros: in the frame of the user's file.
+
+        Parameters
+        ----------
+        offset : (3,) float64, m; that of the radar whose data are focused here
+        """
+        shift = self.offset - offset
+        if not shift.any():
+            return self
+        return replace(
+            self, origin=self.origin + shift, height=self.height + float(shift[2]), offset=np.array(offset)
+        )
 
     @property
     def shape(self) -> tuple[int, int]:

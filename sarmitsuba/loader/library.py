@@ -1,10 +1,11 @@
 """The scenes and radars that come with the program, found by bare name wherever it is installed."""
 
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.parameters import did_you_mean
 
 _COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
@@ -52,12 +53,18 @@ def list_radars() -> tuple[LibraryEntry, ...]:
 def resolve(name_or_path: str | Path) -> Path:
     """Return the file of a scene: a path, or the bare name of a shipped scene.
 
-    An existing file wins over a shipped scene of the same name.
+    An existing file wins over a shipped scene of the same name, with or without its suffix ``.xml``. A folder of that
+    name, such as one of results, does not count.
 
     Raises
     ------
     SceneError
         There is neither such a file nor such a scene; the message lists the names and the closest.
+
+    Warns
+    -----
+    SarmitsubaWarning
+        A bare name that is shipped stands for a file of the user's own.
     """
     return _resolve(name_or_path, scenes_dir(), "scene")
 
@@ -81,12 +88,23 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
     if path.is_file():
         return path
     text = str(name_or_path)
+    bare = path.name == text and path.suffix in ("", ".xml")
+    shipped = folder / f"{path.stem}.xml"
+    there = bare and bool(path.stem) and shipped.is_file()
+    own = path.with_name(f"{path.name}.xml") if path.name and not path.suffix else path
+    if own.is_file():
+        if there:
+            warnings.warn(
+                f"{text}: the file {own} in this folder is taken, not the shipped {what} of that name",
+                SarmitsubaWarning,
+                stacklevel=3,
+            )
+        return own
+    if there:
+        return shipped
     if path.is_dir():
         raise SceneError(f"{text}: a folder, not a {what} file; name the XML file in it")
-    if path.name == text and path.suffix in ("", ".xml"):
-        shipped = folder / f"{path.stem}.xml"
-        if path.stem and shipped.is_file():
-            return shipped
+    if bare:
         names = sorted(p.stem for p in folder.glob("*.xml"))
         guess = did_you_mean(path.stem, names)
         raise SceneError(

@@ -94,6 +94,7 @@ def build_radar(
         noise_temperature=s.noise_temperature,
         losses=float(power_from_db(s.losses_db)),
         half_aperture=half_aperture,
+        offset=shift,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     for text in ambiguities(radar, seen, given.where, derived=prf_derived):

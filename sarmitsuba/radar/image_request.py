@@ -1,6 +1,6 @@
 """Which image to focus; what the description leaves open is about the aim point, as large as the geometry."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -38,6 +38,11 @@ class ImageRequest:
     extent_range: float = 100.0
     spacing_azimuth: float = 0.0
     spacing_range: float = 0.0
+
+    def moved(self, shift: F64) -> "ImageRequest":
+        """The same image in a frame whose origin lies at ``-shift``, (3,) m."""
+        x, y, z = (float(v) for v in shift)
+        return replace(self, center_x=self.center_x + x, center_y=self.center_y + y, height=self.height + z)
 
 
 def build_image_request(

@@ -1,6 +1,6 @@
 """The whole radar: track, waveform, antenna, polarisation, power and receive window."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -55,6 +55,7 @@ class Radar:
     losses : two-way system losses, linear power >= 1
     half_aperture : half the synthetic aperture of every pixel, in sines: pulses serve a pixel while the sine of its
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
+    offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     """
 
     mode: str
@@ -70,6 +71,7 @@ class Radar:
     noise_temperature: float = 0.0
     losses: float = 1.0
     half_aperture: float = np.inf
+    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     @property
     def mode_law(self) -> RadarMode:
@@ -99,6 +101,13 @@ class Radar:
         a = self.track.along
         right = np.array([a[1], -a[0], 0.0])
         return right if self.look_side == "right" else -right
+
+    def in_file_frame(self) -> "Radar":
+        """The same radar with positions in the frame of the user's file."""
+        if not self.offset.any():
+            return self
+        track = replace(self.track, position=self.track.position + self.offset)
+        return replace(self, track=track, aim_point=self.aim_point + self.offset, offset=np.zeros(3))
 
 
 __all__ = ["Radar", "ReceiveWindow"]

@@ -53,7 +53,8 @@ class Imager:
         azimuth_window: str = "rectangular",
     ) -> None:
         self.run = run
-        self.grid = grid or default_grid(run.scene.radar, run.scene.image)
+        grid = grid or default_grid(run.scene.radar, run.scene.image)
+        self.grid = grid.in_frame(run.scene.radar.offset)
         self.windows = (range_window, azimuth_window)
         self.sampling = run.sampling.of_one_look() if run.sampling else None
         self._tracer: Tracer | None = None
@@ -240,7 +241,7 @@ class Imager:
             "range_window": self.windows[0],
             "azimuth_window": self.windows[1],
             **cells.facts,
-            "center_position": [float(v) for v in radar.track.center_position],
+            "center_position": [float(v) for v in radar.track.center_position + radar.offset],
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's

@@ -7,14 +7,12 @@ from sarmitsuba.simulation.run import Run
 
 
 def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
-    """Of raw data; ``image`` is what makes them focus to the image that the scene asks for."""
+    """Of raw data."""
     scene = run.scene
     return {
         **_common(run, plan, notes),
         "scene_path": str(scene.path) if scene.path else None,
-        "scene_offset_m": scene.offset.tolist(),
         "sampling": run.report.as_dict() if run.report else {},
-        "image": dict(vars(scene.image)),
     }
 
 
@@ -23,7 +21,7 @@ def image_metadata(run: Run, method: str, focus: Mapping[str, object]) -> dict[s
     return {
         **_common(run, run.plan, run.notes),
         "method": method,
-        "image_request": dict(vars(run.scene.image)),
+        "image_request": dict(vars(run.scene.image.moved(run.scene.offset))),
         "focus": dict(focus),
     }
 

@@ -87,7 +87,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         plan = plan.with_key_pulses(
             run.report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
         )
-    raw = RawData(data, layers, "compressed", radar)
+    raw = RawData(data, layers, "compressed", radar, request=scene.image)
     if plan.on("noise"):
         raw = add_noise(raw, seed=settings.seed)
         run.timer.lap("noise")

@@ -38,6 +38,7 @@ FLOORS = (
         "samples",
         "timing",
         "units",
+        "version",
     ),
 )
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}

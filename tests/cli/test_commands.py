@@ -7,88 +7,18 @@ import signal
 import subprocess
 import sys
 import textwrap
-import types
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.errors import BackendError, RadarError, SarmitsubaWarning, SceneError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.radar.antenna import Antenna, Pointing
-from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.radar import Radar, ReceiveWindow
-from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.waveform import Waveform
-from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.errors import BackendError, RadarError, SceneError
 
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json"}
-
-
-def make_scene() -> Scene:
-    n = 4
-    triad = np.broadcast_to(np.eye(3), (n, 3, 3))
-    radar = Radar(
-        "stripmap",
-        Track.straight([-5e3, 0.0, 5e3], [0.0, 100.0, 0.0], 200.0, n),
-        Waveform(1e10, 1e8, 1e-6),
-        Antenna(),
-        Pointing(triad[0].copy(), triad[1].copy(), triad[2].copy()),
-        ReceiveWindow(np.full(n, 7e3), 1.2, 16),
-    )
-    settings = TraceSettings(seed=3, keep_orders=True)
-    return Scene("fake", None, Geometry.empty(), (), (), radar, settings, ImageRequest(), notes=("a note",))
-
-
-def fake_simulate(scene: Scene, *, progress: Any) -> RawData:
-    progress("trace", 1, 2, {"rays/s": 1e6})
-    warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
-    warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
-    rng = np.random.default_rng(scene.settings.seed)
-    layers = (Layer("VV", 1), Layer("VV", 2))
-    data = rng.normal(size=(2, 4, 16)).astype(np.complex64)
-    metadata = {"scene": scene.name, "plan": "max_depth 2", "method": scene.settings.method}
-    return RawData(data, layers, "compressed", scene.radar, metadata)
-
-
-def fake_focus(raw: RawData, grid: Any = None, **options: Any) -> SarImage:
-    axes = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-    grid = ImageGrid("slant", np.arange(4.0), 7e3 + np.arange(16.0), np.array([0.0, 0.0, 5e3]), *axes)
-    return SarImage(raw.data, raw.layers, grid, 0.03, 1.0, 1.0, np.full(16, 0.7), dict(raw.metadata))
-
-
-def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Replace loading, simulating and focusing; the dictionary receives the loader's arguments."""
-    seen: dict[str, Any] = {}
-
-    def load_scene(path: str, *, radar: Any = None, parameters: Any = None) -> Scene:
-        seen.update(path=path, radar=radar, parameters=parameters)
-        return make_scene()
-
-    def module(name: str, **content: Any) -> None:
-        fake = types.ModuleType(name)
-        vars(fake).update(content)
-        monkeypatch.setitem(sys.modules, name, fake)
-
-    backend = types.SimpleNamespace(variant="none")
-    module("sarmitsuba.backend", ensure_backend=lambda: backend)
-    module("sarmitsuba.loader.load", load_scene=load_scene)
-    module("sarmitsuba.simulation.raw", simulate=fake_simulate)
-    module("sarmitsuba.focusing", focus=fake_focus)
-    return seen
-
-
-@pytest.fixture
-def fake_stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    return install_fakes(monkeypatch)
+LIST = ".sarmitsuba.json"
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "quicklook_order.png", "parameters.json", LIST}
 
 
 def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
@@ -122,7 +52,7 @@ def test_quiet_says_nothing(fake_stages: dict[str, Any], tmp_path: Path, capsys:
 
 def test_no_focus_stops_after_raw(fake_stages: dict[str, Any], tmp_path: Path, capsys: Any) -> None:
     assert cli.main(["render", "box", "-o", str(tmp_path), "--no-focus"]) == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json"}
+    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json", LIST}
     assert str(tmp_path / "raw.h5") in capsys.readouterr().out
 
 
@@ -134,19 +64,6 @@ def test_focus_of_saved_raw_data_repeats_the_image(fake_stages: dict[str, Any], 
     # into the folder the raw data are in: they must survive
     assert cli.main(["focus", str(a / "raw.h5"), "-o", str(a), "--quiet", "--force"]) == 0
     assert (a / "raw.h5").exists()
-
-
-def test_results_are_not_overwritten_unasked(
-    fake_stages: dict[str, Any], tmp_path: Path, capsys: Any
-) -> None:
-    (tmp_path / "quicklook_order.png").write_text("old")
-    (tmp_path / "mine.txt").write_text("mine")
-    assert cli.main(["render", "box", "-o", str(tmp_path)]) == 2
-    assert (
-        "is not empty; choose another -o, or use --force to overwrite its results" in capsys.readouterr().err
-    )
-    assert cli.main(["render", "box", "-o", str(tmp_path), "--force", "--no-focus"]) == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"raw.h5", "parameters.json", "mine.txt"}
 
 
 @pytest.mark.parametrize(
@@ -278,7 +195,7 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
         # a test run in the background is started with the signal ignored
         signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.path.insert(0, {str(Path(__file__).parent)!r})
-        import pytest, test_commands as t
+        import pytest, conftest as t
         from sarmitsuba import cli
         t.install_fakes(pytest.MonkeyPatch())
         def wait(*a, **k):

@@ -6,13 +6,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+import OpenEXR
 import pytest
 
 from sarmitsuba import cli
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.loader.library import scenes_dir
 
-RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json"}
+RESULTS = {"raw.h5", "image.h5", "image.exr", "quicklook.png", "parameters.json", ".sarmitsuba.json"}
 
 
 def render(scene: str, out: Path, *options: str) -> Path:
@@ -116,6 +119,141 @@ def test_methods_without_raw_data(tmp_path: Path, capsys: Any, method: str) -> N
     assert json.loads((out / "parameters.json").read_text())["settings"]["method"] == method
     assert cli.main(["render", "dihedral", "-o", str(tmp_path / "o"), "--method", method, "--no-focus"]) == 2
     assert "makes an image without raw data" in capsys.readouterr().err
+
+
+def test_a_folder_of_results_does_not_hide_a_shipped_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["render", "point", "-o", "point", "--no-focus"]) == 0
+    assert cli.main(["render", "point", "-o", "point"]) == 0
+    assert "used again" in capsys.readouterr().out
+    # a file of the user's own is taken in its stead, and that is said
+    text = (scenes_dir() / "point.xml").read_text(encoding="utf-8")
+    Path("point.xml").write_text(text.replace('name="rcs_dbsm" value="0"', 'name="rcs_dbsm" value="20"'))
+    assert cli.main(["render", "point", "-o", "own"]) == 0
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if "point.xml" in line)
+    assert (
+        line
+        == "warning: point: the file point.xml in this folder is taken, not the shipped scene of that name"
+    )
+    # tol: 0.05 dB, spreading kernels and interpolation
+    assert 10 * np.log10(read_image("own/image.h5").rcs().max()) == pytest.approx(20.0, abs=0.05)
+
+
+def test_focusing_saved_data_gives_the_same_error_bars(tmp_path: Path) -> None:
+    out = render("flat_ground", tmp_path / "out")
+    assert cli.main(["focus", str(out / "raw.h5"), "-o", str(tmp_path / "again"), "--quiet"]) == 0
+    first, again = (
+        json.loads((folder / "parameters.json").read_text())["sampling_error"]
+        for folder in (out, tmp_path / "again")
+    )
+    assert first == again and set(first) == {"VV"}
+    # the image itself, whatever the subsets are
+    with h5py.File(out / "image.h5") as file:
+        whole = file["image/VV"][()]
+        parts = [file[f"subsets/{s}/image/VV"][()] for s in (1, 2)]
+    np.testing.assert_allclose(sum(parts), whole, rtol=0, atol=1e-6 * np.abs(whole).max())  # tol: float32
+    np.testing.assert_array_equal(whole, read_image(out / "image.h5").total("VV"))
+
+
+FAR = np.array([456789.25, 5600123.5, 512.0])
+FAR_SCENE = """<scene version="3.0.0">
+  <integrator type="sar_path"><string name="method" value="{method}"/></integrator>
+  <sensor type="sar_antenna">
+    <float name="slant_range" value="10000"/> <float name="look_angle_deg" value="45"/>
+    <float name="heading_deg" value="30"/> <float name="bandwidth" value="300e6"/>
+    <float name="azimuth_resolution" value="0.5"/>
+    <float name="aim_x" value="{x}"/> <float name="aim_y" value="{y}"/> <float name="aim_z" value="{z}"/>
+    <film type="range_film">
+      <string name="image_grid" value="{grid}"/>
+      <float name="image_extent_azimuth" value="40"/> <float name="image_extent_range" value="40"/>
+    </film>
+  </sensor>
+  <shape type="sphere">
+    <point name="center" x="{px}" y="{py}" z="{z}"/> <bsdf type="point_scatterer"/>
+  </shape>
+</scene>
+"""
+
+
+def brightest(path: Path) -> Any:
+    """Where the brightest pixel of an image file stands, by nothing but the layout in docs/files.md."""
+    if path.suffix == ".exr":
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header = dict(file.header())
+            power = np.hypot(*(file.channels()[f"VV.{part}"].pixels for part in ("re", "im")))
+        row, column = np.unravel_index(power.argmax(), power.shape)
+        a, r = (header[name] @ [1, i] for name, i in (("row_azimuth_m", row), ("column_range_m", column)))
+        kind, along, across = header["grid"], header["along"], header["across"]
+        origin, plane = header["origin_m"], header["image_plane_origin_m"]
+    else:
+        with h5py.File(path) as file:
+            power = np.abs(file["image/VV"][()])
+            grid = {name: file[f"grid/{name}"][()] for name in file["grid"]}
+            kind = file["grid"].attrs["kind"]
+        row, column = np.unravel_index(power.argmax(), power.shape)
+        a, r, along, across = grid["azimuth"][row], grid["range"][column], grid["along"], grid["across"]
+        origin, plane = grid["origin"], np.array([*grid["origin"][:2], grid["height"]])
+    g = r if kind == "ground" else np.sqrt(r**2 - (origin - plane)[2] ** 2)
+    return plane + a * along + g * across
+
+
+@pytest.mark.parametrize(("method", "grid"), [("hybrid", "slant"), ("hybrid", "ground"), ("image", "slant")])
+def test_files_are_in_the_frame_of_the_scene_file(tmp_path: Path, method: str, grid: str) -> None:
+    point = FAR + np.array([6.0, -4.0, 0.0])
+    values = dict(zip("xyz", FAR, strict=True)) | {"px": point[0], "py": point[1], "method": method}
+    (tmp_path / "far.xml").write_text(FAR_SCENE.format(**values, grid=grid))
+    out = render(str(tmp_path / "far.xml"), tmp_path / "out")
+    # tol: 0.4 m, half the diagonal of a pixel on the ground
+    for name in ("image.h5", "image.exr"):
+        assert np.linalg.norm(brightest(out / name) - point) < 0.4
+    record = json.loads((out / "parameters.json").read_text())
+    np.testing.assert_allclose(record["radar"]["aim_point_m"], FAR, rtol=0, atol=1e-8)  # tol: float64
+    asked = record["image_request"]
+    np.testing.assert_allclose([asked["center_x"], asked["center_y"], asked["height"]], FAR, atol=1e-8)
+    if method == "image":
+        return
+    with h5py.File(out / "raw.h5") as file:
+        np.testing.assert_allclose(file["radar/aim_point"][()], FAR, rtol=0, atol=1e-8)  # tol: float64
+        middle = file["track/position"][()].mean(axis=0)
+    assert np.linalg.norm(middle - FAR) == pytest.approx(10e3, abs=1.0)  # tol: sampling of the track
+    # what is asked of `focus` is in that frame too
+    center = [f"{v:.3f}" for v in point[:2]]
+    options = ("--center", *center, "--extent", "4", "4", "--quiet")
+    assert cli.main(["focus", str(out / "raw.h5"), "-o", str(tmp_path / "again"), *options]) == 0
+    assert np.linalg.norm(brightest(tmp_path / "again" / "image.h5") - point) < 0.4
+    image = read_image(tmp_path / "again" / "image.h5")
+    # tol: 0.1 dB, half a pixel off
+    assert 10 * np.log10(image.rcs().max()) == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_fingerprint_is_the_same_in_every_process_and_sees_every_setting(tmp_path: Path) -> None:
+    code = """
+import sys
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.fingerprint import fingerprint
+pairs = dict(pair.split("=") for pair in sys.argv[2:])
+print(fingerprint(load_scene("dihedral", parameters=pairs), [sys.argv[1]]))
+"""
+    extension = tmp_path / "mine.py"
+
+    def mark(*parameters: str, text: str = "a = 1") -> str:
+        extension.write_text(text)
+        command = [sys.executable, "-c", code, str(extension), *parameters]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    first = mark()
+    assert mark() == first
+    marks = {
+        first,
+        mark("look_angle_deg=40"),
+        mark("sar_path.seed=4"),
+        mark("sar_path.visibility=off"),
+        mark("range_film.image_extent_range=31"),
+        mark(text="a = 2"),
+    }
+    assert len(marks) == 6
 
 
 SCENE = """<scene version="3.0.0">

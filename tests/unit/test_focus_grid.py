@@ -8,6 +8,7 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.aperture import ground_cell_area, matched_weights
 from sarmitsuba.focusing.grid import default_grid, natural_spacing
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -53,12 +54,37 @@ def test_squint_needs_finer_pixels() -> None:
 
 def test_request_may_come_with_the_data_or_not_at_all() -> None:
     raw = ideal_echoes(ideal_radar(n_samples=128), np.zeros(3))
-    asked = default_grid(replace(raw, metadata={"image_request": vars(request())}))
+    asked = default_grid(replace(raw, request=request()))
     np.testing.assert_array_equal(asked.azimuth, default_grid(raw, request()).azimuth)
     own = default_grid(raw)
     r = np.linalg.norm(own.positions()[own.shape[0] // 2] - raw.radar.track.center_position, axis=-1)
     window = raw.radar.window
     assert (r > window.start_range.min()).all() and (r < window.start_range.max() + window.extent).all()
+
+
+def test_a_grid_in_another_frame_means_the_same_pixels() -> None:
+    raw = ideal_echoes(ideal_radar(n_samples=128), np.array([1.0, 2.0, 0.0]))
+    offset = np.array([456789.0, 5600123.0, 512.0])
+    moved = replace(raw, radar=replace(raw.radar, offset=offset))
+    grid = default_grid(moved)
+    np.testing.assert_array_equal(grid.offset, offset)
+    outside = grid.in_frame(np.zeros(3))
+    np.testing.assert_allclose(
+        outside.positions(), grid.positions() + offset, rtol=0, atol=1e-8
+    )  # tol: float64
+    image = focus(moved, outside)
+    # tol: phase of 1e-9 m, the rounding of float64 at 5600 km
+    np.testing.assert_allclose(image.data, focus(moved, grid).data, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(image.data, focus(raw).data, rtol=0, atol=1e-5)
+
+
+def test_data_in_the_frame_of_a_far_file_focus_to_the_same_image() -> None:
+    raw = ideal_echoes(ideal_radar(n_samples=128), np.array([1.0, 2.0, 0.0]))
+    offset = np.array([456789.0, 5600123.0, 512.0])
+    far = replace(raw, radar=replace(raw.radar, offset=offset).in_file_frame())
+    assert far.radar.aim_point[1] > 5e6
+    # tol: as above
+    np.testing.assert_allclose(focus(far).data, focus(raw).data, rtol=0, atol=1e-5)
 
 
 def test_impossible_grids_are_refused() -> None:

@@ -2,15 +2,19 @@
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import OpenEXR
 import pytest
+from matplotlib.image import imread
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, OutputError
@@ -20,11 +24,14 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat, find_format
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.view.quicklook import quicklook, save
 
 LAYERS = (Layer("VV", 1, 1), Layer("VV", 1, 2), Layer("VV", 2), Layer("HV"))
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 METADATA = {"seed": 7, "scene": "σ.xml", "times": [0.1, 1e-300], "nested": {"a": None, "b": True}}
 
 
@@ -90,50 +97,183 @@ def test_image_round_trip_is_exact(tmp_path: Path) -> None:
     assert_same(read_image(tmp_path / "image.h5"), image)
 
 
+def with_subsets(content: RawData | SarImage) -> RawData | SarImage:
+    """Two subsets of two bounce orders in two channels, as a run with error bars and keep_orders makes them."""
+    layers = tuple(Layer(c, o, s) for s in (1, 2) for o in (1, 3) for c in ("VV", "HV"))
+    return dataclasses.replace(content, layers=layers, data=np.concatenate([content.data, 2 * content.data]))
+
+
+def test_one_dataset_per_channel_is_the_image(tmp_path: Path) -> None:
+    image, raw = with_subsets(make_image()), with_subsets(make_raw())
+    write_image(image, tmp_path / "image.h5")
+    write_raw(raw, tmp_path / "raw.h5")
+    for name, root, content in (("image.h5", "image", image), ("raw.h5", "echoes", raw)):
+        with h5py.File(tmp_path / name) as file:
+            assert set(file[root]) == {"VV", "HV"}
+            for channel in ("VV", "HV"):
+                whole = file[f"{root}/{channel}"][()]
+                np.testing.assert_array_equal(whole, content.total(channel))
+                orders = sum(file[f"orders/{channel}/{k}"][()] for k in (1, 3))
+                # tol: float32 rounding of sums in another order
+                np.testing.assert_allclose(orders, whole, rtol=1e-5, atol=1e-5)
+                parts = [file[f"subsets/{s}/orders/{channel}/{k}"][()] for s in (1, 2) for k in (1, 3)]
+                np.testing.assert_allclose(sum(parts), whole, rtol=1e-5, atol=1e-5)  # tol: the same
+            assert "add up to" in file["subsets"].attrs["note"]
+            assert [file[f"subsets/{s}"].attrs["share"] for s in (1, 2)] == [0.75, 0.25]
+    assert_same(read_image(tmp_path / "image.h5"), image)
+    assert_same(read_raw(tmp_path / "raw.h5"), raw)
+
+
+def test_layers_of_which_one_is_the_sum_of_others_are_refused(tmp_path: Path) -> None:
+    image = dataclasses.replace(make_image(), layers=(Layer("VV"), Layer("VV", 1), Layer("HV"), Layer("HH")))
+    with pytest.raises(DataError, match="/image/VV would be one of its own parts"):
+        write_image(image, tmp_path / "image.h5")
+    twice = dataclasses.replace(image, layers=(Layer("VV", 1), Layer("VV", 1), Layer("HV"), Layer("HH")))
+    with pytest.raises(DataError, match=r"same channel, order and subset|its own parts"):
+        write_image(twice, tmp_path / "image.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_hdf5_is_self_describing(tmp_path: Path) -> None:
     write_raw(make_raw(), tmp_path / "raw.h5")
+    write_image(make_image(), tmp_path / "image.h5")
     with h5py.File(tmp_path / "raw.h5") as file:
-        assert file["data"].attrs["axes"] == "layer, pulse, fast sample"
-        assert file["data"].dtype.kind == "c"
-        assert file["radar/track/position"].attrs["unit"] == "m"
+        assert file["echoes/VV"].attrs["axes"] == "pulse, sample"
+        assert file["echoes/VV"].dtype.kind == "c"
+        assert file["echoes"].attrs["domain"] == "compressed"
+        assert file["track/position"].attrs["unit"] == "m"
         assert file["radar/waveform/center_frequency"][()] == 9.65e9
-        assert "exp(-j 4 pi" in file.attrs["phase_convention"]
         # a range of pulses is read without the rest
-        assert file["data"].chunks is not None
-        missing = []
-        file.visititems(
-            lambda name, item: (
-                missing.append(name)
-                if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and "unit" not in item.attrs
-                else None
+        assert file["echoes/VV"].chunks is not None
+    missing = []
+    for name in ("raw.h5", "image.h5"):
+        with h5py.File(tmp_path / name) as file:
+            assert "exp(-j 4 pi" in file.attrs["phase_convention"]
+            assert file.attrs["software"].startswith("sarmitsuba ")
+            assert "x east" in file.attrs["frame"]
+            file.visititems(
+                lambda name, item: (
+                    missing.append(name)
+                    if isinstance(item, h5py.Dataset)
+                    and item.dtype.kind in "fic"
+                    and "unit" not in item.attrs
+                    else None
+                )
             )
-        )
     assert missing == []
+
+
+def test_axes_are_dimension_scales(tmp_path: Path) -> None:
+    image = make_image()
+    write_image(image, tmp_path / "image.h5")
+    with h5py.File(tmp_path / "image.h5") as file:
+        azimuth, across = file["image/VV"].dims
+        assert (azimuth.label, across.label) == ("azimuth", "range")
+        np.testing.assert_array_equal(azimuth[0][()], image.grid.azimuth)
+        np.testing.assert_array_equal(across[0][()], image.grid.range)
+
+
+def test_sigma0_needs_no_json(tmp_path: Path) -> None:
+    fit = {"center": 3.0, "scale": 2.0, "coefficients": [1.0, 0.1]}
+    table = {"azimuth": [-1.0, 1.0], "range": [0.0, 6.0], "ratio": [[1.0, 1.1], [1.2, 1.3]]}
+    for focus in ({}, {"azimuth_cell_polynomial": fit, "azimuth_cell_rows": table}):
+        image = dataclasses.replace(make_image(), metadata={"focus": focus})
+        write_image(image, tmp_path / "image.h5")
+        with h5py.File(tmp_path / "image.h5") as file:
+            sigma0 = np.abs(file["image/VV"][()]) ** 2 / file["calibration/cell_area"][()]
+        np.testing.assert_allclose(sigma0, image.sigma0("VV"), rtol=1e-5)  # tol: float32
+
+
+def test_files_hold_positions_of_the_scenes_file(tmp_path: Path) -> None:
+    offset = np.array([456789.0, 5600123.0, 512.0])
+    image, raw = make_image(), make_raw()
+    here = dataclasses.replace(image, grid=dataclasses.replace(image.grid, offset=offset))
+    write_image(here, tmp_path / "image.h5")
+    read = read_image(tmp_path / "image.h5")
+    expected = image.grid.positions() + offset
+    np.testing.assert_allclose(read.grid.positions(), expected, rtol=0, atol=1e-8)  # tol: float64
+    with h5py.File(tmp_path / "image.h5") as file:  # the formula of docs/files.md
+        grid = {name: file[f"grid/{name}"][()] for name in file["grid"]}
+    plane = np.array([*grid["origin"][:2], grid["height"]])
+    own = plane + grid["azimuth"][2] * grid["along"] + grid["range"][3] * grid["across"]
+    np.testing.assert_allclose(own, expected[2, 3], rtol=0, atol=1e-8)  # tol: float64
+    request = ImageRequest(center_x=1.5, center_y=-2.0, height=0.25)
+    radar = dataclasses.replace(raw.radar, offset=offset)
+    write_raw(dataclasses.replace(raw, radar=radar, request=request), tmp_path / "raw.h5")
+    back = read_raw(tmp_path / "raw.h5")
+    np.testing.assert_array_equal(back.radar.track.position, raw.radar.track.position + offset)
+    np.testing.assert_array_equal(back.radar.aim_point, raw.radar.aim_point + offset)
+    assert not back.radar.offset.any()
+    assert back.request == ImageRequest(center_x=456790.5, center_y=5600121.0, height=512.25)
 
 
 def test_long_data_is_chunked_by_pulses(tmp_path: Path) -> None:
     raw = make_raw(n_pulses=3000, n_fast=200)
     write_raw(raw, tmp_path / "raw.h5")
     with h5py.File(tmp_path / "raw.h5") as file:
-        layers, pulses, samples = file["data"].chunks
-    assert (layers, samples) == (1, 200)
+        pulses, samples = file["echoes/VV"].chunks
+    assert samples == 200
     assert 1 < pulses < 3000
 
 
-def test_exr_has_named_channels(tmp_path: Path) -> None:
-    image = make_image()
+def read_exr(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Channels and header of an OpenEXR file."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: channel.pixels for name, channel in file.channels().items()}, dict(file.header())
+
+
+def test_exr_and_hdf5_agree(tmp_path: Path) -> None:
+    offset = np.array([456789.0, 5600123.0, 512.0])
+    image = with_subsets(make_image())
+    image = dataclasses.replace(image, grid=dataclasses.replace(image.grid, offset=offset))
     write_image(image, tmp_path / "image.exr")
-    with OpenEXR.File(str(tmp_path / "image.exr"), separate_channels=True) as file:
-        channels = {name: channel.pixels for name, channel in file.channels().items()}
-        record = json.loads(file.header()["sarmitsuba"])
-    assert set(channels) == {
-        "VV.re", "VV.im", "VV.order1.re", "VV.order1.im", "VV.order2.re", "VV.order2.im", "HV.re", "HV.im",
-    }  # fmt: skip
-    assert np.array_equal(channels["VV.order1.re"], (image.data[0] + image.data[1]).real)
-    assert np.array_equal(channels["VV.order2.re"], image.data[2].real)
-    assert np.array_equal(channels["VV.im"], image.data[:3].sum(axis=0).imag)
-    assert np.array_equal(channels["HV.im"], image.data[3].imag)
-    assert record["range_spacing_m"] == pytest.approx(0.7)  # tol: float rounding of a difference
+    write_image(image, tmp_path / "image.h5")
+    channels, header = read_exr(tmp_path / "image.exr")
+    with h5py.File(tmp_path / "image.h5") as file:
+        planes = {c: file[f"image/{c}"][()] for c in file["image"]}
+        planes |= {f"{c}.order{k}": file[f"orders/{c}/{k}"][()] for c in file["orders"] for k in (1, 3)}
+        grid = {name: file[f"grid/{name}"][()] for name in file["grid"]}
+    assert set(channels) == {f"{name}.{part}" for name in planes for part in ("re", "im")}
+    for name, plane in planes.items():
+        both = channels[f"{name}.re"] + 1j * channels[f"{name}.im"]
+        np.testing.assert_array_equal(both[::-1], plane)
+    n_azimuth = grid["azimuth"].size
+    first, step = header["row_azimuth_m"]
+    # tol: float64
+    np.testing.assert_allclose(first + step * np.arange(n_azimuth), grid["azimuth"][::-1], atol=1e-12)
+    first, step = header["column_range_m"]
+    np.testing.assert_allclose(first + step * np.arange(grid["range"].size), grid["range"], atol=1e-12)
+    for name in ("along", "across"):
+        np.testing.assert_array_equal(header[name], grid[name])
+    np.testing.assert_array_equal(header["origin_m"], grid["origin"])
+    np.testing.assert_array_equal(header["image_plane_origin_m"], [*grid["origin"][:2], grid["height"]])
+    assert header["origin_m"][1] > 5.6e6  # in the frame of the file
+
+
+def test_exr_rows_stand_as_the_picture_shows_them(tmp_path: Path) -> None:
+    image = make_image(60, 80)
+    data = np.zeros((1, 60, 80), np.complex64)
+    data[0, 50:54, 60:66] = 1.0  # late in azimuth, far in range
+    data += 1e-3
+    image = dataclasses.replace(image, data=data, layers=(Layer("VV"),), metadata={})
+    write_image(image, tmp_path / "image.exr")
+    channels, _ = read_exr(tmp_path / "image.exr")
+    rows, columns = np.nonzero(channels["VV.re"] > 0.5)
+    inside_exr = np.array([rows.mean() / 60, columns.mean() / 80])
+
+    figure = quicklook(image)
+    save(figure, tmp_path / "quicklook.png")
+    picture = imread(tmp_path / "quicklook.png")[..., :3].mean(axis=2)
+    height, width = picture.shape
+    box = figure.axes[0].get_position()  # from below
+    picture = picture[
+        round(height * (1 - box.y1)) : round(height * (1 - box.y0)),
+        round(width * box.x0) : round(width * box.x1),
+    ][4:-4, 4:-4]  # without the frame
+    rows, columns = np.nonzero(picture > 0.8)
+    inside_png = np.array([rows.mean() / picture.shape[0], columns.mean() / picture.shape[1]])
+    assert inside_exr[0] < 0.2 and inside_exr[1] > 0.7  # up and to the right
+    np.testing.assert_allclose(inside_exr, inside_png, atol=0.04)  # tol: a pixel, and the frame cut off
 
 
 def test_parameters_are_standard_json(tmp_path: Path) -> None:
@@ -210,7 +350,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="cannot read"):
         read_raw(path)
     write_raw(make_raw(100, 100), path)
-    with pytest.raises(DataError, match="holds RawData, not an image"):
+    with pytest.raises(DataError, match="holds sarmitsuba raw data, not an image"):
         read_image(path)
     path.write_bytes(path.read_bytes()[:20_000])
     with pytest.raises(DataError, match="cannot read"):
@@ -225,9 +365,88 @@ def test_incomplete_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "raw.h5"
     write_raw(make_raw(), path)
     with h5py.File(path, "a") as file:
-        del file["radar/track/time"]
-    with pytest.raises(DataError, match="time"):
+        del file["track/time"]
+    with pytest.raises(DataError, match="/track/time is missing"):
         read_raw(path)
+
+
+def test_files_cut_short_anywhere_are_refused(tmp_path: Path) -> None:
+    whole, path = tmp_path / "whole.h5", tmp_path / "image.h5"
+    write_image(make_image(), whole)
+    content = whole.read_bytes()
+    for length in np.linspace(0, len(content) - 1, 60).astype(int):
+        path.write_bytes(content[:length])
+        with pytest.raises(DataError, match=r"image\.h5: cannot read an image: .") as caught:
+            read_image(path)
+        assert "\n" not in str(caught.value)
+
+
+def hostile(change: Callable[[h5py.File], None], match: str, *, raw: bool = False) -> Any:
+    return pytest.param(change, match, raw, id=match)
+
+
+def replaced(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = value
+
+    return change
+
+
+def claimed(file: h5py.File) -> None:
+    del file["image/HV"]
+    file.create_dataset("image/HV", (1 << 20, 1 << 20), np.complex64, chunks=(1024, 1024))
+
+
+@pytest.mark.parametrize(
+    ("change", "match", "raw"),
+    [
+        hostile(replaced("image/HV", h5py.ExternalLink("/etc/passwd", "/x")), "refers to another place"),
+        hostile(replaced("grid", h5py.SoftLink("/image")), "/grid refers to another place"),
+        hostile(replaced("layers", ["/image/HV", "/../etc"]), "is no plane"),
+        hostile(replaced("layers", ["/image/XX"]), "/image/XX is missing"),
+        hostile(replaced("layers", 3), "cannot read"),
+        hostile(claimed, "claims 8.8e"),
+        hostile(replaced("image/HV", np.zeros((6, 9))), "not a plane of complex64"),
+        hostile(replaced("image/HV", np.zeros((3, 9), np.complex64)), "several shapes"),
+        hostile(replaced("grid/azimuth", np.arange(7.0)), "do not match the grid"),
+        hostile(replaced("grid/range", np.full(9, np.nan)), "not finite"),
+        hostile(replaced("grid/origin", np.zeros(2)), "not (3,)"),
+        hostile(replaced("calibration/wavelength", "short"), "not a single number"),
+        hostile(replaced("metadata", "[1]"), "/metadata is not a JSON object"),
+        hostile(replaced("metadata", "{"), "Expecting"),
+        hostile(lambda file: file["grid"].attrs.modify("kind", "round"), "kind 'round'"),
+        hostile(replaced("track/time", np.zeros(5)), "must increase", raw=True),
+        hostile(replaced("radar/pointing/boresight", np.zeros((4, 3))), "not (5, 3)", raw=True),
+        hostile(replaced("radar/window/n_samples", 12), "do not match /radar/window", raw=True),
+        hostile(replaced("radar/waveform/bandwidth", -1.0), "must be positive", raw=True),
+        hostile(replaced("radar/antenna", 1.0), "/radar/antenna is not a group", raw=True),
+    ],
+)
+def test_hostile_files_get_one_line(
+    tmp_path: Path, change: Callable[[h5py.File], None], match: str, raw: bool
+) -> None:
+    path = tmp_path / "file.h5"
+    if raw:
+        write_raw(make_raw(), path)
+    else:
+        write_image(make_image(), path)
+    with h5py.File(path, "a") as file:
+        change(file)
+    with pytest.raises(DataError, match=re.escape(match)) as caught:
+        read_raw(path) if raw else read_image(path)
+    assert str(caught.value).startswith(f"{path}: cannot read") and "\n" not in str(caught.value)
+
+
+def test_a_file_of_channels_only_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "image.h5"
+    write_image(make_image(), path)
+    with h5py.File(path, "a") as file:
+        for name in ("layers", "orders", "subsets", "metadata"):
+            del file[name]
+    image = read_image(path)
+    assert image.layers == (Layer("HV"), Layer("VV"))
+    np.testing.assert_array_equal(image.total("VV"), make_image().total("VV"))
 
 
 def test_newer_format_is_refused(tmp_path: Path) -> None:
@@ -260,3 +479,61 @@ def test_a_registered_format_is_found_by_suffix_and_name(tmp_path: Path) -> None
         read_image(tmp_path / "a.npy")
     with pytest.raises(DataError, match=r"no raw format for the suffix '\.npy'"):
         write_raw(make_raw(), tmp_path / "a.npy")
+
+
+# ---- docs/files.md
+
+
+def listed(heading: str) -> dict[str, str]:
+    """Path and unit of every row of the section's table."""
+    section = PAGE.split(f"## `{heading}`")[1].split("\n## ")[0]
+    return dict(re.findall(r"^\| `(/[^`]+)` \|[^|]*\|\s*([^|]*?)\s*\|", section, re.MULTILINE))
+
+
+def general(name: str) -> str:
+    """Path with the page's example channel, order and subset."""
+    name = re.sub(r"^subsets/\d/", "subsets/1/", name)
+    name = re.sub(r"(image|echoes)/(VV|HV)$", r"\1/VV", name)
+    return "/" + re.sub(r"orders/(VV|HV)/\d$", "orders/VV/2", name)
+
+
+def held(path: Path) -> dict[str, str]:
+    """Path and unit of every dataset of a file."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(
+            lambda name, item: (
+                found.update({general(name): str(item.attrs.get("unit", ""))})
+                if isinstance(item, h5py.Dataset)
+                else None
+            )
+        )
+    return found
+
+
+def test_the_page_lists_every_dataset(tmp_path: Path) -> None:
+    image, raw = make_image(), dataclasses.replace(make_raw(), request=ImageRequest())
+    plain = dataclasses.replace(
+        image, layers=tuple(dataclasses.replace(e, order=0) for e in image.layers[:2])
+    )
+    plain = dataclasses.replace(plain, data=image.data[:2])
+    write_image(plain, tmp_path / "plain.h5")
+    write_image(with_subsets(image), tmp_path / "image.h5")
+    assert held(tmp_path / "plain.h5") | held(tmp_path / "image.h5") == listed("image.h5")
+    few = dataclasses.replace(raw, layers=plain.layers, data=raw.data[:2])
+    write_raw(few, tmp_path / "few.h5")
+    write_raw(with_subsets(raw), tmp_path / "raw.h5")
+    assert held(tmp_path / "few.h5") | held(tmp_path / "raw.h5") == listed("raw.h5")
+
+
+def test_the_page_lists_the_header_of_exr(tmp_path: Path) -> None:
+    write_image(make_image(), tmp_path / "image.exr")
+    _, header = read_exr(tmp_path / "image.exr")
+    section = PAGE.split("## `image.exr`")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (`.*?`) \|", section, re.MULTILINE)
+    names = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    own = {
+        "channels", "compression", "dataWindow", "displayWindow", "lineOrder", "pixelAspectRatio",
+        "screenWindowCenter", "screenWindowWidth", "type",
+    }  # fmt: skip
+    assert names == set(header) - own

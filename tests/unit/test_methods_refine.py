@@ -10,7 +10,8 @@ import pytest
 from sarmitsuba.errors import DataError
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.refinement.passes import fingerprint, refine
+from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.sampling.piece import crop
 
 

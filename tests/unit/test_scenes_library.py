@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.loader.library import list_radars, list_scenes, resolve, resolve_radar, scenes_dir
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.city import city_mesh, make_city
@@ -89,11 +89,19 @@ def test_resolve_takes_names_paths_and_suffixes(tmp_path, monkeypatch):
     assert resolve("dihedral.xml") == scenes_dir() / "dihedral.xml"
     assert resolve_radar("airborne_x").parent.name == "radars"
     monkeypatch.chdir(tmp_path)
+    Path("dihedral").mkdir()  # such as one of results
+    assert resolve("dihedral") == scenes_dir() / "dihedral.xml"
     Path("dihedral.xml").write_text("<scene/>", encoding="utf-8")
     assert resolve("dihedral.xml") == Path("dihedral.xml")  # an existing file wins
-    Path("dihedral").mkdir()
+    with pytest.warns(
+        SarmitsubaWarning, match=r"the file dihedral\.xml in this folder is taken, not the shipped"
+    ):
+        assert resolve("dihedral") == Path("dihedral.xml")
+    Path("mine.xml").write_text("<scene/>", encoding="utf-8")
+    assert resolve("mine") == Path("mine.xml")
+    Path("folder").mkdir()
     with pytest.raises(SceneError, match="a folder, not a scene file"):
-        resolve("dihedral")
+        resolve("folder")
 
 
 @pytest.mark.parametrize(

@@ -1,198 +1,333 @@
-"""HDF5 files of raw data and images, with every number needed to use them again.
+"""HDF5 files of raw data and images, with every number needed to use them again; layout in docs/files.md.
 
 HDF5 because it is a published standard that MATLAB, Julia, IDL, C and Python read without this package,
 stores its own structure and units, and reads a range of pulses without the rest (chunks). Complex numbers are
 the usual compound of ``r`` and ``i``.
 
-The layout mirrors the dataclasses: a dataclass is a group whose attribute ``class`` names it, its fields are
-datasets of the same names with an attribute ``unit``; ``layers`` is a group of equally long columns;
-``metadata`` is JSON.
+One dataset per channel is *the* image (``/image/VV``) or *the* echoes (``/echoes/VV``). What adds up to it stands
+elsewhere: bounce orders in ``/orders/VV/2``, ray subsets in ``/subsets/1``. ``/layers`` names the planes that an
+object in memory is made of; the sums are written beside them and not read back.
 """
 
-import dataclasses
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.errors import DataError
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.raw import Layer, RawData, channels_of
+from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.io import groups
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
-from sarmitsuba.radar.antenna import Antenna, Pointing
-from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.waveform import Waveform
+from sarmitsuba.version import __version__
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
+FRAME = "the scene file's own: x east, y north, z up, metres"
 
-_CLASSES = {
-    cls.__name__: cls
-    for cls in (Antenna, ImageGrid, Pointing, Radar, RawData, ReceiveWindow, SarImage, Track, Waveform)
-}
-
-_UNITS = {
-    "aim_point": "m",
-    "along": "1",
-    "across": "1",
-    "azimuth": "m",
-    "azimuth_axis": "1",
-    "azimuth_beamwidth": "rad",
-    "azimuth_resolution_cell": "m",
-    "bandwidth": "Hz",
-    "boresight": "1",
-    "center_frequency": "Hz",
-    "elevation_axis": "1",
-    "elevation_beamwidth": "rad",
-    "gain": "1",
-    "half_aperture": "1",
-    "height": "m",
-    "incidence_angle": "rad",
-    "losses": "1",
-    "noise_temperature": "K",
-    "origin": "m",
-    "position": "m",
-    "pulse_width": "s",
-    "range": "m",
-    "range_resolution_cell": "m",
-    "sample_spacing": "m",
-    "start_range": "m",
-    "time": "s",
-    "transmit_power": "W",
-    "velocity": "m/s",
-    "wavelength": "m",
-}
-_DATA = {  # axes and unit of the large array
-    "RawData": ("layer, pulse, fast sample", "sqrt(W)"),
-    "SarImage": ("layer, azimuth, range", "m (square root of the radar cross section)"),
-}
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
+_PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
+_SUBSETS = (
+    "Two independent sets of the rays, from which error bars are made. Each holds its share (attribute) of the whole: "
+    "they add up to the planes of the same name outside this group, which are what to use. Divided by its share, a "
+    "subset is a coarser estimate of its own."
+)
+_ORDERS = "Parts of every channel by number of bounces; over all bounces they add up to the channel."
+_POSITION = {
+    "slant": "pixel (a, r): (origin x, origin y, height) + azimuth[a] along + sqrt(range[r]^2 - h^2) across, "
+    "h = origin z - height",
+    "ground": "pixel (a, r): (origin x, origin y, height) + azimuth[a] along + range[r] across",
+}
 
-T = TypeVar("T", RawData, SarImage)
+T = TypeVar("T")
 
 
-def write(path: Path | str, content: RawData | SarImage) -> None:
-    """Write raw data or an image; the file appears whole or not at all."""
+@dataclass(frozen=True)
+class _Kind:
+    """What the planes of a file are.
+
+    Parameters
+    ----------
+    root : group of the channels
+    axes : of a plane
+    unit, description : of its numbers
+    scales : datasets that count along the axes; empty where there is none
+    """
+
+    root: str
+    axes: tuple[str, str]
+    unit: str
+    description: str
+    scales: tuple[str, str]
+
+
+_IMAGE = _Kind(
+    "image",
+    ("azimuth", "range"),
+    "m",
+    "calibrated complex image: |pixel|^2 is the radar cross section, m^2, of a point at its peak",
+    ("grid/azimuth", "grid/range"),
+)
+_ECHOES = _Kind("echoes", ("pulse", "sample"), "sqrt(W)", "received echoes", ("track/time", ""))
+
+
+def write_image(path: Path | str, image: SarImage) -> None:
+    """Write an image, positions in the frame of the scene's file."""
+
+    def fill(file: h5py.File) -> None:
+        grid = image.grid.in_frame(np.zeros(3))
+        group = file.create_group("grid")
+        group.attrs["position"] = _POSITION[grid.kind]
+        groups.write_fields(group, grid, leave_out=("offset",))
+        group = file.create_group("calibration")
+        for name in ("wavelength", "azimuth_resolution_cell", "range_resolution_cell", "incidence_angle"):
+            groups.write_number(group, name, getattr(image, name))
+        area = image.cell_area
+        # one line where it is the same in every row
+        groups.write_number(group, "cell_area", area[0] if area.strides[0] == 0 else area.astype(np.float32))
+        _write_planes(file, _IMAGE, image.data, image.layers)
+        _write_metadata(file, image.metadata)
+
+    _write(path, "image", fill)
+
+
+def write_raw(path: Path | str, raw: RawData) -> None:
+    """Write raw data, positions in the frame of the scene's file."""
+
+    def fill(file: h5py.File) -> None:
+        radar = raw.radar.in_file_frame()
+        groups.write_fields(file.create_group("radar"), radar, leave_out=("track", "offset"))
+        groups.write_fields(file.create_group("track"), radar.track)
+        if raw.request is not None:
+            asked = raw.request.moved(raw.radar.offset)
+            groups.write_fields(file.create_group("image_request"), asked)
+        _write_planes(file, _ECHOES, raw.data, raw.layers)
+        file[_ECHOES.root].attrs["domain"] = raw.domain
+        _write_metadata(file, raw.metadata)
+
+    _write(path, "raw data", fill)
+
+
+def read_image(path: Path | str) -> SarImage:
+    """Read an image written by :func:`write_image`."""
+
+    def load(file: h5py.File) -> SarImage:
+        grid = groups.read_fields(groups.group_of(file, "grid"), ImageGrid, offset=np.zeros(3))
+        _check_shape("grid", {"origin": (3,), "along": (3,), "across": (3,)}, grid)
+        if grid.kind not in _POSITION or grid.azimuth.ndim != 1 or grid.range.ndim != 1:
+            raise DataError(
+                f"/grid: kind {grid.kind!r} with axes {grid.azimuth.shape} and {grid.range.shape}"
+            )
+        data, layers = _read_planes(file, _IMAGE)
+        facts = groups.group_of(file, "calibration")
+        incidence = groups.numbers(facts, "incidence_angle")
+        if data.shape[1:] != grid.shape or incidence.shape != grid.range.shape:
+            raise DataError(f"planes {data.shape[1:]} do not match the grid {grid.shape}")
+        return SarImage(
+            data,
+            layers,
+            grid,
+            groups.number(facts, "wavelength", float),
+            groups.number(facts, "azimuth_resolution_cell", float),
+            groups.number(facts, "range_resolution_cell", float),
+            incidence,
+            _read_metadata(file),
+        )
+
+    return _read(path, "image", "an image", load)
+
+
+def read_raw(path: Path | str) -> RawData:
+    """Read raw data written by :func:`write_raw`."""
+
+    def load(file: h5py.File) -> RawData:
+        track = groups.read_fields(groups.group_of(file, "track"), Track)
+        radar = groups.read_fields(groups.group_of(file, "radar"), Radar, track=track, offset=np.zeros(3))
+        pulses = (track.n_pulses, 3)
+        _check_shape("radar", {"aim_point": (3,)}, radar)
+        _check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
+        axes = {"boresight": pulses, "azimuth_axis": pulses, "elevation_axis": pulses}
+        _check_shape("radar/pointing", axes, radar.pointing)
+        data, layers = _read_planes(file, _ECHOES)
+        (domain,) = groups.texts_of(groups.group_of(file, _ECHOES.root), "domain")
+        if domain not in ("compressed", "chirped") or (
+            domain == "compressed" and data.shape[2] != radar.window.n_samples
+        ):
+            raise DataError(f"{domain} echoes of {data.shape[2]} samples do not match /radar/window")
+        asked = groups.has(file, "image_request")
+        request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
+        return RawData(data, layers, domain, radar, _read_metadata(file), request)  # type: ignore[arg-type]
+
+    return _read(path, "raw data", "raw data", load)
+
+
+def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) -> None:
+    """The file appears whole or not at all."""
     with atomic_path(path) as temporary, GuardedFile(temporary) as guarded:
         try:
             with h5py.File(guarded, "w") as file:
-                file.attrs["format"] = f"sarmitsuba {type(content).__name__}"
+                file.attrs["format"] = f"sarmitsuba {content}"
                 file.attrs["format_version"] = FORMAT_VERSION
+                file.attrs["software"] = f"sarmitsuba {__version__}"
                 file.attrs["phase_convention"] = CONVENTION
-                _write_dataclass(file, content)
+                file.attrs["frame"] = FRAME
+                fill(file)
         finally:
             if guarded.error is not None:
                 raise guarded.error
 
 
-def read_raw(path: Path | str) -> RawData:
-    """Read raw data written by :func:`write`."""
-    return _read(path, RawData)
-
-
-def read_image(path: Path | str) -> SarImage:
-    """Read an image written by :func:`write`."""
-    return _read(path, SarImage)
-
-
-def _read(path: Path | str, cls: type[T]) -> T:
+def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File], T]) -> T:
     path = Path(path)
-    wanted = "raw data" if cls is RawData else "an image"
     if not path.is_file():
         raise DataError(f"{path}: no such file; give the {wanted} file that `sarmitsuba render` wrote")
     try:
         with h5py.File(path, "r") as file:
-            found = file.attrs.get("class")
-            if found != cls.__name__:
-                raise DataError(f"{path}: holds {found or 'other HDF5 data'}, not {wanted} of sarmitsuba")
+            found = file.attrs.get("format")
+            if found != f"sarmitsuba {content}":
+                raise DataError(f"holds {found or 'other HDF5 data'}, not {wanted} of sarmitsuba")
             version = int(file.attrs.get("format_version", 0))
-            if version > FORMAT_VERSION:
-                raise DataError(
-                    f"{path}: format version {version} is newer than {FORMAT_VERSION}; update sarmitsuba"
-                )
-            value = _read_dataclass(file)
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
+            if version != FORMAT_VERSION:
+                remedy = "update sarmitsuba" if version > FORMAT_VERSION else "simulate again"
+                raise DataError(f"format version {version}, this program reads {FORMAT_VERSION}; {remedy}")
+            return load(file)
+    except (
+        ArithmeticError,
+        AttributeError,
+        DataError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RadarError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:  # h5py and HDF5 report damage by any of them
         reason = " ".join(str(error).split())
-        raise DataError(f"{path}: cannot read {wanted}: {reason}") from error
-    assert isinstance(value, cls)
-    return value
+        raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
 
 
-def _write_dataclass(group: h5py.Group, content: "DataclassInstance") -> None:
-    group.attrs["class"] = type(content).__name__
-    for field in dataclasses.fields(content):
-        value = getattr(content, field.name)
-        if value is None:
-            continue
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            _write_dataclass(group.create_group(field.name), value)
-        elif field.name == "layers":
-            _write_layers(group.create_group("layers"), value)
-        elif isinstance(value, Mapping):
-            group[field.name] = json.dumps(to_json(value))
-            group[field.name].attrs["encoding"] = "JSON"
-        elif isinstance(value, (tuple, list)):
-            group[field.name] = list(value)
-        elif isinstance(value, np.ndarray) and value.ndim == 3:
-            _write_samples(group, field.name, value, type(content).__name__)
-        else:
-            group[field.name] = value
-        if field.name in _UNITS:
-            group[field.name].attrs["unit"] = _UNITS[field.name]
+def _write_planes(file: h5py.File, kind: _Kind, data: NDArray[np.complex64], layers: Sequence[Layer]) -> None:
+    """Every layer, and the sums that are not layers themselves."""
+    paths = [_path_of(layer, kind.root) for layer in layers]
+    sums: dict[str, tuple[str, int | None]] = {
+        _path_of(Layer(name), kind.root): (name, None) for name in channels_of(layers)
+    }
+    sums |= {
+        _path_of(Layer(e.channel, e.order), kind.root): (e.channel, e.order) for e in layers if e.order > 0
+    }
+    made: dict[str, list[int]] = {path: [i] for i, path in enumerate(paths)}
+    for path, (channel, order) in sums.items():
+        picks = [
+            i for i, e in enumerate(layers) if e.channel == channel and (order is None or e.order == order)
+        ]
+        if path in made and picks != made[path]:
+            raise DataError(
+                f"layers: {path} would be one of its own parts; keep all orders and subsets apart, or none"
+            )
+        made[path] = picks
+    if len(set(paths)) < len(paths):
+        raise DataError("layers: two have the same channel, order and subset; add them up")
+    _make_scales(file, kind)
+    for path, picks in made.items():
+        plane = data[picks[0]] if len(picks) == 1 else data[picks].sum(axis=0, dtype=np.complex64)
+        _write_plane(file, kind, path, plane)
+    file[kind.root].attrs["description"] = kind.description
+    if "orders" in file:
+        file["orders"].attrs["description"] = _ORDERS
+    if "subsets" in file:
+        file["subsets"].attrs["note"] = _SUBSETS
+        for name in file["subsets"]:
+            file[f"subsets/{name}"].attrs["share"] = SUBSET_SHARES[int(name)]
+    file["layers"] = paths
+    file["layers"].attrs["description"] = "planes that the program keeps apart when it reads this file"
 
 
-def _write_samples(group: h5py.Group, name: str, value: NDArray[np.generic], class_name: str) -> None:
-    row_bytes = max(1, value.shape[2] * value.itemsize)
-    rows = int(np.clip(_CHUNK_BYTES // row_bytes, 1, max(1, value.shape[1])))
-    chunks = (1, rows, value.shape[2]) if value.size else None
+def _path_of(layer: Layer, root: str) -> str:
+    subset = f"/subsets/{layer.subset}" if layer.subset else ""
+    name = f"orders/{layer.channel}/{layer.order}" if layer.order else f"{root}/{layer.channel}"
+    return f"{subset}/{name}"
+
+
+def _make_scales(file: h5py.File, kind: _Kind) -> None:
+    for axis, scale in zip(kind.axes, kind.scales, strict=True):
+        if scale:
+            file[scale].make_scale(axis)
+
+
+def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: NDArray[np.complex64]) -> None:
+    row_bytes = max(1, plane.shape[1] * plane.itemsize)
+    rows = int(np.clip(_CHUNK_BYTES // row_bytes, 1, max(1, plane.shape[0])))
     # not compressed: echoes and speckle are noise to a byte compressor
-    dataset = group.create_dataset(name, data=value, chunks=chunks)
-    dataset.attrs["axes"], dataset.attrs["unit"] = _DATA.get(class_name, ("", ""))
+    made = file.create_dataset(path, data=plane, chunks=(rows, plane.shape[1]) if plane.size else None)
+    made.attrs["axes"], made.attrs["unit"] = ", ".join(kind.axes), kind.unit
+    for i, (axis, scale) in enumerate(zip(kind.axes, kind.scales, strict=True)):
+        made.dims[i].label = axis
+        if scale:
+            made.dims[i].attach_scale(file[scale])
 
 
-def _write_layers(group: h5py.Group, layers: tuple[Layer, ...]) -> None:
-    for field in dataclasses.fields(Layer):
-        group[field.name] = [getattr(layer, field.name) for layer in layers]
+def _read_planes(file: h5py.File, kind: _Kind) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
+    """The planes that ``/layers`` names; without it the channels."""
+    if groups.has(file, "layers"):
+        names = groups.dataset(file, "layers").asstr()[()]
+        paths = [str(name) for name in np.atleast_1d(names)]
+    else:
+        paths = [f"/{kind.root}/{name}" for name in groups.group_of(file, kind.root)]
+    layers, planes = [], []
+    for path in paths:
+        match = _PATH.fullmatch(path)
+        if match is None:
+            raise DataError(f"/layers: {path!r} is no plane")
+        subset, channel, channel_of_order, order = match.groups()
+        layers.append(Layer(channel or channel_of_order, int(order or 0), int(subset or 0)))
+        group = file
+        *folders, last = path.strip("/").split("/")
+        for folder in folders:
+            group = groups.group_of(group, folder)
+        plane = groups.dataset(group, last)
+        if plane.dtype != np.complex64 or plane.ndim != 2 or 0 in plane.shape:
+            raise DataError(f"{path} is {plane.dtype} of shape {plane.shape}, not a plane of complex64")
+        planes.append(plane)
+    if not planes or len({plane.shape for plane in planes}) > 1:
+        raise DataError("there are no planes, or planes of several shapes")
+    data = np.empty((len(planes), *planes[0].shape), dtype=np.complex64)
+    for row, plane in zip(data, planes, strict=True):
+        plane.read_direct(row)
+    return data, tuple(layers)
 
 
-def _read_dataclass(group: h5py.Group) -> object:
-    cls = _CLASSES[group.attrs["class"]]
-    names = {field.name for field in dataclasses.fields(cls)}
-    values: dict[str, Any] = {name: _read_value(name, item) for name, item in group.items() if name in names}
-    return cls(**values)
+def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:
+    file["metadata"] = json.dumps(to_json(metadata))
+    file["metadata"].attrs["encoding"] = "JSON"
+    file["metadata"].attrs["description"] = "how it was made: settings, effects, notes, seconds"
 
 
-def _read_value(name: str, item: h5py.Group | h5py.Dataset) -> Any:
-    if name == "layers":
-        columns = {column: _plain(dataset) for column, dataset in item.items()}
-        return tuple(
-            Layer(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)
-        )
-    if isinstance(item, h5py.Group):
-        return _read_dataclass(item)
-    if item.attrs.get("encoding") == "JSON":
-        return json.loads(item.asstr()[()])
-    return _plain(item)
+def _read_metadata(file: h5py.File) -> dict[str, Any]:
+    facts = json.loads(groups.dataset(file, "metadata").asstr()[()]) if groups.has(file, "metadata") else {}
+    if not isinstance(facts, dict):
+        raise DataError("/metadata is not a JSON object")
+    return facts
 
 
-def _plain(dataset: h5py.Dataset) -> Any:
-    """A scalar as Python's own type, texts as str, anything else as the array it was."""
-    if h5py.check_string_dtype(dataset.dtype) is not None:
-        texts = dataset.asstr()[()]
-        return texts if isinstance(texts, str) else tuple(str(text) for text in texts)
-    value = dataset[()]
-    return value.item() if dataset.shape == () else value
+def _check_shape(where: str, shapes: Mapping[str, tuple[int, ...]], found: object) -> None:
+    for name, shape in shapes.items():
+        has = getattr(found, name).shape
+        if has != shape:
+            raise DataError(f"/{where}/{name} has the shape {has}, not {shape}")
 
 
 FORMATS.register(
@@ -200,11 +335,11 @@ FORMATS.register(
         "hdf5",
         "everything, to be read again; the standard of scientific data",
         (".h5", ".hdf5"),
-        write_raw=write,
+        write_raw=write_raw,
         read_raw=read_raw,
-        write_image=write,
+        write_image=write_image,
         read_image=read_image,
     )
 )
 
-__all__ = ["CONVENTION", "FORMAT_VERSION", "read_image", "read_raw", "write"]
+__all__ = ["CONVENTION", "FORMAT_VERSION", "FRAME", "read_image", "read_raw", "write_image", "write_raw"]

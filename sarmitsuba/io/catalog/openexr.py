@@ -1,9 +1,9 @@
 """OpenEXR picture of a complex image, for image tools: float32 channels with names.
 
-Row i, column j is the pixel [azimuth i, range j] of the array, so a viewer shows azimuth downwards.
+Rows stand as viewers show them, and as the quick-look does: the flight direction up, range to the right. The first
+row is the last of the array; ``row_azimuth_m`` in the header counts them.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.version import __version__
 
 
 def named_planes(image: SarImage) -> dict[str, NDArray[np.complex64]]:
@@ -32,13 +32,14 @@ def write(path: Path | str, image: SarImage) -> None:
     """Write every plane as two channels ``<name>.re`` and ``<name>.im``, m (square root of RCS)."""
     channels = {}
     for name, plane in named_planes(image).items():
-        channels[f"{name}.re"] = np.ascontiguousarray(plane.real, dtype=np.float32)
-        channels[f"{name}.im"] = np.ascontiguousarray(plane.imag, dtype=np.float32)
+        up = plane[::-1]
+        channels[f"{name}.re"] = np.ascontiguousarray(up.real, dtype=np.float32)
+        channels[f"{name}.im"] = np.ascontiguousarray(up.imag, dtype=np.float32)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        "comments": "complex radar image; |re + j im|^2 is the radar cross section in m^2; rows are azimuth",
-        "sarmitsuba": json.dumps(_facts(image)),
+        "comments": "complex radar image; |re + j im|^2 is the radar cross section in m^2",
+        **_where(image),
     }
     with atomic_path(path) as temporary:
         try:
@@ -47,19 +48,30 @@ def write(path: Path | str, image: SarImage) -> None:
             raise OutputError(f"{path}: cannot write: {' '.join(str(error).split())}") from error
 
 
-def _facts(image: SarImage) -> object:
-    grid = image.grid
-    return to_json(
-        {
-            "grid": grid.kind,
-            "azimuth_start_m": float(grid.azimuth[0]),
-            "azimuth_spacing_m": grid.azimuth_spacing,
-            "range_start_m": float(grid.range[0]),
-            "range_spacing_m": grid.range_spacing,
-            "wavelength_m": image.wavelength,
-        },
-        strict=True,
-    )
+def _where(image: SarImage) -> dict[str, object]:
+    """Where the pixels stand, in the frame of the scene's file; vectors keep double precision in EXR, numbers do not.
+
+    Notes
+    -----
+    A pixel of row azimuth a and column range r is at ``image_plane_origin_m + a along + g across``, with g = r on a
+    ground grid and g = sqrt(r^2 - h^2) on a slant grid, h the height of ``origin_m`` over the plane.
+    """
+    grid = image.grid.in_frame(np.zeros(3))
+    return {
+        "software": f"sarmitsuba {__version__}",
+        "frame": "the scene file's own: x east, y north, z up, metres",
+        "grid": grid.kind,
+        "origin_m": grid.origin,
+        "image_plane_origin_m": np.array([*grid.origin[:2], grid.height]),
+        "along": grid.along,
+        "across": grid.across,
+        # first row or column, and the step to the next
+        "row_azimuth_m": np.array([grid.azimuth[-1], -grid.azimuth_spacing]),
+        "column_range_m": np.array([grid.range[0], grid.range_spacing]),
+        "wavelength_m": image.wavelength,
+        "azimuth_resolution_cell_m": image.azimuth_resolution_cell,
+        "range_resolution_cell_m": image.range_resolution_cell,
+    }
 
 
 FORMATS.register(FileFormat("openexr", "complex image for image tools", (".exr",), write_image=write))

@@ -1,7 +1,6 @@
 """Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
 
 import dataclasses
-import hashlib
 import json
 import time
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, with_error_bars
@@ -294,7 +294,8 @@ class _Focuser:
     def raw(self) -> RawData:
         passes = self.passes
         assert passes.data is not None
-        return RawData(passes.data, passes.layers, "compressed", self.scene.radar, passes.metadata)
+        scene = self.scene
+        return RawData(passes.data, passes.layers, "compressed", scene.radar, passes.metadata, scene.image)
 
     def focus(self, raw: RawData) -> SarImage:
         return focus(raw, self.grid, range_window=self.range_window, azimuth_window=self.azimuth_window)
@@ -349,29 +350,4 @@ def _next_level(passes: Passes, took: float, left: float) -> int | None:
     return level if took <= 1.5 * left and left > 0.0 else None
 
 
-def fingerprint(scene: Scene) -> str:
-    """Hash of everything that the passes of a scene depend on."""
-    digest = hashlib.sha256()
-
-    def feed(value: object) -> None:
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            for item in dataclasses.fields(value):
-                digest.update(item.name.encode())
-                feed(getattr(value, item.name))
-        elif isinstance(value, np.ndarray):
-            digest.update(str(value.dtype).encode() + str(value.shape).encode())
-            digest.update(np.ascontiguousarray(value).tobytes())
-        elif isinstance(value, (tuple, list)):
-            for item in value:
-                feed(item)
-        elif isinstance(value, dict):
-            feed(sorted(value.items()))
-        else:
-            digest.update(repr(value).encode())
-
-    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
-    feed((scene.geometry, scene.materials, scene.points, scene.radar, settings, scene.image))
-    return digest.hexdigest()
-
-
-__all__ = ["STATE_FILE", "Passes", "Refinement", "fingerprint", "refine"]
+__all__ = ["STATE_FILE", "Passes", "Refinement", "refine"]

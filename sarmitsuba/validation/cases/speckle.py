@@ -32,7 +32,7 @@ CELL = 1.0
 def ground_image(quick: bool, window: str = "rectangular") -> SarImage:
     """Flat ground in a slant-range image of two pixels per resolution cell on both axes."""
     raw = _ground_echoes(quick)
-    return focus(raw, request=raw.metadata["image"], range_window=window, azimuth_window=window)
+    return focus(raw, range_window=window, azimuth_window=window)
 
 
 @cache

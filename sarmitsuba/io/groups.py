@@ -1,0 +1,209 @@
+"""Dataclasses as groups of an HDF5 file, and datasets read without trusting the file.
+
+Numbers are datasets with the attributes ``unit`` and ``description``, texts are attributes of the group.
+"""
+
+import dataclasses
+import math
+import typing
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, TypeVar
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+D = TypeVar("D", bound="DataclassInstance")
+
+# unit and meaning of every number, by the name of its field
+FACTS: Mapping[str, tuple[str, str]] = {
+    "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
+    "aim_point": ("m", "point that the geometry is referred to"),
+    "along": ("1", "horizontal unit vector of flight"),
+    "azimuth": ("m", "of the rows: metres along `along` from `origin`"),
+    "azimuth_axis": ("1", "unit vector along the aperture, per pulse"),
+    "azimuth_beamwidth": ("rad", "one-way half-power width"),
+    "azimuth_resolution_cell": ("m", "noise-equivalent width of the impulse response, image centre"),
+    "bandwidth": ("Hz", "swept by the pulse"),
+    "boresight": ("1", "unit vector of the beam, per pulse"),
+    "cell_area": ("m^2", "ground area of a resolution cell: sigma0 = |pixel|^2 / cell_area"),
+    "center_frequency": ("Hz", "carrier"),
+    "center_x": ("m", "image centre, east"),
+    "center_y": ("m", "image centre, north"),
+    "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
+    "elevation_beamwidth": ("rad", "one-way half-power width"),
+    "extent_azimuth": ("m", "image size along the track, on the ground"),
+    "extent_range": ("m", "image size across the track, on the ground"),
+    "gain": ("1", "peak one-way power gain of the antenna"),
+    "half_aperture": ("1", "half the synthetic aperture of a pixel, in sines; inf: all pulses serve every pixel"),
+    "height": ("m", "of the horizontal plane that the image stands on"),
+    "incidence_angle": ("rad", "at mid-aperture on the image plane, per column"),
+    "losses": ("1", "two-way system losses, power"),
+    "n_samples": ("1", "samples of a range-compressed profile"),
+    "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
+    "origin": ("m", "that azimuth and range count from"),
+    "position": ("m", "of the antenna's phase centre, per pulse"),
+    "pulse_width": ("s", "length of the transmitted pulse"),
+    "range": ("m", "of the columns: slant range, or metres along `across` from `origin`"),
+    "range_resolution_cell": ("m", "noise-equivalent width of the impulse response in slant range"),
+    "sample_spacing": ("m", "slant range between samples, c / (2 sampling rate)"),
+    "spacing_azimuth": ("m", "pixel spacing along the track; 0: half a cell"),
+    "spacing_range": ("m", "pixel spacing in range; 0: half a cell"),
+    "start_range": ("m", "slant range of the first sample, per pulse"),
+    "time": ("s", "of transmission, per pulse"),
+    "transmit_power": ("W", "peak"),
+    "velocity": ("m/s", "of the antenna, per pulse"),
+    "wavelength": ("m", "at the centre frequency"),
+}  # fmt: skip
+# no compressor does better than one part in this: what claims to is damaged or a trap
+_MOST_COMPRESSION = 1100
+_ALLOWANCE = 1 << 20  # bytes that a small dataset may take whatever is stored of it
+
+
+def write_number(group: h5py.Group, name: str, value: object) -> None:
+    """Write a dataset with its unit and meaning."""
+    group[name] = value
+    group[name].attrs["unit"], group[name].attrs["description"] = FACTS[name]
+
+
+def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tuple[str, ...] = ()) -> None:
+    """Write the fields of a dataclass into a group, dataclasses in it as groups of their own."""
+    for field in dataclasses.fields(content):
+        value = getattr(content, field.name)
+        if field.name in leave_out:
+            continue
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            write_fields(group.create_group(field.name), value)
+        elif isinstance(value, str):
+            group.attrs[field.name] = value
+        elif isinstance(value, tuple):
+            group.attrs[field.name] = list(value)
+        else:
+            write_number(group, field.name, value)
+
+
+def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
+    """Make a dataclass from a group, every field with the type it is declared with.
+
+    Parameters
+    ----------
+    group : as written by :func:`write_fields`
+    cls : the dataclass
+    known : fields that stand elsewhere
+
+    Raises
+    ------
+    DataError
+        A field is missing, of another type, or no file of ours.
+    """
+    values = dict(known)
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        if field.name in known:
+            continue
+        hint = hints[field.name]
+        if dataclasses.is_dataclass(hint):
+            assert isinstance(hint, type)
+            values[field.name] = read_fields(group_of(group, field.name), hint)
+        elif hint in (float, int):
+            values[field.name] = number(group, field.name, hint)
+        elif typing.get_origin(hint) is tuple:
+            values[field.name] = texts_of(group, field.name)
+        elif hint is str or typing.get_origin(hint) is typing.Literal:
+            (values[field.name],) = texts_of(group, field.name)
+        else:
+            values[field.name] = numbers(group, field.name)
+    return cls(**values)
+
+
+def group_of(group: h5py.Group, name: str) -> h5py.Group:
+    """A group in a group."""
+    found = _item(group, name)
+    if not isinstance(found, h5py.Group):
+        raise DataError(f"{found.name} is not a group")
+    return found
+
+
+def dataset(group: h5py.Group, name: str) -> h5py.Dataset:
+    """A dataset whose numbers are in the file itself, as many as it claims.
+
+    Raises
+    ------
+    DataError
+        It is missing, stands in another file, or claims more than what is stored can hold.
+    """
+    found = _item(group, name)
+    if not isinstance(found, h5py.Dataset) or found.shape is None:
+        raise DataError(f"{found.name} is not a dataset")
+    if found.external or found.is_virtual:
+        raise DataError(f"{found.name} refers to other files; copy the data into this one")
+    claimed = math.prod(found.shape) * found.dtype.itemsize
+    stored = found.id.get_storage_size()
+    if claimed > _MOST_COMPRESSION * stored + _ALLOWANCE:
+        raise DataError(f"{found.name} claims {claimed / 1e9:.3g} GB, and {stored} bytes are stored of it")
+    return found
+
+
+def number(group: h5py.Group, name: str, kind: type[float] | type[int]) -> float | int:
+    """A single real number; NaN is none."""
+    found = dataset(group, name)
+    if found.shape != () or found.dtype.kind not in ("iu" if kind is int else "fiu"):
+        raise DataError(f"{found.name} is not a single {'integer' if kind is int else 'number'}")
+    value = kind(found[()].item())
+    if math.isnan(value):
+        raise DataError(f"{found.name} is not a number")
+    return value
+
+
+def numbers(group: h5py.Group, name: str) -> NDArray[np.float64]:
+    """An array of finite real numbers, float64."""
+    found = dataset(group, name)
+    if found.dtype.kind not in "fiu":
+        raise DataError(f"{found.name} does not hold real numbers")
+    value = np.asarray(found[()], dtype=np.float64)
+    if not np.isfinite(value).all():
+        raise DataError(f"{found.name} holds numbers that are not finite")
+    return value
+
+
+def texts_of(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """Text of an attribute, or its texts."""
+    value = group.attrs.get(name)
+    found = [value] if isinstance(value, str) else list(np.atleast_1d(value))
+    if not all(isinstance(text, str) for text in found):
+        raise DataError(f"{group.name} has no attribute {name}, or it is not a text")
+    return tuple(str(text) for text in found)
+
+
+def has(group: h5py.Group, name: str) -> bool:
+    """Whether there is something of that name."""
+    return group.get(name, getlink=True) is not None
+
+
+def _item(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset:
+    link = group.get(name, getlink=True)
+    where = f"{group.name.rstrip('/')}/{name}"
+    if link is None:
+        raise DataError(f"{where} is missing")
+    if not isinstance(link, h5py.HardLink):
+        raise DataError(f"{where} refers to another place; copy the data there")
+    return group[name]
+
+
+__all__ = [
+    "FACTS",
+    "dataset",
+    "group_of",
+    "has",
+    "number",
+    "numbers",
+    "read_fields",
+    "texts_of",
+    "write_fields",
+    "write_number",
+]

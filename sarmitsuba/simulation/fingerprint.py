@@ -1,0 +1,73 @@
+"""A hash of everything that raw data depend on: two equal ones prove that simulating again would give the same."""
+
+import dataclasses
+import hashlib
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from sarmitsuba.scene.scene import Scene
+
+# packages whose arithmetic the result comes from
+_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy")
+
+
+def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
+    """Hash of a scene with its radar and settings, and of the program.
+
+    The effects plan is not in it by itself: it follows from the scene, the settings and the program.
+
+    Parameters
+    ----------
+    scene : as it will be simulated
+    extensions : modules and ``.py`` files of the user's own that were loaded; the text of files counts
+
+    Notes
+    -----
+    A wanted error and a time limit are left out: they say how many passes are made of the same thing. Modules that an
+    extension imports, and extensions that installed packages announce, count by name and not by text.
+    """
+    digest = hashlib.sha256()
+
+    def feed(value: object) -> None:
+        digest.update(type(value).__name__.encode())
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for item in dataclasses.fields(value):
+                digest.update(item.name.encode())
+                feed(getattr(value, item.name))
+        elif isinstance(value, np.ndarray):
+            digest.update(str(value.dtype).encode() + str(value.shape).encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, (tuple, list)):
+            digest.update(str(len(value)).encode())
+            for item in value:
+                feed(item)
+        elif isinstance(value, Mapping):
+            feed(sorted(value.items()))
+        else:
+            digest.update(repr(value).encode() + b";")
+
+    settings = replace(scene.settings, target_error_db=0.0, time_limit=0.0)
+    feed((scene.geometry, scene.materials, scene.points, scene.radar, settings, scene.image, scene.offset))
+    feed((_program(), [importlib.metadata.version(name) for name in _PACKAGES]))
+    for extension in extensions:
+        path = Path(extension)
+        feed(path.read_bytes() if path.is_file() else extension)
+    return digest.hexdigest()
+
+
+@cache
+def _program() -> str:
+    """Hash of the package's own text; a version number does not change while it is worked on."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+__all__ = ["fingerprint"]
