@@ -10,7 +10,12 @@ from sarmitsuba.errors import ResourceError
 USABLE = 0.9
 _CGROUPS = (
     # version 2: limit, use, statistics with the part of the use that is only cache
-    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current", "/sys/fs/cgroup/memory.stat", "inactive_file"),
+    (
+        "/sys/fs/cgroup/memory.max",
+        "/sys/fs/cgroup/memory.current",
+        "/sys/fs/cgroup/memory.stat",
+        "inactive_file",
+    ),
     # version 1
     (
         "/sys/fs/cgroup/memory/memory.limit_in_bytes",
@@ -42,7 +47,9 @@ def held_memory() -> int:
 
 def free_memory() -> int | None:
     """Bytes that this process can still take, of the machine or of its container; None where nothing tells."""
-    found = [value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None]
+    found = [
+        value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None
+    ]
     return min(found) if found else None
 
 

@@ -14,6 +14,7 @@ from sarmitsuba.timing import StageTimer
 if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.simulation.run import Ready, Run
 
 NAME = "render"
 HELP = "simulate a scene and focus it"
@@ -129,7 +130,6 @@ def _raw_and_image(
         "look_side": raw.radar.look_side,
     }
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
-    console.say(f"plan: {raw.metadata['plan']}")
     for note in raw.metadata.get("notes", ()):
         console.warn(str(note))
     if args.raw == "chirped":
@@ -146,6 +146,18 @@ def _raw_and_image(
     return focus_into(folder, raw, args, console, watch, record)
 
 
+def _announcing(console: Console) -> "Ready":
+    """Say what a run will take and with which effects, before it is traced."""
+
+    def ready(run: "Run") -> None:
+        needs = run.needs()
+        console.say(str(needs))
+        console.say(f"plan: {run.settled_plan.summary()}")
+        console.expect(needs.by_progress)
+
+    return ready
+
+
 def _simulate(
     folder: Path, scene: "Scene", args: argparse.Namespace, console: Console, watch: StageTimer
 ) -> "RawData":
@@ -156,7 +168,7 @@ def _simulate(
     settings = scene.settings
     if settings.target_error_db >= 0.0 and settings.time_limit <= 0.0:
         with watch.stage("simulate"):
-            return simulate(scene, progress=console.progress)
+            return simulate(scene, progress=console.progress, ready=_announcing(console))
     from sarmitsuba.simulation.refinement.passes import refine
 
     with watch.stage("simulate"):
@@ -166,6 +178,7 @@ def _simulate(
             range_window=args.window,
             azimuth_window=args.window,
             progress=console.progress,
+            ready=_announcing(console),
         )
     if settings.target_error_db < 0.0 and not refined.met:
         console.warn(
@@ -200,10 +213,15 @@ def _image_only(
             "--time-limit), or use --method hybrid"
         )
     with watch.stage("simulate"):
-        image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
+        image = render(
+            scene,
+            range_window=args.window,
+            azimuth_window=args.window,
+            progress=console.progress,
+            ready=_announcing(console),
+        )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
-    console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     results.clear_results(folder)

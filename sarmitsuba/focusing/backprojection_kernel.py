@@ -93,7 +93,7 @@ class Beam:
     per_width: tuple[dr.ArrayBase, dr.ArrayBase]
 
     @classmethod
-    def of(cls, types: ModuleType, antenna: Antenna) -> "Beam":
+    def of(cls, types: ModuleType, antenna: Antenna) -> Beam:
         """Beam of an antenna."""
         azimuth, elevation = (dr.opaque(types.Float32, scale) for scale in antenna.per_width)
         return cls(antenna, (azimuth, elevation))

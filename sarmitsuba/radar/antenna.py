@@ -51,7 +51,11 @@ class Antenna:
         return 1.0 / float(azimuth), 1.0 / float(elevation)
 
     def normalised(
-        self, sin_azimuth: Samples, sin_elevation: Samples, per_width: Iterable[Samples], xp: ModuleType = np
+        self,
+        sin_azimuth: Samples,
+        sin_elevation: Samples,
+        per_width: Iterable[Samples | float],
+        xp: ModuleType = np,
     ) -> Samples:
         """As :meth:`two_way_amplitude`, with :attr:`per_width` given: opaque in a kernel, which then fits any beam."""
         if self.pattern == "isotropic":

@@ -24,7 +24,6 @@ from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
 
-
 # told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
 Ready = Callable[["Run"], None]
 

@@ -9,6 +9,7 @@ from sarmitsuba.backend import dr
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.direct import plan_direct
+from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.needs import focusing_bytes, look_bytes, look_shape
 from sarmitsuba.image.sar_image import ImageGrid
@@ -46,6 +47,7 @@ class Needs:
     image_shape : pixels, azimuth and range
     layers : of raw data and image
     stages : bytes that each stage holds at most, what outlives it included
+    parts : bytes of what they consist of
     seconds : by stage, on two usual cores
     key_pulses : pulses that are traced
     key_pulse_interval : pulses that share one tracing; 0 for methods without raw data, and where nothing is traced
@@ -59,6 +61,7 @@ class Needs:
     image_shape: tuple[int, int]
     layers: int
     stages: Mapping[str, int]
+    parts: Mapping[str, int]
     seconds: Mapping[str, float]
     key_pulses: int = 1
     key_pulse_interval: int = 0
@@ -81,19 +84,38 @@ class Needs:
         return held_memory() + self.bytes
 
     @property
+    def by_progress(self) -> dict[str, float]:
+        """Seconds by the stages that report progress: synthesis goes with tracing."""
+        focus = self.seconds.get("focus", 0.0)
+        before = sum(self.seconds.values()) - focus
+        first = {"image": "image", "raster": "raster"}.get(self.method, "trace")
+        return {name: s for name, s in ((first, before), ("focus", focus)) if s > 0.0}
+
+    @property
     def remedy(self) -> str:
-        """What to change, by the stage that takes the most."""
-        stage = max(self.stages, key=lambda name: self.stages[name])
+        """What to change, by the part that takes the most."""
+        part = max(self.parts, key=lambda name: self.parts[name])
         rows, columns = self.image_shape
-        if stage == "trace":
-            return (
-                f"{self.rays / max(self.key_pulses, 1):.3g} rays {self.ray_spacing:.3g} m apart per key pulse take the "
-                "most: check that the model is in metres (to_world), make the image smaller, or set ray_spacing"
-            )
-        return (
-            f"the image of {rows} x {columns} pixels in {self.layers} layers takes the most: make its extents smaller "
-            "or its pixel spacings wider, or check that the model is in metres (to_world)"
-        )
+        metres = "check that the model is in metres (to_world)"
+        remedies = {
+            "rays": f"{self.rays / max(self.key_pulses, 1):.3g} rays per key pulse, {self.ray_spacing:.3g} m apart, "
+            f"take the most: {metres}, make the image smaller, or set ray_spacing",
+            "grids": "the grids that paths are added to take the most: make the image smaller, or leave out "
+            f"keep_orders; {metres}",
+            "raw data": "raw data take the most: widen azimuth_resolution, make the image smaller, or use method image",
+            "image": f"the image of {rows} x {columns} pixels in {self.layers} layers takes the most: make its extents "
+            f"smaller or its pixel spacings wider; {metres}",
+        }
+        return remedies[part]
+
+    @property
+    def refusal(self) -> str:
+        """Why the run is refused, with the remedy; empty where it fits."""
+        try:
+            self.check()
+        except ResourceError as error:
+            return str(error)
+        return ""
 
     def check(self) -> None:
         """Refuse a run that does not fit.
@@ -151,19 +173,22 @@ def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, g
     screen = 0
     if sampling is not None:
         screen = int(sampling.window.area / (0.5 * min(sampling.range_cell, sampling.azimuth_cell)) ** 2)
+    forming = pixels * (RASTER_PIXEL + RASTER_PLANE * n_channels)
     return Needs(
         name=scene.name,
         method="raster",
         rays=screen,
         image_shape=grid.shape,
         layers=n_channels,
-        stages={"image": FIRST_USE + pixels * (RASTER_PIXEL + RASTER_PLANE * n_channels)},
+        stages={"image": FIRST_USE + forming},
+        parts={"image": forming},
         seconds={"raster": RASTER_SHARE * screen * TWO_CORES.ray + pixels * n_channels * FORMED_PIXEL},
     )
 
 
 def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
-    n_layers, rays = len(layers.layers), (0,)
+    n_layers = len(layers.layers)
+    rays: tuple[int, ...] = (0,)
     numbers = grid_numbers((len(layers.orders), *look_shape(grid)), len(layers.channels))
     seconds = {"form image": float(np.prod(grid.shape)) * n_layers * FORMED_PIXEL}
     if sampling is not None:
@@ -182,6 +207,7 @@ def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, gr
             "trace": _tracing_bytes(rays, max(rays), numbers) + forming,
             "image": FIRST_USE + RAY * sum(rays) + _device_bytes(max(rays), numbers) + forming,
         },
+        parts={"rays": _ray_bytes(rays, max(rays)), "grids": _grid_bytes(numbers), "image": forming},
         seconds=seconds,
         ray_spacing=sampling.spacings.coherent if sampling else 0.0,
     )
@@ -197,10 +223,13 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
         return Needs(
             name=scene.name,
             method=scene.settings.method,
+            rays=0,
+            key_pulses=0,
             raw_bytes=8 * samples,
             image_shape=grid.shape,
             layers=n_layers,
             stages={"image": focusing},
+            parts={"raw data": 8 * samples, "image": focusing_bytes(grid, n_layers)},
             seconds={"focus": focus},
         )
     rays, interval = lattice_rays(sampling, layers), sampling.key_pulse_interval
@@ -218,6 +247,12 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
         stages={
             "trace": 8 * samples + _tracing_bytes(rays, lanes, numbers) + synthesis,
             "image": focusing + RAY * sum(rays) + _device_bytes(lanes, numbers),
+        },
+        parts={
+            "rays": _ray_bytes(rays, lanes),
+            "grids": _grid_bytes(numbers) + synthesis,
+            "raw data": 8 * samples,
+            "image": focusing_bytes(grid, n_layers),
         },
         seconds={
             "trace": _trace_seconds(sampling, layers, rays, keys),
@@ -256,7 +291,17 @@ def copies() -> int:
 
 def _device_bytes(lanes: int, numbers: int) -> int:
     """Bytes of a launch, which Dr.Jit keeps for the next one."""
-    return LANE * lanes + 8 * numbers * (1 + copies())
+    return LANE * lanes + _grid_bytes(numbers)
+
+
+def _grid_bytes(numbers: int) -> int:
+    """Bytes of an accumulator's grid with its copies."""
+    return 8 * numbers * (1 + copies())
+
+
+def _ray_bytes(rays: tuple[int, ...], lanes: int) -> int:
+    """Most bytes of lattices and lanes."""
+    return RAY * sum(rays) + max(SORTED_RAY * max(rays), LANE * lanes)
 
 
 def _tracing_bytes(rays: tuple[int, ...], lanes: int, numbers: int) -> int:
