@@ -43,6 +43,7 @@ RUNS = {
     "urban_block, hybrid, four channels": ("urban_block", "-D", "polarisation=HH,HV,VH,VV"),
     "urban_block, image": ("urban_block", "--method", "image"),
     "urban_block, raster": ("urban_block", "--method", "raster"),
+    "tower, image, rays of 2 cm": ("tower", "--method", "image", "-D", "sar_path.ray_spacing=0.02"),
     "buildings16, image, pixels of 5 cm": (
         *("buildings16", "--method", "image", "-D", "range_film.pixel_spacing_azimuth=0.05"),
         *("-D", "range_film.pixel_spacing_range=0.05"),

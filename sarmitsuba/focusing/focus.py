@@ -63,7 +63,7 @@ def focus(
     if grid is None:
         grid = default_grid(raw, request)
     check_focuser(focuser, raw.radar, grid)
-    check_image_fits(grid, len(raw.layers))
+    check_image_fits(grid, len(raw.layers), raw.data.size)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
 
     middle = grid.positions_on_line(grid.azimuth.size // 2)

@@ -17,7 +17,7 @@ from sarmitsuba.memory import check_fits, held_memory, in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.speed import TWO_CORES, scatterers_met
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import SamplingPlan, azimuth_cell
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
 
@@ -28,7 +28,7 @@ LANE = 44
 # bytes of the slabs that a lattice is cut from, at most, and of one of their nodes
 SLAB_NODES, NODE = 4_000_000, 40
 # bytes that compiling the kernels, transforms and the pages of libraries take at first use
-FIRST_USE = 150_000_000
+FIRST_USE = 70_000_000
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
 RASTER_PIXEL, RASTER_PLANE = 16, 60
 # a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
@@ -189,7 +189,9 @@ def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, g
 def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     n_layers = len(layers.layers)
     rays: tuple[int, ...] = (0,)
-    numbers = grid_numbers((len(layers.orders), *look_shape(grid)), len(layers.channels))
+    numbers = grid_numbers(
+        (len(layers.orders), *look_shape(scene.radar, grid, azimuth_cell(scene))), len(layers.channels)
+    )
     seconds = {"form image": float(np.prod(grid.shape)) * n_layers * FORMED_PIXEL}
     if sampling is not None:
         sampling = sampling.of_one_look()
@@ -217,7 +219,7 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
-    focusing = FIRST_USE + 8 * samples + focusing_bytes(grid, n_layers)
+    focusing = focusing_bytes(grid, n_layers, samples)
     focus = float(np.prod(grid.shape)) * n_layers * n_pulses * TWO_CORES.pixel_pulse
     if sampling is None:
         return Needs(
@@ -228,8 +230,8 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
             raw_bytes=8 * samples,
             image_shape=grid.shape,
             layers=n_layers,
-            stages={"image": focusing},
-            parts={"raw data": 8 * samples, "image": focusing_bytes(grid, n_layers)},
+            stages={"image": FIRST_USE + 8 * samples + focusing},
+            parts={"raw data": 8 * samples, "image": focusing},
             seconds={"focus": focus},
         )
     rays, interval = lattice_rays(sampling, layers), sampling.key_pulse_interval
@@ -246,13 +248,13 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
         layers=n_layers,
         stages={
             "trace": 8 * samples + _tracing_bytes(rays, lanes, numbers) + synthesis,
-            "image": focusing + RAY * sum(rays) + _device_bytes(lanes, numbers),
+            "image": FIRST_USE + 8 * samples + RAY * sum(rays) + _device_bytes(lanes, numbers) + focusing,
         },
         parts={
             "rays": _ray_bytes(rays, lanes),
             "grids": _grid_bytes(numbers) + synthesis,
             "raw data": 8 * samples,
-            "image": focusing_bytes(grid, n_layers),
+            "image": focusing,
         },
         seconds={
             "trace": _trace_seconds(sampling, layers, rays, keys),
