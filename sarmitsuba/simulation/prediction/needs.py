@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.backend import dr
-from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.direct import plan_direct
 from sarmitsuba.errors import ResourceError
@@ -276,14 +275,9 @@ def _trace_seconds(sampling: SamplingPlan, layers: LayerPlan, rays: tuple[int, .
 def lattice_rays(sampling: SamplingPlan, layers: LayerPlan) -> tuple[int, ...]:
     """Rays of every plain lattice of one key pulse, all subsets."""
     area = sampling.window.area
-    both = sampling.flags.diffuse and sampling.flags.coherent
-    rays = []
-    for subset in layers.subsets:
-        share = SUBSET_SHARES[subset] if sampling.flags.coherent else 1.0
-        rays.append(int(share * area / sampling.spacings.coherent**2) + 1)
-        if both:
-            rays.append(int(area / sampling.spacings.diffuse**2) + 1)
-    return tuple(rays)
+    return tuple(
+        int(area / spacing**2) + 1 for subset in layers.subsets for _, spacing in sampling.purposes(subset)
+    )
 
 
 def copies() -> int:
