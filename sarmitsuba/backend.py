@@ -364,7 +364,7 @@ def arrays() -> ModuleType:
 _ALIGNMENT = 256
 
 
-def device_array(array_type: "type[Array]", values: NDArray[Any]) -> "Array":
+def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Array":
     """Copy a NumPy array, flattened, into a Dr.Jit array of ``array_type``; the items' types must agree.
 
     Dr.Jit takes a NumPy array's memory as it is, and whether its address is aligned enters the kernel: the same
