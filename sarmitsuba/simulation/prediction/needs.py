@@ -22,8 +22,8 @@ from sarmitsuba.trace.accumulators import grid_numbers
 
 # bytes of one ray: coordinates; and while its lattice is sorted, those twice, a key and a place in the order
 RAY, SORTED_RAY = 8, 28
-# bytes of one lane of a launch: coordinates, counts and powers lost, and their sums' float64 copies
-LANE = 44
+# bytes of one lane of a launch: coordinates, level, counts and powers lost, and their sums' float64 copies
+LANE = 52
 # bytes of the slabs that a lattice is cut from, at most, and of one of their nodes
 SLAB_NODES, NODE = 4_000_000, 40
 # bytes that compiling the kernels, transforms and the pages of libraries take at first use
