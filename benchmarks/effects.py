@@ -31,11 +31,12 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve, resolve_radar
 from sarmitsuba.loader.load import load_scene
+from sarmitsuba.memory import peak_memory
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.prediction.prediction import peak_memory, predict
+from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer

@@ -21,6 +21,10 @@ class BackendError(SarmitsubaError):
     """No usable Dr.Jit back end (LLVM or CUDA) on this machine."""
 
 
+class ResourceError(SarmitsubaError):
+    """A run that does not fit into the memory of this machine."""
+
+
 class OutputError(SarmitsubaError):
     """A result cannot be written (permissions, full disk)."""
 
@@ -39,6 +43,7 @@ __all__ = [
     "ExtensionError",
     "OutputError",
     "RadarError",
+    "ResourceError",
     "SarmitsubaError",
     "SarmitsubaWarning",
     "SceneError",

@@ -1,7 +1,11 @@
-"""How long-running stages tell their caller where they are."""
+"""How long-running stages tell their caller where they are, and how far a run of several stages has come."""
 
+import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Protocol
+
+from sarmitsuba.timing import Clock
 
 
 class Progress(Protocol):
@@ -26,4 +30,57 @@ def silent(stage: str, done: float, total: float, info: Mapping[str, float], /) 
     """Report to nobody."""
 
 
-__all__ = ["Progress", "silent"]
+@dataclass(frozen=True)
+class Standing:
+    """How far a run has come.
+
+    Parameters
+    ----------
+    share : of the whole run, 0 to 1
+    elapsed, left : s; the time left is infinite as long as nothing is done
+    """
+
+    share: float
+    elapsed: float
+    left: float
+
+
+class Journey:
+    r"""One share and one time left for all stages of a run.
+
+    The expected seconds of the stages only weigh them against one another. How much faster or slower this machine is
+    shows by itself:
+
+    .. math:: t_{left} = t \frac{W - w}{w}
+
+    with W the expected seconds of all stages and w of what is done of them.
+
+    Parameters
+    ----------
+    expected : seconds by stage, in the order of the run; a stage that is not among them joins with what the others
+        have on average, or alone
+    clock : that time is measured with
+    """
+
+    def __init__(self, expected: Mapping[str, float] | None = None, clock: Clock = time.perf_counter) -> None:
+        self._weight = dict(expected or {})
+        self._done: dict[str, float] = {}
+        self._clock, self._begin = clock, clock()
+
+    def reached(self, stage: str, share: float) -> Standing:
+        """Where the run stands when a stage has come to a share of it, 0 to 1; stages before it are done."""
+        if stage not in self._weight:
+            self._weight[stage] = sum(self._weight.values()) / len(self._weight) if self._weight else 1.0
+        for name in self._weight:
+            if name == stage:
+                break
+            self._done[name] = 1.0
+        self._done[stage] = share
+        whole = sum(self._weight.values())
+        done = sum(self._weight[name] * part for name, part in self._done.items())
+        elapsed = self._clock() - self._begin
+        left = elapsed * (whole - done) / done if done > 0.0 else float("inf")
+        return Standing(done / whole if whole else 1.0, elapsed, left)
+
+
+__all__ = ["Journey", "Progress", "Standing", "silent"]

@@ -3,17 +3,22 @@
 import logging
 import os
 import sys
+import time
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
 from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.progress import Journey, Standing
+from sarmitsuba.timing import Clock
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-_BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}, {remaining} left{postfix}"
+_BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}{postfix}"
+# off a terminal: a line every tenth of the run, none in runs that end sooner than this, s
+_LINES, _QUICK = 10, 2.0
 
 
 class Console:
@@ -23,14 +28,18 @@ class Console:
     ----------
     quiet : hide results, progress and warnings; errors are still shown
     verbose : show log messages of the libraries
+    clock : that progress is measured with
     """
 
-    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+    def __init__(
+        self, *, quiet: bool = False, verbose: bool = False, clock: Clock = time.perf_counter
+    ) -> None:
         self.quiet = quiet
         self.verbose = verbose
         self.warnings: list[str] = []
         self._bar: tqdm | None = None
-        self._stage = ""
+        self._clock = clock
+        self.expect({})
 
     def say(self, text: str) -> None:
         """Print a result."""
@@ -50,20 +59,27 @@ class Console:
             if not self.quiet:
                 self._line(f"warning: {line}", sys.stderr)
 
+    def expect(self, seconds: Mapping[str, float]) -> None:
+        """A run begins whose stages will take about so long: progress is then that of all of them together."""
+        self.end_progress()
+        self._journey, self._lines = Journey(seconds, self._clock), 0
+
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
-        """Draw the progress bar of a stage. Library stages call this to report progress."""
-        if self.quiet or not sys.stderr.isatty():
+        """Show how far the run has come: a bar, or off a terminal a line every tenth. Library stages call this."""
+        if self.quiet:
+            return
+        standing = self._journey.reached(stage, done / total if total > 0.0 else 1.0)
+        if not sys.stderr.isatty():
+            self._progress_line(stage, standing, info)
             return
         from tqdm import tqdm
 
         bar = self._bar
-        if bar is None or stage != self._stage:
-            self.end_progress()
-            self._stage = stage
+        if bar is None:
             # a terminal may not know its size and say 0, where tqdm would draw nothing
             columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
             self._bar = bar = tqdm(
-                total=total,
+                total=1.0,
                 desc=stage,
                 bar_format=_BAR,
                 file=sys.stderr,
@@ -71,19 +87,25 @@ class Console:
                 ncols=columns,
                 nrows=20,
             )
-        bar.total = total
-        if info:
-            rates = (f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())
-            bar.set_postfix_str(", ".join(rates), refresh=False)
-        bar.update(done - bar.n)
-        if done >= total:
+        bar.set_description_str(stage, refresh=False)
+        bar.set_postfix_str(", ".join(_remarks(standing, info)), refresh=False)
+        bar.update(standing.share - bar.n)
+        if standing.share >= 1.0:
             self.end_progress()
+
+    def _progress_line(self, stage: str, standing: Standing, info: Mapping[str, float]) -> None:
+        lines = int(_LINES * standing.share + 1e-9)
+        if lines <= self._lines or standing.elapsed < _QUICK:
+            return
+        self._lines = lines
+        remarks = ", ".join([f"{_clock_time(standing.elapsed)} so far", *_remarks(standing, info)])
+        self._line(f"{100 * lines // _LINES:3d} % {stage}: {remarks}", sys.stderr)
 
     def end_progress(self) -> None:
         """Leave the last bar as it is and start a new line."""
         if self._bar is not None:
             self._bar.close()
-        self._bar, self._stage = None, ""
+        self._bar = None
 
     @contextmanager
     def reporting(self) -> Iterator[None]:
@@ -121,6 +143,21 @@ class Console:
             self._bar.write(text, file=file)
         else:
             print(text, file=file, flush=True)
+
+
+def _remarks(standing: Standing, info: Mapping[str, float]) -> list[str]:
+    """Time left and rates, as they are shown beside the progress."""
+    from tqdm import tqdm
+
+    left = [] if standing.left == float("inf") else [f"{_clock_time(standing.left)} left"]
+    return [*left, *(f"{tqdm.format_sizeof(value)} {name}" for name, value in info.items())]
+
+
+def _clock_time(seconds: float) -> str:
+    """``4:07`` or ``1:04:07``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
 class _LogHandler(logging.Handler):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.simulation.run import Ready, Run
 
 NAME = "render"
 HELP = "simulate a scene and focus it"
@@ -196,13 +197,13 @@ def _raw_and_image(
     if found is not None and found[1].domain in ("compressed", args.raw):
         path, raw = found
         console.say(f"{path}: raw data of this scene and these settings, used again; --force simulates anew")
+        console.say(f"plan: {raw.metadata['plan']}")
         keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
     else:
         raw, keep = _simulate(folder, scene, args, console, watch, mark), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
-    console.say(f"plan: {raw.metadata['plan']}")
     for note in raw.metadata.get("notes", ()):
         console.warn(str(note))
     if raw.domain != args.raw:
@@ -216,6 +217,18 @@ def _raw_and_image(
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
     return focus_into(folder, raw, args, console, watch, record)
+
+
+def _announcing(console: Console) -> "Ready":
+    """Say what a run will take and with which effects, before it is traced."""
+
+    def ready(run: "Run") -> None:
+        needs = run.needs()
+        console.say(str(needs))
+        console.say(f"plan: {run.settled_plan.summary()}")
+        console.expect(needs.by_progress)
+
+    return ready
 
 
 def _simulate(
@@ -233,7 +246,7 @@ def _simulate(
     settings = scene.settings
     if not _many_passes(scene):
         with watch.stage("simulate"):
-            return simulate(scene, progress=console.progress)
+            return simulate(scene, progress=console.progress, ready=_announcing(console))
     from sarmitsuba.simulation.refinement.passes import refine
 
     if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
@@ -246,6 +259,7 @@ def _simulate(
                 range_window=args.window,
                 azimuth_window=args.window,
                 progress=console.progress,
+                ready=_announcing(console),
             )
         finally:
             folder.enter(results.PASSES)
@@ -272,10 +286,15 @@ def _image_only(
     from sarmitsuba.simulation.render import render
 
     with watch.stage("simulate"):
-        image = render(scene, range_window=args.window, azimuth_window=args.window, progress=console.progress)
+        image = render(
+            scene,
+            range_window=args.window,
+            azimuth_window=args.window,
+            progress=console.progress,
+            ready=_announcing(console),
+        )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
-    console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
         console.warn(str(note))
     folder.clear(mark)

@@ -79,6 +79,30 @@ class ApertureBand:
         return share * dr.fma(high - low, x - types.Float32(node), low)
 
 
+@dataclass(frozen=True)
+class Beam:
+    """The antenna's pattern.
+
+    Parameters
+    ----------
+    antenna : not isotropic
+    per_width : :attr:`sarmitsuba.radar.antenna.Antenna.per_width`, float32 opaque
+    """
+
+    antenna: Antenna
+    per_width: tuple[dr.ArrayBase, dr.ArrayBase]
+
+    @classmethod
+    def of(cls, types: ModuleType, antenna: Antenna) -> Beam:
+        """Beam of an antenna."""
+        azimuth, elevation = (dr.opaque(types.Float32, scale) for scale in antenna.per_width)
+        return cls(antenna, (azimuth, elevation))
+
+    def two_way_amplitude(self, sin_azimuth: dr.ArrayBase, sin_elevation: dr.ArrayBase) -> dr.ArrayBase:
+        """Relative two-way amplitude, 1 at boresight."""
+        return self.antenna.normalised(sin_azimuth, sin_elevation, self.per_width, dr)
+
+
 def accumulate(
     types: ModuleType,
     state: list[dr.ArrayBase],
@@ -87,7 +111,7 @@ def accumulate(
     scales: Scales,
     kernel: SpreadingKernel,
     n_layers: int,
-    antenna: Antenna | None,
+    beam: Beam | None,
     band: ApertureBand | None,
 ) -> list[dr.ArrayBase]:
     r"""Add the pulses of one batch to every pixel.
@@ -103,7 +127,7 @@ def accumulate(
     pulses, scales : see there
     kernel : interpolation kernel of even width
     n_layers : layers in this batch
-    antenna : None for an isotropic one, whose weight is 1
+    beam : None for an isotropic antenna, whose weight is 1
     band : None where every pulse serves every pixel
 
     Notes
@@ -120,7 +144,7 @@ def accumulate(
         ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
         azimuth = dr.gather(types.Array4f, axes, 4 * t)
         weight = azimuth[3]
-        if antenna is not None or band is not None:
+        if beam is not None or band is not None:
             elevation = dr.gather(types.Array4f, axes, 4 * t + 1)
             boresight = dr.gather(types.Array4f, axes, 4 * t + 2)
         if band is not None:
@@ -140,18 +164,18 @@ def accumulate(
             inside = dr.select(valid, position, 0.0)
             used = dr.select(valid, weight, 0.0)
             gain = Float(square * scales.inverse_square)
-            if antenna is not None or band is not None:
+            if beam is not None or band is not None:
                 inverse = Float(dr.rcp(r))
                 ux, uy, uz = Float(dx) * inverse, Float(dy) * inverse, Float(dz) * inverse
             if band is not None:
                 sine = ux * forward[0] + uy * forward[1] + uz * forward[2]
                 step = elevation[3] * inverse * (1.0 - sine * sine)
                 used *= band.weight(types, sine - forward[3], step)
-            if antenna is not None:
+            if beam is not None:
                 sa = ux * azimuth[0] + uy * azimuth[1] + uz * azimuth[2]
                 se = ux * elevation[0] + uy * elevation[1] + uz * elevation[2]
                 ahead = ux * boresight[0] + uy * boresight[1] + uz * boresight[2] > 0.0
-                g = dr.select(ahead, antenna.two_way_amplitude(sa, se, xp=dr), 0.0)
+                g = dr.select(ahead, beam.two_way_amplitude(sa, se), 0.0)
                 gain *= used * g
                 used *= g * g
             else:

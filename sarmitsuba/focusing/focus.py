@@ -11,6 +11,7 @@ from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
+from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -53,6 +54,8 @@ def focus(
         There is no such focuser.
     DataError
         Unknown window, or data or a grid that the focuser refuses.
+    ResourceError
+        The image does not fit into memory.
     """
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
@@ -61,6 +64,7 @@ def focus(
         grid = default_grid(raw, request)
     grid = grid.in_frame(raw.radar.offset)
     check_focuser(focuser, raw.radar, grid)
+    check_image_fits(grid, len(raw.layers), raw.data.size)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
 
     middle = grid.positions_on_line(grid.azimuth.size // 2)

@@ -1,5 +1,6 @@
 """Antenna pattern: one-way power gain over direction, the same for transmit and receive."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal
@@ -41,20 +42,32 @@ class Antenna:
         ``sin_azimuth`` and ``sin_elevation`` are the components of the unit direction along the aperture's
         azimuth and elevation axes. ``xp`` is ``numpy`` or ``drjit``.
         """
+        return self.normalised(sin_azimuth, sin_elevation, self.per_width, xp)
+
+    @property
+    def per_width(self) -> tuple[float, float]:
+        """One over the sines of the half-power half-angles in azimuth and elevation: the pattern's only numbers."""
+        azimuth, elevation = np.sin(0.5 * self.azimuth_beamwidth), np.sin(0.5 * self.elevation_beamwidth)
+        return 1.0 / float(azimuth), 1.0 / float(elevation)
+
+    def normalised(
+        self,
+        sin_azimuth: Samples,
+        sin_elevation: Samples,
+        per_width: Iterable[Samples | float],
+        xp: ModuleType = np,
+    ) -> Samples:
+        """As :meth:`two_way_amplitude`, with :attr:`per_width` given: opaque in a kernel, which then fits any beam."""
         if self.pattern == "isotropic":
             return 0.0 * sin_azimuth + 1.0
-        # plain floats: a NumPy scalar times a Dr.Jit array would leave the kernel
-        sa = float(np.sin(0.5 * self.azimuth_beamwidth))
-        se = float(np.sin(0.5 * self.elevation_beamwidth))
+        x, y = (sine * scale for sine, scale in zip((sin_azimuth, sin_elevation), per_width, strict=True))
         if self.pattern == "gaussian":
             ln2 = float(np.log(2.0))
-            gain: Samples = xp.exp(-ln2 * ((sin_azimuth / sa) ** 2 + (sin_elevation / se) ** 2))
+            gain: Samples = xp.exp(-ln2 * (x * x + y * y))
             return gain
         # uniform aperture: voltage sinc(pi u) one way, so sinc^2 is the two-way amplitude
-        scale = np.pi * SINC_HALF_POWER
-        product: Samples = (
-            _sinc(scale / sa * sin_azimuth, xp) ** 2 * _sinc(scale / se * sin_elevation, xp) ** 2
-        )
+        u, v = (_sinc(np.pi * SINC_HALF_POWER * z, xp) for z in (x, y))
+        product: Samples = u * u * v * v
         return product
 
 

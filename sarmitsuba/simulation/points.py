@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import mi
+from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
@@ -99,13 +99,11 @@ def visible(
         mine = np.flatnonzero(owner.reshape(-1) == i)
         touched = touched_facets(trace_scene.triangles, point, max(ON_SURFACE, trace_scene.clearance))
         start[mine] += off_planes(touched, point, away[mine], trace_scene.clearance)
-    ray = mi.Ray3f(
-        mi.Point3f(np.ascontiguousarray(start.T.astype(np.float32))),
-        mi.Vector3f(np.ascontiguousarray(away.T.astype(np.float32))),
-        mi.Float(distance.astype(np.float32)),
-        0.0,
-        [],
+    origin, direction, (far,) = (
+        [device_array(mi.Float, row.astype(np.float32)) for row in rows]
+        for rows in (start.T, away.T, distance[None])
     )
+    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
     return 1.0 - np.asarray(trace_scene.mi_scene.ray_test(ray), dtype=np.float64)
 
 

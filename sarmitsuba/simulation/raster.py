@@ -7,12 +7,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
 
 F32 = NDArray[np.float32]
@@ -80,7 +81,7 @@ class Raster:
         theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
         one = 10.0 ** (STAND_IN_DB / 20.0) * np.cos(theta)
         table = np.broadcast_to(one[None, :, None], (len(self.scene.materials), DIFFUSE_NODES, 2))
-        return mi.Float(np.ascontiguousarray(table, dtype=np.float32).reshape(-1))
+        return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
     def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
         """Make the image, (n_channels, n_azimuth, n_range) complex64; ``cell_azimuth`` in m."""
@@ -171,14 +172,14 @@ class Raster:
             co = amplitude.x * amplitude.x if channel[0] == "H" else amplitude.y * amplitude.y
             if channel[0] != channel[1]:
                 co = amplitude.x * amplitude.y * ratio if flags.depolarisation else f32(0.0)
-            plane = dr.zeros(f32, n_azimuth * n_range)
+            plane = dr.zeros(f32, rounded_size(n_azimuth * n_range))
             for i, wi in enumerate((1.0 - wx, wx)):
                 for j, wj in enumerate((1.0 - wy, wy)):
                     index = (ix + i) * columns + (iy + j)
                     dr.scatter_reduce(dr.ReduceOp.Add, plane, co * area * wi * wj, index, inside, mode)
             planes.append(plane)
         dr.eval(planes)
-        return np.stack([plane.numpy().reshape(grid.shape) for plane in planes])
+        return np.stack([plane.numpy()[: n_azimuth * n_range].reshape(grid.shape) for plane in planes])
 
     def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""

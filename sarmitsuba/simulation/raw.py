@@ -8,17 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.block import least_error_db
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
@@ -35,6 +33,7 @@ def simulate(
     progress: Progress | None = None,
     plan: EffectsPlan | None = None,
     pass_index: int = 0,
+    ready: Ready | None = None,
     clock: Clock = time.perf_counter,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
@@ -46,6 +45,7 @@ def simulate(
     progress : called after every batch
     plan : overrides the automatic effects plan
     pass_index : other values shift the ray lattices and nothing else: independent samples of the same scene
+    ready : called once the run is planned and fits, before it is traced
     clock : of the stages' seconds in the metadata
 
     Returns
@@ -56,6 +56,8 @@ def simulate(
     ------
     RadarError
         When not a single path comes back.
+    ResourceError
+        The run does not fit into memory.
 
     Notes
     -----
@@ -63,12 +65,16 @@ def simulate(
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    return echoes(Run(scene, plan=plan, clock=clock), pass_index=pass_index, progress=progress)
+    run = Run(scene, plan=plan, clock=clock)
+    run.needs().check()
+    if ready:
+        ready(run)
+    return echoes(run, pass_index=pass_index, progress=progress)
 
 
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
     """Range-compressed echoes of a run that was made ready; see :func:`simulate`."""
-    scene, plan = run.scene, run.plan
+    scene, plan = run.scene, run.settled_plan
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
@@ -84,9 +90,6 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
         notes += check_small_parts(run.sampling, run.shortfalls)
-        plan = plan.with_key_pulses(
-            run.report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
-        )
     raw = RawData(data, layers, "compressed", radar, request=scene.image)
     if plan.on("noise"):
         raw = add_noise(raw, seed=settings.seed)
@@ -119,11 +122,6 @@ def _trace(
     )
 
 
-def block_error_db(settings: TraceSettings) -> float:
-    """Error that a block of pulses may have against tracing every one: the tolerance, or what the gridding allows."""
-    return least_error_db(settings.gridding_width, settings.tolerance_db)
-
-
 def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
     """Raise where nothing came back; warn where much was dropped and return the warning's text."""
     if scene.geometry.n_faces and stats.hits == 0 and not scene.points:
@@ -147,4 +145,4 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
     return [text]
 
 
-__all__ = ["block_error_db", "echoes", "simulate"]
+__all__ = ["echoes", "simulate"]

@@ -16,7 +16,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS, Method
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 
@@ -32,6 +32,7 @@ def render(
     plan: EffectsPlan | None = None,
     pass_index: int = 0,
     progress: Progress | None = None,
+    ready: Ready | None = None,
     clock: Clock = time.perf_counter,
 ) -> SarImage:
     """Simulate a scene and focus it: the calibrated image, by any method of the ladder.
@@ -46,6 +47,7 @@ def render(
     plan : overrides the automatic effects plan
     pass_index : other values shift the ray lattices and nothing else
     progress : called after every batch
+    ready : called once the run is planned and fits, before it is traced
     clock : of the stages' seconds in the metadata
 
     Returns
@@ -58,6 +60,8 @@ def render(
         There is no such method.
     RadarError
         When nothing comes back.
+    ResourceError
+        The run does not fit into memory.
 
     Notes
     -----
@@ -70,6 +74,9 @@ def render(
     if seed is not None:
         settings = replace(settings, seed=seed)
     run = Run(replace(scene, settings=settings), plan=plan, clock=clock)
+    run.needs(grid).check()
+    if ready:
+        ready(run)
     report = progress or silent
     if name in ("image", "raster"):
         imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window)

@@ -1,16 +1,20 @@
 """A run of a scene, made ready for any method: effects decided, geometry on the device, sampling planned."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from sarmitsuba.backend import ensure_backend
+from sarmitsuba.echo.block import least_error_db
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.prediction.needs import Needs, needs_of
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas, mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
@@ -19,6 +23,9 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
+
+# told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
+Ready = Callable[["Run"], None]
 
 
 class Run:
@@ -71,12 +78,31 @@ class Run:
             self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
 
+    def needs(self, grid: ImageGrid | None = None) -> Needs:
+        """What the run takes; nothing of it is allocated yet.
+
+        Parameters
+        ----------
+        grid : pixels; default: those that the scene asks for
+        """
+        return needs_of(self.scene, self.sampling, self.layers, grid)
+
+    @property
+    def settled_plan(self) -> EffectsPlan:
+        """The plan, and for raw data how many pulses share one tracing."""
+        settings = self.scene.settings
+        if self.sampling is None or settings.method in ("image", "raster"):
+            return self.plan
+        error = least_error_db(settings.gridding_width, settings.tolerance_db)
+        return self.plan.with_key_pulses(
+            self.sampling.key_pulse_interval, error, settings.key_pulse_interval > 0
+        )
+
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""
         assert self.trace_scene is not None
         flags = replace(
             sampling.flags,
-            taper=sampling.flags.taper and any(window.taper > 0 for window in sampling.windows),
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
         return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
@@ -119,4 +145,4 @@ class Run:
                 )
 
 
-__all__ = ["Run"]
+__all__ = ["Ready", "Run"]

@@ -106,6 +106,7 @@ class Tracer:
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
+            self.largest_grid,
         )
         self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         position, velocity = plan.position[None], plan.velocity[None]
@@ -131,6 +132,7 @@ class Tracer:
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
+            self.largest_grid,
         )
         self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         pick = slice(start, stop)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -19,10 +20,9 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Contribution
 
 
-# numbers in the smallest grid (0.5 MB), and up to which sizes double (8 MB) and grow by halves (64 MB)
-SMALLEST_GRID = 1 << 16
-DOUBLED_UP_TO = 1 << 20
-HALVES_UP_TO = 1 << 23
+# numbers in the smallest grid (2 MB), and up to which sizes quadruple (32 MB); beyond, they double
+SMALLEST_GRID = 1 << 18
+FOURFOLD_UP_TO = 1 << 22
 
 
 class SumAccumulator:
@@ -79,6 +79,7 @@ class GridAccumulator:
     n_channels : amplitudes per contribution
     max_order : orders kept apart, 1..max_order; 0 sums all orders
     wavelength : m
+    least_bytes : of the memory; the largest grid of a run serves the smaller ones with one kernel
 
     Attributes
     ----------
@@ -86,14 +87,21 @@ class GridAccumulator:
     """
 
     def __init__(
-        self, n_slots: int, n_rows: int, n_columns: int, n_channels: int, max_order: int, wavelength: float
+        self,
+        n_slots: int,
+        n_rows: int,
+        n_columns: int,
+        n_channels: int,
+        max_order: int,
+        wavelength: float,
+        least_bytes: int = 0,
     ) -> None:
         self.shape = (n_slots, n_rows, n_columns)
         self.n_channels = n_channels
         self.padded = 1 << (n_channels - 1).bit_length()
         self.max_order = max_order
         self.wavelength = wavelength
-        self.memory = dr.zeros(mi.Float64, rounded_size(2 * self.padded * n_slots * n_rows * n_columns))
+        self.memory = dr.zeros(mi.Float64, max(grid_numbers(self.shape, n_channels), least_bytes // 8))
         self.on_cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.window: tuple[mi.Float64, float] | None = None
         self.packet = (mi.Vector2d, mi.Vector4d, mi.ArrayXd)[min(self.padded.bit_length() - 1, 2)]
@@ -190,24 +198,37 @@ class GridAccumulator:
         return np.asarray(np.moveaxis(cells, -1, 1).reshape(s * self.n_channels, m, n), dtype=np.complex64)
 
 
+def grid_numbers(shape: tuple[int, int, int], n_channels: int) -> int:
+    """Numbers (float64) that the grid of a :class:`GridAccumulator` of so many slots, rows and columns takes."""
+    padded = 1 << (n_channels - 1).bit_length()
+    return rounded_size(2 * padded * math.prod(shape))
+
+
 def rounded_size(n: int) -> int:
     """Numbers to allocate for ``n``: the size is compiled into an expanding scatter-add, few sizes mean few kernels.
 
-    Powers of two; where memory begins to count also one and a half times those, and where it counts more than the
-    time to compile, steps of at most an eighth.
+    Powers of four while memory hardly counts, then of two: what a loop over looks, bands and extents of the image
+    passes through has then been compiled after a few rounds.
     """
-    bits = 0 if n <= DOUBLED_UP_TO else 1 if n <= HALVES_UP_TO else 3
-    step = max(1 << max((n - 1).bit_length() - 1 - bits, 0), SMALLEST_GRID)
-    return -(-n // step) * step
+    bits = max((n - 1).bit_length(), SMALLEST_GRID.bit_length() - 1)
+    if n <= FOURFOLD_UP_TO:
+        bits += bits % 2
+    return 1 << bits
 
 
 class BlockAccumulator(GridAccumulator):
     """Adds each path once to a (range, range rate) grid that becomes all pulses of a block."""
 
     def __init__(
-        self, plan: BlockPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float
+        self,
+        plan: BlockPlan,
+        n_slots: int,
+        n_channels: int,
+        max_order: int,
+        wavelength: float,
+        least_bytes: int = 0,
     ) -> None:
-        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
+        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength, least_bytes)
         self.plan = plan
 
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
@@ -228,9 +249,15 @@ class DirectAccumulator(GridAccumulator):
     """Adds each path to its own pulse's range grid."""
 
     def __init__(
-        self, plan: DirectPlan, n_slots: int, n_channels: int, max_order: int, wavelength: float
+        self,
+        plan: DirectPlan,
+        n_slots: int,
+        n_channels: int,
+        max_order: int,
+        wavelength: float,
+        least_bytes: int = 0,
     ) -> None:
-        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength)
+        super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength, least_bytes)
         self.plan = plan
         self.range0 = device_array(mi.Float64, plan.range0)
 
@@ -274,6 +301,7 @@ __all__ = [
     "GridAccumulator",
     "SumAccumulator",
     "grid_cells",
+    "grid_numbers",
     "phase_factor",
     "rounded_size",
 ]

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 
 def fade(x: mi.Float, half: float, taper: float) -> mi.Float:
-    """1 within ``half``, raised-cosine fall to 0 over ``taper`` beyond it."""
-    t = dr.clip((dr.abs(x) - dr.opaque(mi.Float, half)) / dr.opaque(mi.Float, max(taper, 1e-6)), 0.0, 1.0)
+    """1 within ``half``, raised-cosine fall to 0 over ``taper`` beyond it; 1 everywhere where ``taper`` is 0."""
+    # one kernel for both: a window with a fade-out and one without
+    width = dr.opaque(mi.Float, taper if taper > 0.0 else np.inf)
+    t = dr.clip((dr.abs(x) - dr.opaque(mi.Float, half)) / width, 0.0, 1.0)
     return 0.5 + 0.5 * dr.cos(t * np.pi)
 
 
@@ -39,7 +41,8 @@ class BeamPattern:
     def one_way(self, u: mi.Vector3f) -> mi.Float:
         """Relative one-way amplitude towards the unit vector ``u`` (antenna to scene); zero behind the aperture."""
         azimuth = mi.Float(0.0) if self.azimuth is None else dr.dot(u, self.azimuth)
-        two_way = self.antenna.two_way_amplitude(azimuth, dr.dot(u, self.elevation), dr)
+        per_width = (dr.opaque(mi.Float, scale) for scale in self.antenna.per_width)
+        two_way = self.antenna.normalised(azimuth, dr.dot(u, self.elevation), per_width, dr)
         return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
 
 

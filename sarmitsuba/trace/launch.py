@@ -71,9 +71,14 @@ class LaunchGrid:
         return int(self.x.size)
 
     @property
+    def every_level(self) -> tuple[Level, ...]:
+        """Its levels; a lattice of one density has one that serves every face."""
+        return self.levels or (Level(0, self.spacing, (0.0, np.inf)),)
+
+    @property
     def level(self) -> NDArray[np.uint32]:
         """(n_rays,) number of the level of each ray."""
-        first = [level.first for level in self.levels]
+        first = [level.first for level in self.every_level]
         return np.repeat(np.arange(len(first), dtype=np.uint32), np.diff([*first, self.n_rays]))
 
 

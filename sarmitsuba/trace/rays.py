@@ -89,11 +89,10 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     return lane, state
 
 
-def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float, mi.Float] | None]:
+def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float, mi.Float]]:
     """Distance between neighbours of a ray, and what faces that it serves need, m."""
-    if not grid.levels:
-        return dr.opaque(mi.Float64, grid.spacing), None
-    table = np.array([[level.spacing, *level.needs, 0.0] for level in grid.levels])
+    # also where one level serves every face: one kernel for lattices with and without denser parts
+    table = np.array([[level.spacing, *level.needs, 0.0] for level in grid.every_level])
     row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
     spacing, low, high, _ = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
     return spacing, (mi.Float(low), mi.Float(high))
@@ -143,8 +142,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
-    if lane.needs is not None:
-        active &= ~first | _served(kernel.grid.purpose, lane.needs, info)
+    active &= ~first | _served(kernel.grid.purpose, lane.needs, info)
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
@@ -263,11 +261,10 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
-    if kernel.flags.spreading:
-        loss = mi.Float(1.0 / (hit.length * hit.length_back))
-        loss_retro = mi.Float(1.0 / (hit.length * hit.length))
-    else:
-        loss = loss_retro = kernel.constants.inverse_range2
+    # chosen by a number: whether a range varies enough to matter depends on the look, and would be another kernel
+    spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
+    loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
+    loss_retro = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
     if ray.spread is not None:
         # a tube keeps its power: spread more than a sphere's it carries less field over more area
         wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))

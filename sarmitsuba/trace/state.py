@@ -120,7 +120,7 @@ class Lane:
     inverse_start : 1/m, of the distance from the antenna to the launch plane
     tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
     nudge : m, step beside a ray that slipped through a vertex
-    needs : m; only faces that need rays at least so far apart and closer than the second are this ray's; None: all
+    needs : m; only faces that need rays at least so far apart and closer than the second are this ray's
     pattern : of the antenna, None for an isotropic one
     """
 
@@ -132,7 +132,7 @@ class Lane:
     tube_rate_a: mi.Float
     tube_rate_b: mi.Float
     nudge: mi.Vector3f
-    needs: tuple[mi.Float, mi.Float] | None
+    needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
 
 

@@ -32,6 +32,7 @@ FLOORS = (
         "constants",
         "errors",
         "extensions",
+        "memory",
         "parameters",
         "progress",
         "registry",

@@ -3,6 +3,7 @@
 import sys
 import types
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,18 @@ def make_scene() -> Scene:
     return Scene("fake", None, Geometry.empty(), (), (), radar, settings, asked, notes=("a note",))
 
 
-def fake_simulate(scene: Scene, *, progress: Any) -> RawData:
+@dataclass(frozen=True)
+class FakeNeeds:
+    by_progress: dict[str, float]
+
+    def __str__(self) -> str:
+        return "expected: little"
+
+
+def fake_simulate(scene: Scene, *, progress: Any, ready: Any) -> RawData:
+    needs = FakeNeeds({"trace": 2.0, "focus": 1.0})
+    plan = types.SimpleNamespace(summary=lambda: "max_depth 2")
+    ready(types.SimpleNamespace(needs=lambda: needs, settled_plan=plan))
     progress("trace", 1, 2, {"rays/s": 1e6})
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
@@ -85,9 +97,9 @@ def simulations(fake_stages: dict[str, Any], monkeypatch: pytest.MonkeyPatch) ->
     """Scenes that were simulated, one entry a run."""
     runs: list[Scene] = []
 
-    def simulate(scene: Scene, *, progress: Any) -> RawData:
+    def simulate(scene: Scene, *, progress: Any, ready: Any) -> RawData:
         runs.append(scene)
-        return fake_simulate(scene, progress=progress)
+        return fake_simulate(scene, progress=progress, ready=ready)
 
     monkeypatch.setattr(sys.modules["sarmitsuba.simulation.raw"], "simulate", simulate)
     return runs

@@ -30,6 +30,8 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     assert {p.name for p in out.iterdir()} == RESULTS
     assert fake_stages == {"path": "box", "radar": None, "parameters": {"h": "3", "w": "a=b"}}
     printed = capsys.readouterr()
+    # what it takes and does comes first
+    assert printed.out.splitlines()[:2] == ["expected: little", "plan: max_depth 2"]
     assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
     assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
     record = json.loads((out / "parameters.json").read_text())
@@ -162,11 +164,12 @@ PROGRESS = """
     import time
     from sarmitsuba.commands.console import Console
     console = Console({options})
+    console.expect({{"trace": 1.0, "focus": 1.0}})
     for i in range(4):
         console.progress("trace", i + 1, 4, {{"rays/s": 4.1e6}})
         time.sleep(0.25)
     console.progress("focus", 1, 2, {{}})
-    console.warn("half way")
+    console.warn("three quarters")
     console.end_progress()
 """
 
@@ -177,13 +180,34 @@ def test_progress_shows_rate_and_time_left_on_a_terminal() -> None:
     assert "4.10M rays/s" in shown
     assert "left" in shown
     assert "trace" in shown and "focus" in shown
-    assert "warning: half way" in shown
+    # one bar for both stages
+    assert "50%" in shown and "75%" in shown and "100%" not in shown
+    assert "warning: three quarters" in shown
     assert run_in_terminal(PROGRESS.format(options="quiet=True")) == ""
 
 
-def test_progress_is_silent_when_not_on_a_terminal(capsys: Any) -> None:
-    console = Console()
-    console.progress("trace", 1, 2, {"rays/s": 1.0})
+def test_progress_off_a_terminal_is_a_line_every_tenth_of_the_whole_run(capsys: Any) -> None:
+    """Ten steps of tracing that last 3 s each, then ten of focusing of 1 s: expected to last as long as each other."""
+    now = 0.0
+    console = Console(clock=lambda: now)
+    console.expect({"trace": 40.0, "focus": 40.0})
+    for stage, seconds in (("trace", 3.0), ("focus", 1.0)):
+        for step in range(20):
+            now += 0.5 * seconds
+            console.progress(stage, step + 1, 20, {"rays/s": 4.1e6} if stage == "trace" else {})
+    lines = capsys.readouterr().err.splitlines()
+    assert [int(line.split()[0]) for line in lines] == list(range(10, 101, 10))
+    assert lines[0] == " 10 % trace: 0:06 so far, 0:54 left, 4.10M rays/s"
+    assert lines[4] == " 50 % trace: 0:30 so far, 0:30 left, 4.10M rays/s"
+    assert lines[-1] == "100 % focus: 0:40 so far, 0:00 left"
+
+
+def test_a_run_of_a_second_shows_no_progress_off_a_terminal(capsys: Any) -> None:
+    now = 0.0
+    console = Console(clock=lambda: now)
+    for step in range(10):
+        now += 0.1
+        console.progress("trace", step + 1, 10, {})
     assert capsys.readouterr() == ("", "")
 
 

@@ -105,5 +105,6 @@ def test_grid_sizes_are_few_and_never_too_small() -> None:
     sizes = np.unique(np.geomspace(1, 2e8, 4000).astype(int))
     rounded = np.array([rounded_size(int(n)) for n in sizes])
     assert (rounded >= sizes).all()
-    assert np.unique(rounded[sizes <= 2**20]).size == 5
-    assert (rounded[sizes > 2**23] <= 1.126 * sizes[sizes > 2**23]).all()
+    assert np.unique(rounded[sizes <= 2**22]).size == 3
+    assert (rounded[sizes > 2**22] < 2 * sizes[sizes > 2**22]).all()
+    assert (rounded & (rounded - 1) == 0).all()

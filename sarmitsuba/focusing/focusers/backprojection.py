@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import arrays, dr
+from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
@@ -18,6 +18,7 @@ from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     PULSE_STRIDE,
     ApertureBand,
+    Beam,
     PulseBatch,
     Scales,
     accumulate,
@@ -145,11 +146,11 @@ def _focus_tile(
     stride = 2 * n_layers + 1
     per_lane, lanes = tile.index.shape
     pixels = [
-        tuple(types.Float64(np.ascontiguousarray(tile.positions[i, :, axis])) for axis in range(3))
+        tuple(device_array(types.Float64, tile.positions[i, :, axis]) for axis in range(3))
         for i in range(per_lane)
     ]
     reference = float(np.linalg.norm(tile.positions[0, lanes // 2] - radar.track.center_position))
-    antenna = None if radar.antenna.pattern == "isotropic" else radar.antenna
+    beam = None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna)
     scales = Scales(
         per_metre=dr.opaque(types.Float64, 1.0 / plan.step),
         turns_per_metre=dr.opaque(types.Float64, 2.0 * radar.waveform.center_frequency / SPEED_OF_LIGHT),
@@ -157,17 +158,18 @@ def _focus_tile(
         inverse_square=dr.opaque(types.Float64, 1.0 / reference**2),
     )
     state = [dr.zeros(types.Float32, lanes) for _ in range(per_lane * stride)]
+    dr.make_opaque(state)  # else the first batch has a kernel of its own
     for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
         pulses = PulseBatch(
             n_pulses=dr.opaque(types.UInt32, n),
             n_stored=dr.opaque(types.UInt32, plan.n_stored),
             n_plane=dr.opaque(types.UInt32, n * plan.n_stored),
-            positions=types.Float64(_pulse_table(radar, plan, batch)),
-            axes=types.Float32(_axes_table(radar, weights, batch)),
-            profiles=types.Float32(plan.paired(raw.data[layers, batch]).ravel()),
+            positions=device_array(types.Float64, _pulse_table(radar, plan, batch)),
+            axes=device_array(types.Float32, _axes_table(radar, weights, batch)),
+            profiles=device_array(types.Float32, plan.paired(raw.data[layers, batch])),
         )
-        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, antenna, band)
+        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, beam, band)
         dr.eval(state)
         dr.sync_thread()
         meter.add(float(np.count_nonzero(tile.index >= 0)) * n * n_layers)
@@ -200,7 +202,7 @@ def _pulse_table(radar: Radar, plan: ProfilePlan, batch: slice) -> F64:
 
 def _band(types: ModuleType, radar: Radar, window: Window) -> ApertureBand:
     nodes = window(np.linspace(-0.5, 0.5, _WINDOW_NODES)).astype(np.float32)
-    return ApertureBand(dr.opaque(types.Float32, radar.half_aperture), types.Float32(nodes))
+    return ApertureBand(dr.opaque(types.Float32, radar.half_aperture), device_array(types.Float32, nodes))
 
 
 def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]:

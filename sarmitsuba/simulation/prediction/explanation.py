@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.memory import in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.prediction.needs import duration
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
-
-_WITHOUT_RAW = ("image", "raster")
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Explanation:
     ----------
     scene : as loaded
     plan : decided effects
-    prediction : time and memory; None for methods without raw data, or where none was asked for
+    prediction : time and memory; None where none was asked for
     """
 
     scene: Scene
@@ -33,6 +33,7 @@ class Explanation:
         out: dict[str, object] = {
             "scene": self.scene.name,
             "method": self.scene.settings.method,
+            "notes": list(self.scene.notes),
             "plan": dict(self.plan.as_dict()),
         }
         p = self.prediction
@@ -40,6 +41,9 @@ class Explanation:
             return out
         out["prediction"] = {
             "seconds": {stage: round(s, 4) for stage, s in p.seconds.items()},
+            "measured": p.measured,
+            "fits": not p.refusal,
+            "refusal": p.refusal,
             "total_seconds": round(p.total, 4),
             "memory_bytes": p.memory,
             "rays": p.rays,
@@ -56,7 +60,7 @@ class Explanation:
         return out
 
     def __str__(self) -> str:
-        """One line per effect, then the pilot and the prediction."""
+        """One line per effect, then the pilot, the scene's notes and the prediction."""
         plan = self.plan
         rows = [("effect", "", "if not", "cost", "why")]
         for d in plan.decisions:
@@ -81,6 +85,7 @@ class Explanation:
                 f"pilot: {p['rays']} rays at pulses {', '.join(str(i) for i in p['pulses'])}, "
                 f"{1e3 * p['seconds']:.0f} ms"
             )
+        lines += [f"note: {' '.join(note.split())}" for note in self.scene.notes]
         if self.prediction is not None:
             lines.append(_prediction_text(self.prediction))
         return "\n".join(lines)
@@ -92,24 +97,22 @@ def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
     Parameters
     ----------
     scene : as loaded
-    predicted : off saves the prediction, which traces a part of the run; there is none for ``image`` and ``raster``
+    predicted : off saves the prediction, which traces a part of the run
     """
-    if predicted and scene.settings.method not in _WITHOUT_RAW:
+    if predicted:
         return Explanation(scene, *predict(scene))
     return Explanation(scene, plan_scene(scene), None)
 
 
 def _prediction_text(prediction: Prediction) -> str:
-    stages = ", ".join(f"{stage} {_seconds(s)}" for stage, s in prediction.seconds.items())
-    return (
-        f"predicted: {_seconds(prediction.total)} ({stages}), {prediction.memory / 2**20:.0f} MiB; "
+    stages = ", ".join(f"{stage} {duration(s)}" for stage, s in prediction.seconds.items())
+    rates = "measured on a part of it" if prediction.measured else "by the rates of two usual cores"
+    text = (
+        f"predicted: {duration(prediction.total)} ({stages}; {rates}), {in_bytes(prediction.memory)} of memory; "
         f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "
         f"{prediction.pixels / 1e6:.3g} million pixels"
     )
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.1f} s" if value >= 1.0 else f"{1e3 * value:.0f} ms"
+    return f"{text}\nrefused: {prediction.refusal}" if prediction.refusal else text
 
 
 def _error(value_db: float) -> str:

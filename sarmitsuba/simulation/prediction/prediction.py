@@ -1,7 +1,6 @@
 """What a run will take before it is made: time by stage and memory, from one batch of the run itself."""
 
 import gc
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -16,14 +15,16 @@ from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
-from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
-from sarmitsuba.simulation.raw import block_error_db
+from sarmitsuba.simulation.prediction.needs import Needs
+from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import middle_pulses
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 
+# most bytes, of the whole process, up to which a part of a run is made to see how long it takes
+MEASURED_MEMORY = 1_000_000_000
 # part of the pulses that the focuser is timed on, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
 # shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
@@ -39,7 +40,9 @@ class Prediction:
     Parameters
     ----------
     seconds : by stage, in the order of the run
+    measured : whether a part of the run was made to find them; else they are those of two usual cores
     memory : bytes, most that the process will hold at a time, interpreter and libraries included
+    refusal : why the run does not fit, and what to change; empty where it fits
     rays, key_pulses, contributions : of the whole run
     pixels : of the image, all layers
     key_pulse_interval : pulses that share one tracing; 0 where nothing is traced
@@ -48,7 +51,9 @@ class Prediction:
     """
 
     seconds: Mapping[str, float]
+    measured: bool
     memory: int
+    refusal: str
     rays: int
     key_pulses: int
     contributions: int
@@ -57,6 +62,25 @@ class Prediction:
     rays_per_second: float
     pixel_pulses_per_second: float
     raw_bytes: int
+
+    @staticmethod
+    def of(needs: Needs) -> "Prediction":
+        """From what a run needs alone; nothing is traced, so that contributions are not known."""
+        trace, focus = needs.seconds.get("trace", 0.0), needs.seconds.get("focus", 0.0)
+        return Prediction(
+            seconds=needs.seconds,
+            measured=False,
+            memory=needs.memory,
+            refusal=needs.refusal,
+            rays=needs.rays,
+            key_pulses=needs.key_pulses,
+            contributions=0,
+            pixels=needs.pixels,
+            key_pulse_interval=needs.key_pulse_interval,
+            rays_per_second=needs.rays / trace if trace else 0.0,
+            pixel_pulses_per_second=TWO_CORES.pixel_pulse**-1 if focus else 0.0,
+            raw_bytes=needs.raw_bytes,
+        )
 
     @property
     def total(self) -> float:
@@ -72,12 +96,10 @@ class _Traced:
     ----------
     seconds : by stage
     statistics : of the whole run
-    share : of one ray subset's pulses that was traced to find out
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
-    share: float
 
 
 def predict(
@@ -85,12 +107,14 @@ def predict(
 ) -> tuple[EffectsPlan, Prediction]:
     """Plan a scene and predict what simulating and focusing it takes.
 
-    One batch of the real run is traced and synthesised twice (the first time compiles its kernels, which the run then
-    finds compiled), and a sixteenth of the pulses is focused onto the whole image.
+    What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
+    ``MEASURED_MEMORY`` are then tried: one batch of the real run is traced and synthesised twice (the first time
+    compiles its kernels, which the run then finds compiled), and a sixteenth of the pulses is focused onto the whole
+    image. Otherwise the seconds are those of two usual cores.
 
     Parameters
     ----------
-    scene : as loaded, with the method ``raw`` or ``hybrid``
+    scene : as loaded
     plan : overrides the automatic effects plan
     clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
 
@@ -100,22 +124,22 @@ def predict(
     rays beyond the first.
     """
     run = Run(scene, plan=plan, clock=clock)
-    seconds, planned = dict(run.timer.seconds), run.plan
+    seconds, planned, needs = dict(run.timer.seconds), run.settled_plan, run.needs()
+    memory = needs.memory
+    if not needs.raw_bytes or memory > MEASURED_MEMORY or needs.refusal:
+        return planned, Prediction.of(needs)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
         plan_scene(scene, run.trace_scene, clock=clock)
         seconds["plan"] = clock() - start
-    radar, settings = run.scene.radar, run.scene.settings
-    layers = run.layers.layers
+    radar, layers = run.scene.radar, run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    stats, interval, untouched = TraceStatistics(), 0, 0.0
+    stats = TraceStatistics()
     if run.sampling is not None:
         traced = _tracing(run, run.sampling, data, clock)
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
-        stats, interval = traced.statistics, run.sampling.key_pulse_interval
-        planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
-        untouched = data.nbytes * max(0.0, 1.0 - traced.share / len(run.layers.subsets))
+        stats = traced.statistics
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
     seconds["focus"], pixels, loading = _focus_seconds(run.scene, layers, data, clock)
@@ -123,12 +147,14 @@ def predict(
         seconds["first use"] = min(FIRST_USE, loading)
     prediction = Prediction(
         seconds=seconds,
-        memory=int(peak_memory() + untouched),
+        measured=True,
+        memory=memory,
+        refusal="",
         rays=stats.rays,
         key_pulses=stats.key_pulses,
         contributions=stats.contributions,
         pixels=pixels,
-        key_pulse_interval=interval,
+        key_pulse_interval=needs.key_pulse_interval,
         rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
         pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
         raw_bytes=data.nbytes,
@@ -170,7 +196,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
     seconds |= {stage: predicted[stage] for stage in stages}
     seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
-    return _Traced(seconds, whole, done)
+    return _Traced(seconds, whole)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:
@@ -230,14 +256,4 @@ def _steady(measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
     return best
 
 
-def peak_memory() -> int:
-    """Most bytes that this process held at a time so far."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return 0
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return int(most if sys.platform == "darwin" else most * 1024)
-
-
-__all__ = ["Prediction", "peak_memory", "predict"]
+__all__ = ["MEASURED_MEMORY", "Prediction", "predict"]

@@ -93,13 +93,20 @@ def expected_work(sampling: SamplingPlan) -> Work:
     cell = sampling.azimuth_cell * sampling.range_cell
     pixels = image.extent_azimuth * image.extent_range / max(cell, 1e-9) * 2.0
     keys = sampling.expected_key_pulses
-    surface = sampling.window.area / max(float(np.cos(sampling.window.incidence)), 0.2)  # seen, were it level
     return Work(
         rays=sampling.rays_per_pulse * keys,
-        scatterers=keys * surface / sampling.scatterer_cell**2 if sampling.flags.diffuse else 0.0,
+        scatterers=keys * scatterers_met(sampling),
         samples=n * radar.window.n_samples * channels,
         pixel_pulses=pixels * n * channels,
     )
+
+
+def scatterers_met(sampling: SamplingPlan) -> float:
+    """About as many diffuse scatterers as the rays of one pulse meet at first bounces."""
+    if not sampling.flags.diffuse:
+        return 0.0
+    surface = sampling.window.area / max(float(np.cos(sampling.window.incidence)), 0.2)  # seen, were it level
+    return surface / sampling.scatterer_cell**2
 
 
 def run_seconds(sampling: SamplingPlan) -> float:
@@ -123,4 +130,4 @@ def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: f
     return out
 
 
-__all__ = ["TWO_CORES", "SpeedModel", "Work", "expected_work", "run_seconds", "split_trace"]
+__all__ = ["TWO_CORES", "SpeedModel", "Work", "expected_work", "run_seconds", "scatterers_met", "split_trace"]

@@ -23,6 +23,7 @@ from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, with_error_bars
+from sarmitsuba.simulation.run import Ready
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.timing import Clock
 
@@ -167,6 +168,7 @@ def refine(
     azimuth_window: str = "rectangular",
     max_passes: int = 1000,
     progress: Progress | None = None,
+    ready: Ready | None = None,
     clock: Clock = time.perf_counter,
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
@@ -186,6 +188,7 @@ def refine(
     range_window, azimuth_window : of the image
     max_passes : bound on all passes
     progress : called after every pass with the error and, where there is one, the limit
+    ready : called once the first pass is planned and fits, before it is traced
     clock : that ``time_limit`` is measured with
 
     Returns
@@ -236,7 +239,10 @@ def refine(
         start = clock()
         denser = spacings.at(2.0 ** (-0.5 * level)) if spacings else {}
         settings = replace(scene.settings, **denser)  # type: ignore[arg-type]
-        raw = simulate(replace(scene, settings=settings), plan=plan, pass_index=passes.count, clock=clock)
+        raw = simulate(
+            replace(scene, settings=settings), plan=plan, pass_index=passes.count, ready=ready, clock=clock
+        )
+        ready = None
         passes.add(raw, level)
         took = clock() - start
         passes.seconds += took

@@ -249,18 +249,26 @@ class SamplingPlan:
         subset : 1 and 2 share out the coherent rays by ``SUBSET_SHARES``; both have all diffuse rays, because
             footprints wider than a cell would blur the rims of shadows
         """
+        return tuple(
+            grid
+            for purpose, spacing in self.purposes(subset)
+            for grid in self._lattices(spacing, purpose, draw)
+        )
+
+    def purposes(self, subset: int = 0) -> tuple[tuple[Purpose, float], ...]:
+        """What the lattices of a ray subset are for, and the distance between the rays of each, m."""
         sparser = float(1.0 / np.sqrt(SUBSET_SHARES[subset]))
         settings = self.scene.settings
-        if not (self.flags.diffuse and self.flags.coherent):
-            if self.flags.diffuse:
-                return self._lattices(self.spacings.coherent, "diffuse", draw)
-            return self._lattices(sparser * self.spacings.coherent, "coherent", draw)
+        if self.flags.diffuse and not self.flags.coherent:
+            return (("diffuse", self.spacings.coherent),)
+        if not self.flags.diffuse:
+            return (("coherent", sparser * self.spacings.coherent),)
         coherent, diffuse = sparser * self.spacings.coherent, self.spacings.diffuse
         if settings.ray_spacing > 0 and settings.diffuse_ray_spacing == 0:
             diffuse = max(diffuse, coherent / sparser)
         if 0.5 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
-            return self._lattices(min(coherent, diffuse), "all", draw)
-        return (*self._lattices(coherent, "coherent", draw), *self._lattices(diffuse, "diffuse", draw))
+            return (("all", min(coherent, diffuse)),)
+        return (("coherent", coherent), ("diffuse", diffuse))
 
     def _lattices(self, spacing: float, purpose: Purpose, draw: int) -> tuple[LaunchGrid, ...]:
         """One lattice in the launch plane of every sector."""

@@ -1,0 +1,108 @@
+"""How much memory this process holds, has held, and may still take."""
+
+import os
+import sys
+from pathlib import Path
+
+from sarmitsuba.errors import ResourceError
+
+# share of the free memory that a run may plan with: other programs want some, and a prediction errs
+USABLE = 0.9
+_CGROUPS = (
+    # version 2: limit, use, statistics with the part of the use that is only cache
+    (
+        "/sys/fs/cgroup/memory.max",
+        "/sys/fs/cgroup/memory.current",
+        "/sys/fs/cgroup/memory.stat",
+        "inactive_file",
+    ),
+    # version 1
+    (
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+        "/sys/fs/cgroup/memory/memory.usage_in_bytes",
+        "/sys/fs/cgroup/memory/memory.stat",
+        "total_inactive_file",
+    ),
+)
+
+
+def peak_memory() -> int:
+    """Most bytes that this process held at a time so far; 0 where the system does not say (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(most if sys.platform == "darwin" else most * 1024)
+
+
+def held_memory() -> int:
+    """Bytes that this process holds now; its peak where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, ValueError, IndexError):
+        return peak_memory()
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def free_memory() -> int | None:
+    """Bytes that this process can still take, of the machine or of its container; None where nothing tells."""
+    found = [
+        value for value in (_machine(), *(_container(*files) for files in _CGROUPS)) if value is not None
+    ]
+    return min(found) if found else None
+
+
+def check_fits(what: str, wanted: int, remedy: str) -> None:
+    """Refuse what needs more memory than there is.
+
+    Parameters
+    ----------
+    what : that needs it, start of the error
+    wanted : bytes beyond what the process holds now
+    remedy : end of the error
+
+    Raises
+    ------
+    ResourceError
+        It does not fit.
+    """
+    free = free_memory()
+    if free is not None and wanted > USABLE * free:
+        raise ResourceError(
+            f"{what} needs {in_bytes(wanted)} of memory, and {in_bytes(free)} are free; {remedy}"
+        )
+
+
+def in_bytes(value: float) -> str:
+    """A number of bytes with a unit, for people: ``1.5 GB``."""
+    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}" if value < 1e3 * size else f"{value / size:.0f} {unit}"
+    return f"{value / 1e3:.3g} kB"
+
+
+def _machine() -> int | None:
+    try:
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    try:  # all of it, where the system does not say what is free
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _container(limit: str, use: str, statistics: str, cache: str) -> int | None:
+    try:
+        bound, used = (int(Path(file).read_text(encoding="ascii")) for file in (limit, use))
+        rows = (line.split() for line in Path(statistics).read_text(encoding="ascii").splitlines())
+        reclaimable = next((int(row[1]) for row in rows if row[0] == cache), 0)
+    except (OSError, ValueError, IndexError):  # "max", or no such container
+        return None
+    return max(0, bound - used + reclaimable)
+
+
+__all__ = ["USABLE", "check_fits", "free_memory", "held_memory", "in_bytes", "peak_memory"]

@@ -1,0 +1,98 @@
+"""A loop over settings compiles nothing after its first round, and neither does the next process."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# ends of what the loop goes through: the first round visits them, later ones lie anywhere between
+CHILD = """
+import json, random, sys, warnings
+from sarmitsuba.backend import ensure_backend
+ensure_backend()
+import drjit as dr
+from sarmitsuba.echo.chirp import to_chirped
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+
+warnings.simplefilter("ignore")
+dr.set_flag(dr.JitFlag.KernelHistory, True)
+RANGES = {
+    "look_angle_deg": (30.0, 50.0),
+    "sar_antenna.heading_deg": (0.0, 360.0),
+    "sar_antenna.bandwidth": (250e6, 500e6),
+    "sar_antenna.center_frequency": (9e9, 10e9),
+    "sar_antenna.azimuth_resolution": (0.5, 0.8),
+    "range_film.image_extent_azimuth": (21.0, 47.0),
+    "range_film.image_extent_range": (33.0, 61.0),
+}
+STRIPMAP = {"sar_antenna.mode": "stripmap", "sar_antenna.pattern": "rectangular"}
+LENGTHS = {"sar_antenna.antenna_length": (1.0, 1.6), "sar_antenna.antenna_height": (0.1, 0.2)}
+NOISE = {"sar_antenna.transmit_power": "5", "sar_antenna.noise_temperature": "290"}
+PULSES = {"sar_antenna.azimuth_resolution": (3.0, 6.0)}  # few of them: every one is traced
+KINDS = {
+    "hybrid": ("hybrid", {"polarisation": "VV"}, {}),
+    "HH": ("hybrid", {"polarisation": "HH"}, {}),
+    "stripmap": ("hybrid", STRIPMAP | NOISE, LENGTHS),
+    "image": ("image", {}, {}),
+    "raster": ("raster", {}, {}),
+    "raw": ("raw", {}, PULSES),
+    "chirped": ("chirped", NOISE, {}),
+}
+
+rng = random.Random(int(sys.argv[1]))
+
+
+def once(kind, pick):
+    method, fixed, more = KINDS[kind]
+    values = {name: str(pick(*ends)) for name, ends in (RANGES | more).items()} | fixed
+    scene = load_scene("tower", parameters=values)
+    dr.kernel_history_clear()
+    if method == "chirped":
+        focus(to_chirped(simulate(scene, seed=rng.randrange(99))))
+    else:
+        render(scene, method=method, seed=rng.randrange(99))
+    kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    missed = [k for k in kernels if not k["cache_hit"]]
+    return [len(kernels), sum(not k["cache_disk"] for k in missed)]
+
+
+first, later = [], []
+for corner in range(int(sys.argv[2])):
+    for kind in KINDS:
+        first.append([kind, *once(kind, lambda a, b: (a, b)[rng.randrange(2)])])
+for _ in range(int(sys.argv[3])):
+    for kind in KINDS:
+        later.append([kind, *once(kind, rng.uniform)])
+print(json.dumps([first, later]))
+"""
+
+
+def compiled(seed: int, corners: int, runs: int, cache: Path) -> tuple[list[list[int]], list[list[int]]]:
+    """Kernels launched and compiled by every run of a new process: of those at the ends, of those between."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, str(seed), str(corners), str(runs)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "DRJIT_CACHE_DIR": str(cache)},
+    )
+    assert done.returncode == 0, done.stderr
+    first, later = json.loads(done.stdout.splitlines()[-1])
+    return first, later
+
+
+def test_a_loop_compiles_nothing_after_its_first_round(tmp_path: Path) -> None:
+    """Cold: an empty cache. Warm: looks, headings, bands, apertures and images anywhere between those seen."""
+    pytest.importorskip("drjit")
+    first, later = compiled(1, 3, 2, tmp_path)
+    assert sum(row[2] for row in first) > 8  # the cache was cold, and the history does count
+    assert all(row[1] > 0 for row in first + later)
+    assert [row for row in later if row[2]] == []
+    # the next process
+    again, _ = compiled(1, 3, 0, tmp_path)
+    assert [row for row in again if row[2]] == []

@@ -1,0 +1,135 @@
+"""What a run needs is known before it is allocated, and what cannot fit is refused."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sarmitsuba import memory
+from sarmitsuba.errors import ResourceError
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation.prediction.needs import lattice_rays
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.run import Run
+
+# a town of 36 m x 36 m in millimetres
+MILLIMETRES = """<scene version="3.0.0">
+    <integrator type="sar_path"/>
+    <sensor type="sar_antenna">
+        <float name="slant_range" value="100000"/>
+        <float name="azimuth_resolution" value="1"/>
+    </sensor>
+    <bsdf type="radar_material" id="soil">
+        <string name="material" value="medium_dry_ground"/>
+        <float name="rms_height" value="0.008"/>
+        <string name="diffuse_law" value="constant_gamma"/>
+        <float name="diffuse_level_db" value="-14"/>
+    </bsdf>
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="18000" y="18000"/></transform><ref id="soil"/>
+    </shape>
+    <shape type="cube">
+        <transform name="to_world"><scale x="5000" y="5000" z="5000"/></transform><ref id="soil"/>
+    </shape>
+</scene>"""
+COMMAND = """
+import sys
+from sarmitsuba.cli import main
+from sarmitsuba.memory import peak_memory
+status = main(sys.argv[1:])
+print(status, peak_memory())
+"""
+
+
+@pytest.fixture
+def millimetres(tmp_path: Path) -> Path:
+    path = tmp_path / "town.xml"
+    path.write_text(MILLIMETRES)
+    return path
+
+
+def command(*arguments: str) -> tuple[int, int, str, str]:
+    """Status, peak memory (bytes), output and errors of a process of its own."""
+    pytest.importorskip("resource")
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ,
+    )
+    *rest, last = done.stdout.splitlines()
+    status, peak = (int(word) for word in last.split())
+    return status, peak, "\n".join(rest), done.stderr
+
+
+def test_explain_of_a_model_in_millimetres_takes_less_than_a_gigabyte(millimetres: Path) -> None:
+    status, peak, text, _ = command("explain", str(millimetres))
+    assert status == 0
+    assert peak < 1_000_000_000
+    # and says how many rays, what it takes, and what was assumed
+    assert "million rays at" in text and "GB of memory" in text and " h (" in text
+    assert "note: town.xml: " in text and "image_extent_azimuth limited to" in text
+
+
+def test_render_of_a_model_in_millimetres_is_refused(
+    millimetres: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """On any machine with less than the 30 GB and more that a billion rays take."""
+    monkeypatch.setattr(memory, "free_memory", lambda: 16_000_000_000)
+    scene = load_scene(str(millimetres))
+    with pytest.raises(
+        ResourceError, match=r"needs \d\d\.\d GB of memory, and 16 GB are free; .* rays per key pulse"
+    ):
+        simulate(scene)
+    with pytest.raises(ResourceError, match="in metres"):
+        render(scene, method="image")
+
+
+def test_an_image_that_does_not_fit_is_refused_before_focusing(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = simulate(load_scene("point"))
+    grid = default_grid(raw, {**dict(raw.metadata["image"]), "spacing_azimuth": 1e-3, "spacing_range": 1e-3})
+    monkeypatch.setattr(memory, "free_memory", lambda: 1_000_000_000)
+    with pytest.raises(
+        ResourceError, match=r"pixels in 1 layers needs .* GB of memory, and 1 GB are free; make its"
+    ):
+        focus(raw, grid)
+
+
+@pytest.mark.parametrize("name", ["tower", "sphere", "bridge"])
+@pytest.mark.parametrize("subsets", ["true", "false"])
+def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
+    """Plain lattices against those that are made; finer ones over small parts are left out."""
+    run = Run(load_scene(name, parameters={"sar_path.keep_subsets": subsets}))
+    assert run.sampling is not None
+    middle = run.scene.radar.track.center_index
+    made = [
+        grid.n_rays
+        for i, subset in enumerate(run.layers.subsets)
+        for grid in run.sampling.lattices(draw=i, subset=subset)
+        if grid.serves(middle)
+    ]
+    # tol: a lattice has an area's rays but for those along its rim
+    assert sum(lattice_rays(run.sampling, run.layers)) == pytest.approx(
+        sum(made), rel=0.02, abs=8 * np.sqrt(max(made))
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments", [("tower",), ("urban_block", "--method", "image"), ("sphere", "--method", "raster")]
+)
+def test_predicted_memory_is_what_a_run_takes(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    status, peak, text, _ = command("render", *arguments, "-o", str(tmp_path / "out"))
+    assert status == 0
+    first = text.splitlines()[0]
+    assert first.startswith("expected: ")
+    words = first.split()
+    unit = {"MB": 1e6, "GB": 1e9}[words[words.index("memory,") - 2]]
+    predicted = float(words[words.index("memory,") - 3]) * unit
+    # tol: libraries' pages and compiled kernels differ from machine to machine
+    assert predicted == pytest.approx(peak, rel=0.3)
