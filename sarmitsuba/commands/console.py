@@ -29,6 +29,7 @@ class Console:
         self.quiet = quiet
         self.verbose = verbose
         self.warnings: list[str] = []
+        self.notes: list[str] = []
         self._bar: tqdm | None = None
         self._stage = ""
 
@@ -49,6 +50,13 @@ class Console:
             self.warnings.append(line)
             if not self.quiet:
                 self._line(f"warning: {line}", sys.stderr)
+
+    def note(self, text: str) -> None:
+        """Print on one line what was assumed, unless it was a warning already; the same text is printed only once."""
+        line = " ".join(text.split())
+        if line not in self.warnings and line not in self.notes:
+            self.notes.append(line)
+            self.say(f"note: {line}")
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
         """Draw the progress bar of a stage. Library stages call this to report progress."""

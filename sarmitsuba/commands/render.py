@@ -88,7 +88,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         )
         scene = dataclasses.replace(scene, settings=settings)
         for note in scene.notes:
-            console.warn(note)
+            console.note(note)
         record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             done = _image_only(folder, scene, args, console, watch, record)
         else:
             done = _raw_and_image(folder, scene, args, console, watch, record)
-        record["warnings"] = console.warnings
+        record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
         console.say(f"{done} ({watch.total:.1f} s)")
@@ -131,7 +131,7 @@ def _raw_and_image(
     raw = dataclasses.replace(raw, metadata={**known, **raw.metadata})
     console.say(f"plan: {raw.metadata['plan']}")
     for note in raw.metadata.get("notes", ()):
-        console.warn(str(note))
+        console.note(str(note))
     if args.raw == "chirped":
         from sarmitsuba.echo.chirp import to_chirped
 
@@ -205,7 +205,7 @@ def _image_only(
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     console.say(f"plan: {image.metadata['plan']}")
     for note in image.metadata.get("notes", ()):
-        console.warn(str(note))
+        console.note(str(note))
     results.clear_results(folder)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(folder, image, watch, record, console)

@@ -109,10 +109,15 @@ def save_pictures(folder: Path, image: SarImage) -> Path:
 
     save(quicklook(image), folder / PICTURE)
     for channel in image.channels[1:]:
-        save(quicklook(image, channel=channel), folder / f"quicklook_{channel}.png")
+        save(quicklook(image, channel=channel), folder / picture_name(image, channel))
     if bounce_orders(image):
         save(quicklook_by_order(image), folder / PICTURE_ORDERS)
     return folder / PICTURE
+
+
+def picture_name(image: SarImage, channel: str | None) -> str:
+    """File name of a channel's quick-look."""
+    return PICTURE if channel in (None, image.channels[0]) else f"quicklook_{channel}.png"
 
 
 def save_record(folder: Path, record: Mapping[str, object]) -> None:
@@ -169,6 +174,7 @@ __all__ = [
     "RECORD",
     "clear_results",
     "output_folder",
+    "picture_name",
     "radar_record",
     "save_pictures",
     "save_raw",

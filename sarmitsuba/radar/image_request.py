@@ -14,7 +14,8 @@ F64 = NDArray[np.float64]
 
 MAX_PIXELS = 2**30  # of one image plane: 8 GiB
 MAX_CELLS = 2048  # where automatic extents stop unless told: an image of 4096 x 4096 pixels at half a cell
-_MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
+# automatic margin on every side: for side lobes of what is small, and about what fills many cells itself
+_MARGIN_CELLS, _NARROW_MARGIN_CELLS = 16, 4
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ def build_image_request(
 
     def automatic(axis: int, cell: float, extra: float) -> tuple[float, float]:
         half = max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis]))
-        return 2.0 * (half + _MARGIN_CELLS * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
+        margin = _MARGIN_CELLS if half < 2.0 * _MARGIN_CELLS * cell else _NARROW_MARGIN_CELLS
+        return 2.0 * (half + margin * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
 
     notes = []
     extent_azimuth, extent_range = film.image_extent_azimuth, film.image_extent_range
