@@ -72,9 +72,9 @@ def town(seed: int, size: float, heading: float) -> trimesh.Scene:
                 parts["Wall" if rng.random() < 0.8 else "Metal sheet"].append(box)
     scene = trimesh.Scene()
     turn = trimesh.transformations.rotation_matrix(heading, [0, 0, 1])
-    for name, meshes in parts.items():
+    for grey, (name, meshes) in enumerate(parts.items()):
         mesh = trimesh.util.concatenate(meshes).apply_transform(turn)
-        material = trimesh.visual.material.PBRMaterial(name=name)
+        material = trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=[20 * grey] * 3)
         mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(mesh.vertices), 2)), material=material)
         scene.add_geometry(mesh, node_name=name)
     return scene

@@ -90,15 +90,19 @@ def build_image_request(
     ground_cell = cells[1] * slant / reach
     layover = max(0.0, float(scene.high[2]) - (height - aim[2])) * drop / reach
 
-    # layover goes to the near side only: an image that may choose its centre moves there by half of it
-    free = film.image_center_x is None and film.image_center_y is None
-    one_sided = free and layover > _MARGIN_CELLS * ground_cell
+    def half(axis: int) -> float:
+        return float(max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis])))
+
+    def fills(axis: int, cell: float) -> bool:
+        return half(axis) >= 2.0 * _MARGIN_CELLS * cell
 
     def automatic(axis: int, cell: float, extra: float) -> tuple[float, float]:
-        half = max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis]))
-        margin = _MARGIN_CELLS if half < 2.0 * _MARGIN_CELLS * cell else _NARROW_MARGIN_CELLS
-        return 2.0 * (half + margin * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
+        margin = _NARROW_MARGIN_CELLS if fills(axis, cell) else _MARGIN_CELLS
+        return 2.0 * (half(axis) + margin * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
 
+    # layover goes to the near side only: an image that may choose its centre moves there by half of it
+    free = film.image_center_x is None and film.image_center_y is None
+    one_sided = free and fills(1, ground_cell)
     notes = []
     extent_azimuth, extent_range = film.image_extent_azimuth, film.image_extent_range
     if extent_azimuth == 0.0:
