@@ -68,9 +68,12 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     """Triangles of a ply, obj or stl file, vertices as they are."""
     import trimesh
 
-    options = {"skip_materials": True, "maintain_order": True} if path.suffix.lower() == ".obj" else {}
     with _reading(path, where):
-        mesh = trimesh.load_mesh(path, process=False, **options)
+        if path.suffix.lower() == ".obj":
+            options = {"file_type": "obj", "skip_materials": True, "maintain_order": True}
+            mesh = trimesh.load_mesh(BytesIO(_obj_geometry(path)), process=False, **options)
+        else:
+            mesh = trimesh.load_mesh(path, process=False)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_mesh()
         vertices = np.array(mesh.vertices, dtype=np.float64)
@@ -91,8 +94,7 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
         if path.suffix.lower() == ".obj":
             # names are all that matters: the .mtl file may be missing, and its textures are not read
             names = obj_materials(path)
-            text = re.sub(rb"(?m)^[ \t]*mtllib.*$", b"", path.read_bytes())
-            text = _USEMTL.sub(lambda found: b"usemtl " + b" ".join(found[1].split()), text)
+            text = _USEMTL.sub(lambda found: b"usemtl " + b" ".join(found[1].split()), _obj_geometry(path))
             loaded = trimesh.load_scene(
                 BytesIO(b"mtllib names\n" + text),
                 file_type="obj",
@@ -121,6 +123,12 @@ def obj_materials(path: Path) -> tuple[str, ...]:
     """Names of the materials that an obj file uses, in order of first use."""
     found = _USEMTL.findall(path.read_bytes())
     return tuple(dict.fromkeys(" ".join(name.decode("utf-8", "replace").split()) for name in found))
+
+
+def _obj_geometry(path: Path) -> bytes:
+    """Text of an obj file without what would split its vertices: texture coordinates, normals; and without mtllib."""
+    text = re.sub(rb"(?m)^[ \t]*(mtllib|vt|vn)\b.*$", b"", path.read_bytes())
+    return re.sub(rb"(?m)^[ \t]*f[ \t].*$", lambda found: re.sub(rb"/\S*", b"", found[0]), text)
 
 
 @contextmanager

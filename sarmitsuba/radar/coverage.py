@@ -86,17 +86,21 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     own = np.isfinite(radar.half_aperture)  # the track is longer than any pixel's aperture
     at_once = own or radar.mode_law.instantaneous_doppler or not track.is_straight
     reach = _reach(seen, image)
-    needed = doppler_bandwidth(position, velocity, reach, lam, instantaneous=at_once)
-    if own:
-        needed += 4.0 * speed / lam * radar.half_aperture
     beam = beam_bandwidth(radar.antenna, speed, lam, radar.half_aperture)
+    spread = doppler_bandwidth(position, velocity, reach, lam, instantaneous=True)
+    width = float(reach.high[0] - reach.low[0])
+    apart = prf / max(spread, 1e-30) * width
+    if own:
+        needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=True)
+        needed += 4.0 * speed / lam * radar.half_aperture
+        share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
+    else:
+        needed = doppler_bandwidth(position, velocity, reach, lam, instantaneous=at_once)
+        share = _share_by_place(seen, image, apart)
+    if share >= _SMALL_SHARE:
+        needed = max(needed, spread)
     needed = min(needed, beam)
     if prf < needed * (1.0 - 1e-9):
-        width = float(reach.high[0] - reach.low[0])
-        spread = doppler_bandwidth(position, velocity, reach, lam, instantaneous=True)
-        apart = prf / max(spread, 1e-30) * width
-        share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / apart) if own else 0.0
-        share = share if own else _share_by_place(seen, image, apart)
         ghosts = (
             f": azimuth ghosts {apart:.4g} m apart will hold about {100.0 * share:.0f} % of the image's energy"
             if share >= _SMALL_SHARE
