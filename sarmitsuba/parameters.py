@@ -31,7 +31,7 @@ class Param:
     name : as in the XML file
     kind : XML element that carries it; ``integer or auto`` also takes the string ``auto`` (read as 0);
         ``ignored`` is accepted in any form and has no effect
-    default : value when absent; None where absent has a meaning of its own
+    default : value when absent; None where absent has a meaning of its own, which the string ``auto`` asks for too
     doc : meaning, one sentence
     unit : SI unit, ``deg`` or ``dB``; empty when it has none
     minimum, maximum : inclusive bounds
@@ -75,6 +75,10 @@ class Param:
             return value
         if self.kind == "string":
             return self._string(value, where, error)
+        if self.default is None and isinstance(value, str):
+            value = None if value == "auto" else _as_number(value, float)
+            if value is None:
+                return None
         return self._number(value, where, error)
 
     def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value | None:
@@ -163,7 +167,8 @@ class Param:
             text = f"{noun} of at most {_compact(self.maximum)}{unit}"
         else:
             text = f"{noun}{f' in{unit}' if unit else ''}"
-        return text + (' or "auto"' if self.kind == "integer or auto" else "")
+        takes_auto = self.kind == "integer or auto" or (self.kind == "float" and self.default is None)
+        return text + (' or "auto"' if takes_auto else "")
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ class Console:
         self.quiet = quiet
         self.verbose = verbose
         self.warnings: list[str] = []
+        self.notes: list[str] = []
         self._bar: tqdm | None = None
         self._clock = clock
         self.expect({})
@@ -63,6 +64,13 @@ class Console:
         """A run begins whose stages will take about so long: progress is then that of all of them together."""
         self.end_progress()
         self._journey, self._lines = Journey(seconds, self._clock), 0
+
+    def note(self, text: str) -> None:
+        """Print on one line what was assumed, unless it was a warning already; the same text is printed only once."""
+        line = " ".join(text.split())
+        if line not in self.warnings and line not in self.notes:
+            self.notes.append(line)
+            self.say(f"note: {line}")
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
         """Show how far the run has come: a bar, or off a terminal a line every tenth. Library stages call this."""

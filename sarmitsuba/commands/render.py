@@ -86,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             scene = _scene_with_settings(args)
         mark = _check_everything(folder, scene, args)
         for note in scene.notes:
-            console.warn(note)
+            console.note(note)
         settings = scene.settings
         record: dict[str, object] = {
             "command": "render",
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             done = _image_only(folder, scene, args, console, watch, record, mark)
         else:
             done = _raw_and_image(folder, scene, args, console, watch, record, mark)
-        record["warnings"] = console.warnings
+        record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
         console.say(f"{done} ({watch.total:.1f} s)")
@@ -205,7 +205,7 @@ def _raw_and_image(
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     for note in raw.metadata.get("notes", ()):
-        console.warn(str(note))
+        console.note(str(note))
     if raw.domain != args.raw:
         with watch.stage("chirp"):
             raw = to_chirped(raw)
@@ -296,7 +296,7 @@ def _image_only(
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})
     for note in image.metadata.get("notes", ()):
-        console.warn(str(note))
+        console.note(str(note))
     folder.clear(mark)
     record |= {"simulation": image.metadata, "plan": image.metadata.get("plan"), "window": args.window}
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)

@@ -83,7 +83,7 @@ def expected_names(
     if raw:
         names += formats.names(raw=True)
     if image:
-        names += [*formats.names(raw=False), PICTURE, *(_picture_name(c) for c in channels[1:])]
+        names += [*formats.names(raw=False), *(picture_name(channels, c) for c in channels)]
         names += [PICTURE_ORDERS] if orders else []
     return tuple(names)
 
@@ -177,7 +177,7 @@ def save_pictures(folder: OutputFolder, image: SarImage) -> Path:
     with folder.writing(PICTURE) as first:
         save(quicklook(image), first)
     for channel in image.channels[1:]:
-        with folder.writing(_picture_name(channel)) as path:
+        with folder.writing(picture_name(image.channels, channel)) as path:
             save(quicklook(image, channel=channel), path)
     if bounce_orders(image):
         with folder.writing(PICTURE_ORDERS) as path:
@@ -185,8 +185,9 @@ def save_pictures(folder: OutputFolder, image: SarImage) -> Path:
     return first
 
 
-def _picture_name(channel: str) -> str:
-    return f"quicklook_{channel}.png"
+def picture_name(channels: Sequence[str], channel: str | None) -> str:
+    """File name of a channel's quick-look."""
+    return PICTURE if channel in (None, channels[0]) else f"quicklook_{channel}.png"
 
 
 def save_record(folder: OutputFolder, record: Mapping[str, object]) -> None:
@@ -247,6 +248,7 @@ __all__ = [
     "Formats",
     "expected_names",
     "least_bytes",
+    "picture_name",
     "radar_record",
     "save_pictures",
     "save_raw",

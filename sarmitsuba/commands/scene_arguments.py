@@ -9,7 +9,11 @@ if TYPE_CHECKING:
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene itself, a radar in place of its own, and values for its parameters."""
-    parser.add_argument("scene", metavar="SCENE", help="scene file (XML), or the name of a shipped scene")
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="scene file (XML), the name of a shipped scene, or a mesh (glb, gltf, obj, ply, stl, off) with --radar",
+    )
     parser.add_argument(
         "--radar",
         metavar="RADAR",
@@ -25,6 +29,26 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
 
+    mesh = parser.add_argument_group("mesh", "what a mesh file does not say")
+    mesh.add_argument(
+        "--up",
+        choices=("auto", "y", "z"),
+        help="axis that points up (default: y in glTF, else by the mesh's shape)",
+    )
+    mesh.add_argument(
+        "--unit",
+        choices=("auto", "m", "cm", "mm", "km", "ft", "in"),
+        help="unit of its coordinates (default: m)",
+    )
+    mesh.add_argument(
+        "--material",
+        action="append",
+        default=[],
+        type=_definition,
+        metavar="NAME=MATERIAL",
+        help="what the file's material NAME is: concrete, brick, glass, metal, pec, ... (default: by its name)",
+    )
+
 
 def scene_of(args: argparse.Namespace) -> "Scene":
     """Load the scene that the arguments name."""
@@ -32,7 +56,12 @@ def scene_of(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.loader.load import load_scene
 
     radar = resolve_radar(args.radar) if args.radar else None
-    return load_scene(args.scene, radar=radar, parameters=dict(args.define))
+    mesh = None
+    if args.up or args.unit or args.material:
+        from sarmitsuba.loader.mesh_scene import MeshOptions
+
+        mesh = MeshOptions(args.up or "auto", args.unit or "auto", dict(args.material))
+    return load_scene(args.scene, radar=radar, parameters=dict(args.define), mesh=mesh)
 
 
 def _definition(text: str) -> tuple[str, str]:

@@ -14,8 +14,10 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.cleaning import clean_mesh
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
+from sarmitsuba.mesh.units import doubtful_unit
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
@@ -90,12 +92,17 @@ def assemble(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
         )
     geometry, repairs = _geometry(label, surfaces)
+    doubts: list[str] = []
+    if doubt := doubtful_unit(geometry.vertices[geometry.faces]):
+        warn_once(
+            doubts, f"{label}: the geometry is not in metres, {doubt}; scale it by to_world (0.001 from mm)"
+        )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     offset = _offset(geometry, points)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
-    built, image, radar_notes = build_radar(radar, _bounds(geometry, moved), offset)
+    built, image, radar_notes = build_radar(radar, _extent(geometry, moved), offset)
     angle_notes: list[str] = []
     for material in dict.fromkeys(materials[s.material] for s in surfaces):
         _check_angle(label, material, built, image, angle_notes)
@@ -109,8 +116,19 @@ def assemble(
         settings=settings,
         image=image,
         offset=offset,
-        notes=(*notes, *repairs, *radar_notes, *angle_notes),
+        notes=(*notes, *repairs, *doubts, *radar_notes, *angle_notes, *_black(label, surfaces, materials)),
     )
+
+
+def _black(label: str, surfaces: Sequence[Surface], materials: Sequence[Material]) -> list[str]:
+    """Say that a scene which is all mirrors will be black but for them."""
+    seen = {s.material: materials[s.material] for s in surfaces if not materials[s.material].invisible}
+    if not seen or any(material.diffuse_law != "none" for material in seen.values()):
+        return []
+    return [
+        f"{label}: no material has a diffuse law: the image is black but for edges, corners and faces that mirror the "
+        "radar; give diffuse_law, or rms_height and correlation_length, to what should show as clutter"
+    ]
 
 
 def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
@@ -183,6 +201,15 @@ def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
         clouds.append(geometry.bounds)
     cloud = np.concatenate(clouds)
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
+
+
+def _extent(geometry: Geometry, points: Sequence[PointTarget]) -> Extent:
+    """Outline of everything; in its middle at the height of the ground is what a radar aims at."""
+    positions = np.array([p.position for p in points]).reshape(-1, 3)
+    low, high = _bounds(geometry, points)
+    height = geometry.ground_height if geometry.n_faces else float(np.median(positions[:, 2]))
+    middle = np.array([*(0.5 * (low + high)[:2]), height])
+    return Extent(np.concatenate([geometry.vertices, positions]), middle)
 
 
 def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:

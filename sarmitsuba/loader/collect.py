@@ -1,5 +1,6 @@
 """Shapes of a scene collected one after the other: surfaces with their materials, and ideal points."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +14,11 @@ from sarmitsuba.loader.assemble import Surface, assemble
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
+from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
+from sarmitsuba.loader.mesh_materials import DEFAULT, kind_of
+from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.loader.shapes import MeshReader, Placed, sphere_center
+from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import power_from_db
@@ -62,11 +66,62 @@ class Collector:
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
             self.points.append(self._point(placed, bsdf))
             return
+        if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
+            return
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
         self.surfaces.append(
             Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex)
         )
+
+    def add_parts(
+        self, label: str, parts: Sequence[MeshPart], vertices: Sequence[F64], chosen: Mapping[str, str]
+    ) -> None:
+        """Take in parts of a mesh file, with materials by the file's names of them.
+
+        Parameters
+        ----------
+        label : start of notes and warnings
+        parts : with the file's names
+        vertices : of every part, (n, 3) float64 m, file frame of the scene
+        chosen : material of the library by name, in place of what the name says
+
+        Warns
+        -----
+        SarmitsubaWarning : about names that say nothing
+        """
+        kinds = {name: kind_of(name, chosen) for name in dict.fromkeys(part.material for part in parts)}
+        known = [f'"{name}" {kind}' for name, kind in kinds.items() if kind]
+        if known:
+            self.notes.append(f"{label}: materials by their names: {', '.join(known)}")
+        unknown = [f'"{name}"' if name else "no name" for name, kind in kinds.items() if not kind]
+        if unknown:
+            warn_once(
+                self.notes,
+                f"{label}: materials whose names say nothing are read as {DEFAULT}: {', '.join(unknown)}; name them "
+                "brick, glass, metal, ... in the file, or choose with --material NAME=MATERIAL",
+            )
+        for part, corners in zip(parts, vertices, strict=True):
+            kind = kinds[part.material] or DEFAULT
+            index = self.book.named(part.material or DEFAULT, kind, label)
+            self.surfaces.append(Surface(part.name, corners, part.faces, index))
+
+    def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
+        """Take in an obj file by its own materials where the shape has none; say where the shape's replaces them."""
+        path, where = mesh_path(placed.element), placed.element.where
+        names = obj_materials(path)
+        if not names:
+            return False
+        label = where.partition(":")[0]
+        if bsdf is not None:
+            self.notes.append(
+                f'{where}: the bsdf "{bsdf.id or bsdf.plugin}" replaces the materials of {path.name}: '
+                f"{', '.join(names)}; leave the bsdf out to have these by their names"
+            )
+            return False
+        parts = read_parts(path, where)
+        self.add_parts(f"{label}: {path.name}", parts, [placed.moved(part.vertices) for part in parts], {})
+        return True
 
     def scene(self) -> Scene:
         """Everything put together, see `sarmitsuba.loader.assemble.assemble`."""

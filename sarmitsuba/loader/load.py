@@ -8,9 +8,10 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
-from sarmitsuba.loader.elements import walk
+from sarmitsuba.loader.elements import Element, walk
 from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve, resolve_radar
+from sarmitsuba.loader.mesh_scene import MeshOptions, add_mesh_file, is_mesh_file
 from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.shapes import placed_shapes
@@ -25,14 +26,17 @@ def load_scene(
     *,
     radar: Path | str | None = None,
     parameters: Mapping[str, str] | None = None,
+    mesh: MeshOptions | None = None,
 ) -> Scene:
     """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
 
     Parameters
     ----------
-    scene : XML file, a name such as ``dihedral``, a dict, or an ``mi.Scene``
+    scene : XML file, mesh file (glTF, obj, ply, stl, off; needs a ``radar``), a name such as ``dihedral``, a dict, or
+        an ``mi.Scene``
     radar : XML file (or shipped name) whose sensor, film and integrator replace the scene's
     parameters : values of the file's ``$name`` parameters, and ``plugin.parameter`` to override a plugin's
+    mesh : unit, up axis and materials of a mesh file
 
     Returns
     -------
@@ -56,7 +60,14 @@ def load_scene(
     radar_file = None if radar is None else resolve_radar(radar)
     radar_root = None if radar_file is None else parse_file(radar_file, plain)
     loaded, root = None, None
-    if file is not None:
+    from_mesh = file is not None and is_mesh_file(file)
+    if mesh is not None and not from_mesh:
+        raise SceneError(
+            f"{file.name if file else 'scene'}: unit, up axis and materials are given to mesh files only"
+        )
+    if file is not None and from_mesh:
+        root = Element("scene", "scene", "", file.name, file.parent, {})
+    elif file is not None:
         root = parse_file(file, plain)
     elif isinstance(scene, Mapping) and not _holds_objects(scene):
         root = parse_dict(scene, _DICT)
@@ -64,13 +75,15 @@ def load_scene(
         loaded = _loaded(scene)
     elements = [e for tree in (root, radar_root) if tree is not None for e in walk(tree)]
     label = file.name if file is not None else _DICT if root is not None else "scene"
-    texts = [read_text(path) for path in (file, radar_file) if path is not None]
+    texts = [read_text(path) for path in (file, radar_file) if path is not None and not is_mesh_file(path)]
     check_used(plain, overrides, label, texts, {e.id for e in elements if e.id}, set(tables.TABLES))
     if root is None:
         return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
 
     described = describe(root, radar_root, overrides, label)
     collector = Collector("scene" if file is None else file.stem, file, described, overrides)
+    if file is not None and from_mesh:
+        add_mesh_file(collector, file, mesh or MeshOptions())
     for placed in placed_shapes(root):
         collector.add_shape(placed, placed.element.child("bsdf"))
     return collector.scene()

@@ -16,6 +16,7 @@ from sarmitsuba.materials.bsdfs import (
     ordinary_material,
     radar_material,
     rough,
+    rough_note,
     sionna_itu_name,
     sionna_material,
 )
@@ -45,6 +46,7 @@ class MaterialBook:
     rms_height: float
     materials: list[Material] = field(default_factory=list)
     _index: dict[int, int] = field(default_factory=dict)
+    _named: dict[str, int] = field(default_factory=dict)
     _kept: list[Element] = field(
         default_factory=list
     )  # an element that is gone would leave its id to another
@@ -66,6 +68,28 @@ class MaterialBook:
         self._check_law(material, label)
         self.materials.append(material)
         return len(self.materials) - 1
+
+    def named(self, name: str, kind: str, label: str) -> int:
+        """Index of the material of a name in a mesh file, rough as all that state no roughness.
+
+        Parameters
+        ----------
+        name : in the mesh file
+        kind : name in the library of materials
+        label : start of every warning
+        """
+        if name not in self._named:
+            taken = {material.name for material in self.materials}
+            free = name if name not in taken else f"{name}_{len(taken) + 1}"
+            material, note = named_material(free, kind, self.frequency, rough(self.rms_height))
+            if note:
+                warn_once(self.notes, f"{label}: {note}")
+            self._named[name] = self.add(material, label)
+        return self._named[name]
+
+    def _say(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
 
     def _check_law(self, material: Material, label: str) -> None:
         """Say when a diffuse law is used outside its domain of validity."""
@@ -93,6 +117,13 @@ class MaterialBook:
                     f'{where}: no ITU material named; give <string name="type" value="concrete"/>'
                 )
             material, note = sionna_material(name, plugin, values, given, self.frequency, self.rms_height)
+            if (
+                plugin != "absorber-radio-material"
+                and "scattering_coefficient" not in given
+                and self.rms_height
+            ):
+                # Sionna's usual case: worth knowing, no warning
+                self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
         elif plugin == tables.POINT_SCATTERER.plugin:
             raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:

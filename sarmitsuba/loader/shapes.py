@@ -56,6 +56,11 @@ class Placed:
     name: str
     to_world: F64
 
+    def moved(self, vertices: F64) -> F64:
+        """(n, 3) points of the shape's own coordinates in the file frame, m."""
+        with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
+            return np.asarray(vertices @ self.to_world[:3, :3].T + self.to_world[:3, 3])
+
     @property
     def is_curved(self) -> bool:
         """True for shapes whose facets stand for one smooth surface."""
@@ -89,9 +94,7 @@ class MeshReader:
         SceneError : the mesh file is missing or unreadable, or a value makes no shape
         """
         vertices, faces = self._local(placed)
-        matrix = placed.to_world
-        with np.errstate(over="ignore", invalid="ignore"):  # refused when the mesh is checked
-            return vertices @ matrix[:3, :3].T + matrix[:3, 3], faces
+        return placed.moved(vertices), faces
 
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where

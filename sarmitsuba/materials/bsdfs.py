@@ -111,7 +111,7 @@ def sionna_material(
         )
     if "scattering_coefficient" in given or rms_height == 0.0:
         return _material(name, eps, scattering_surface(values, eps, frequency)), note
-    return _material(name, eps, rough(rms_height)), note or _rough_note(plugin, rms_height)
+    return _material(name, eps, rough(rms_height)), note
 
 
 def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequency: float) -> Material:
@@ -165,7 +165,8 @@ def _length_words(rms_height: float) -> str:
     return f", correlation length {1e3 * ORDINARY_CORRELATION * rms_height:g} mm (diffuse_law small_slope)"
 
 
-def _rough_note(plugin: str, rms_height: float) -> str:
+def rough_note(plugin: str, rms_height: float) -> str:
+    """What is assumed of Sionna's materials that give no scattering coefficient."""
     return (
         f'BSDF "{plugin}" has no scattering_coefficient and is given an rms height of {1e3 * rms_height:g} mm'
         f"{_length_words(rms_height)}; "
@@ -314,6 +315,7 @@ __all__ = [
     "ordinary_material",
     "radar_material",
     "rough",
+    "rough_note",
     "scattering_surface",
     "sionna_itu_name",
     "sionna_material",

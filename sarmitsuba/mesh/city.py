@@ -19,6 +19,9 @@ Boxes of {low:g} m to {high:g} m on {extent:g} m x {extent:g} m of soil, from sa
     <sensor type="sar_antenna">
         <float name="slant_range" value="10000"/>
         <float name="look_angle_deg" value="35"/>
+        <float name="aim_x" value="0"/>
+        <float name="aim_y" value="0"/>
+        <float name="aim_z" value="0"/>
         <float name="center_frequency" value="9.65e9"/>
         <float name="bandwidth" value="{bandwidth:.0f}"/>
         <float name="azimuth_resolution" value="{resolution:g}"/>

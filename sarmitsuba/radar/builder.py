@@ -18,10 +18,12 @@ from sarmitsuba.radar.aperture import (
 )
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
-from sarmitsuba.radar.swath import Box, bounds_in_axes, receive_window
+from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.units import power_from_db
@@ -34,14 +36,14 @@ MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
 
 def build_radar(
-    given: RadarInput, bounds: F64, offset: F64 | None = None
+    given: RadarInput, extent: Extent, offset: F64 | None = None
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
     """Build the radar and the image request, and check that they see the scene.
 
     Parameters
     ----------
     given : parameters
-    bounds : (2, 3) float64, m, scene frame; of all geometry and points
+    extent : of all geometry and points, scene frame
     offset : (3,) float64, m; scene frame = file frame - offset
 
     Returns
@@ -56,7 +58,8 @@ def build_radar(
     Warns
     -----
     SarmitsubaWarning
-        The prf is below the Doppler bandwidth, the window cuts the image, or echoes of two pulses overlap.
+        The prf is below the Doppler bandwidth, the window cuts the image, echoes of two pulses overlap, or a value
+        looks like one in another unit.
 
     Notes
     -----
@@ -67,12 +70,18 @@ def build_radar(
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
     channels = read_channels(s.polarisation, given.where)
     antenna = _antenna(given, waveform.wavelength)
-    aim = np.array([s.aim_x, s.aim_y, s.aim_z]) - shift
+    aim = np.array(
+        [
+            middle if value is None else value - moved
+            for value, moved, middle in zip((s.aim_x, s.aim_y, s.aim_z), shift, extent.middle, strict=True)
+        ]
+    )
 
     track = given_track(given, shift)
+    doubts = doubtful_angles(given) + (doubtful_track(given, track, shift) if track is not None else [])
     prf_derived = track is None and not s.prf
     geometry = geometry_from_angles(given, aim) if track is None else geometry_of_track(given, track, aim)
-    scene = Box(geometry.aim, geometry.axes, *bounds_in_axes(bounds, geometry.aim, geometry.axes))
+    scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
     cells = (known_azimuth_cell(given, geometry, waveform, track), waveform.range_cell)
     image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
@@ -97,7 +106,9 @@ def build_radar(
         offset=shift,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
-    for text in ambiguities(radar, seen, given.where, derived=prf_derived):
+    doubts += doubtful_pixels(image, radar, given.film_where)
+    doubts += ambiguities(radar, seen, box, given.where, derived=prf_derived)
+    for text in doubts:
         _warn(text)
     return radar, image, notes
 

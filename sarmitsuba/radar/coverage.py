@@ -9,6 +9,8 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 
+_SMALL_SHARE = 0.005  # of ghosts; less is not named
+
 
 def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: str) -> Box:
     """Raise a RadarError when image and geometry, or beam and geometry, have nothing in common.
@@ -61,19 +63,20 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
     return seen
 
 
-def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[str, ...]:
+def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: bool) -> list[str]:
     """Warnings about Doppler and range ambiguity, one line each.
 
     Parameters
     ----------
     radar : complete
-    box : the part of the scene that the image holds
+    seen : the part of the scene that the image holds; what is there can come out at any place of the image
+    image : the image's box, in the same axes
     where : start of every line
     derived : the prf follows from the number of pulses and the resolution
     """
     track = radar.track
     if track.n_pulses < 2:
-        return ()
+        return []
     notes = []
     prf = 1.0 / float(np.median(np.diff(track.time)))
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
@@ -82,16 +85,33 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
     speed = float(np.linalg.norm(velocity, axis=1).max())
     own = np.isfinite(radar.half_aperture)  # the track is longer than any pixel's aperture
     at_once = own or radar.mode_law.instantaneous_doppler or not track.is_straight
-    needed = doppler_bandwidth(position, velocity, box, lam, instantaneous=at_once)
-    if own:
-        needed += 4.0 * speed / lam * radar.half_aperture
+    reach = _reach(seen, image)
     beam = beam_bandwidth(radar.antenna, speed, lam, radar.half_aperture)
+    spread = doppler_bandwidth(position, velocity, reach, lam, instantaneous=True)
+    width = float(reach.high[0] - reach.low[0])
+    apart = prf / max(spread, 1e-30) * width
+    if own:
+        needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=True)
+        needed += 4.0 * speed / lam * radar.half_aperture
+        share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
+    else:
+        needed = doppler_bandwidth(position, velocity, reach, lam, instantaneous=at_once)
+        share = _share_by_place(seen, image, apart)
+    if share >= _SMALL_SHARE:
+        needed = max(needed, spread)
     needed = min(needed, beam)
     if prf < needed * (1.0 - 1e-9):
-        remedy = "raise n_pulses or coarsen azimuth_resolution" if derived else "raise prf"
+        ghosts = (
+            f": azimuth ghosts {apart:.4g} m apart will hold about {100.0 * share:.0f} % of the image's energy"
+            if share >= _SMALL_SHARE
+            else ""
+        )
+        remedy = (
+            "raise n_pulses or coarsen azimuth_resolution" if derived else f"raise prf to {needed:.4g} Hz"
+        )
         notes.append(
-            f"{where}: prf = {prf:.6g} Hz is below the Doppler bandwidth {needed:.6g} Hz; "
-            f"{remedy} or narrow the beam"
+            f"{where}: prf = {prf:.6g} Hz is below the Doppler bandwidth {needed:.6g} Hz of the image{ghosts}; "
+            f"{remedy}, or narrow the beam"
         )
     length = radar.window.extent + SPEED_OF_LIGHT * radar.waveform.pulse_width / 2.0
     if length > SPEED_OF_LIGHT / (2.0 * prf):
@@ -100,7 +120,50 @@ def ambiguities(radar: Radar, box: Box, where: str, *, derived: bool) -> tuple[s
             f"unambiguous range {SPEED_OF_LIGHT / (2.0 * prf):.6g} m at prf = {prf:.6g} Hz; lower prf, speed "
             "or pulse_width"
         )
-    return tuple(notes)
+    return notes
+
+
+def _reach(seen: Box, image: Box) -> Box:
+    """Box as long in azimuth as the farthest that a pixel can be from what it must not show."""
+    ends = ((seen.low[0], image.high[0]), (image.low[0], seen.high[0]))
+    low, high = max(ends, key=lambda pair: float(pair[1] - pair[0]))
+    return replace(seen, low=np.array([low, *seen.low[1:]]), high=np.array([max(low, high), *seen.high[1:]]))
+
+
+def _share_by_place(seen: Box, image: Box, apart: float) -> float:
+    """Share of an image's energy that lies in ghosts of targets spread evenly over ``seen``.
+
+    An aperture that all pixels share repeats a target with its whole energy at every multiple of ``apart`` (m) that
+    the image holds.
+    """
+    place = np.linspace(float(seen.low[0]), float(seen.high[0]), 101)
+    before = np.floor((place - image.low[0]) / apart)
+    after = np.floor((image.high[0] - place) / apart)
+    ghosts = float((np.maximum(before, 0.0) + np.maximum(after, 0.0)).mean())
+    return ghosts / (1.0 + ghosts)
+
+
+def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
+    r"""Share of the ambiguities of a beam that passes over the pixels in turn.
+
+    .. math:: A = \sum_{0 < |k| \le n} \int_{-s_a}^{s_a} G^2(s + k \Delta) ds / \int_{-s_a}^{s_a} G^2(s) ds
+
+    with the two-way power G^2 of the pattern, half aperture s_a and, at a pulse repetition frequency f_p,
+    Delta = lambda f_p / (2 v); the share is A / (1 + A).
+
+    Parameters
+    ----------
+    radar : gives pattern and half aperture
+    step : Delta
+    farthest : how many steps of Delta the image and what it shows are long
+    """
+    sine = np.linspace(-radar.half_aperture, radar.half_aperture, 257)
+    order = np.arange(-np.floor(farthest), np.floor(farthest) + 1.0)[:, None]
+    shifted = np.clip(sine + order * step, -1.0, 1.0)
+    power = np.asarray(radar.antenna.two_way_amplitude(shifted, np.zeros_like(shifted))) ** 2
+    total = power.sum(axis=1)
+    wrong = float(total[order[:, 0] != 0.0].sum())
+    return wrong / (wrong + float(total[order[:, 0] == 0.0].sum()))
 
 
 def _span(box: Box, axis: int) -> str:

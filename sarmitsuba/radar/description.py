@@ -47,9 +47,15 @@ class RadarDescription:
         -80.0,
         80.0,
     )
-    aim_x: float = described(0.0, "aim point, east, in the file's frame", "m", -1e9, 1e9)
-    aim_y: float = described(0.0, "aim point, north, in the file's frame", "m", -1e9, 1e9)
-    aim_z: float = described(0.0, "aim point, up, in the file's frame", "m", -1e9, 1e9)
+    aim_x: float | None = described(
+        None, "aim point, east, in the file's frame; default: the middle of the geometry", "m", -1e9, 1e9
+    )
+    aim_y: float | None = described(
+        None, "aim point, north, in the file's frame; default: the middle of the geometry", "m", -1e9, 1e9
+    )
+    aim_z: float | None = described(
+        None, "aim point, up, in the file's frame; default: the height of the ground", "m", -1e9, 1e9
+    )
     speed: float = described(100.0, "speed of the antenna", "m/s", 0.001, 1e6)
     prf: float = described(
         0.0,
@@ -161,10 +167,15 @@ class FilmDescription:
         "slant", "coordinates of the image", choices=("slant", "ground")
     )
     image_center_x: float | None = described(
-        None, "image centre, east, in the file's frame; default: the aim point", "m", -1e9, 1e9
+        None,
+        "image centre, east, in the file's frame; default: the aim point, or the middle of the geometry with its "
+        "layover where image_extent_range is automatic",
+        "m",
+        -1e9,
+        1e9,
     )
     image_center_y: float | None = described(
-        None, "image centre, north, in the file's frame; default: the aim point", "m", -1e9, 1e9
+        None, "image centre, north, in the file's frame; default: as image_center_x", "m", -1e9, 1e9
     )
     image_height: float | None = described(
         None,
@@ -175,7 +186,8 @@ class FilmDescription:
     )
     image_extent_azimuth: float = described(
         0.0,
-        "image size along the track, on the ground; automatic: the geometry with a margin, at most 2048 cells",
+        "image size along the track, on the ground; automatic: the geometry with a margin, at most "
+        "image_extent_limit",
         "m",
         0.0,
         1e7,
@@ -184,11 +196,14 @@ class FilmDescription:
     image_extent_range: float = described(
         0.0,
         "image size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
-        "most 2048 cells",
+        "most image_extent_limit",
         "m",
         0.0,
         1e7,
         auto=True,
+    )
+    image_extent_limit: float = described(
+        0.0, "largest automatic extent; automatic: 2048 resolution cells", "m", 0.0, 1e7, auto=True
     )
     pixel_spacing_azimuth: float = described(
         0.0, "pixel spacing along the track; automatic: half the azimuth cell", "m", 0.0, 1e6, auto=True

@@ -1,4 +1,4 @@
-"""Which image to focus; what the description leaves open is about the aim point, as large as the geometry."""
+"""Which image to focus; what the description leaves open fits the geometry."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -13,8 +13,9 @@ from sarmitsuba.radar.swath import Box
 F64 = NDArray[np.float64]
 
 MAX_PIXELS = 2**30  # of one image plane: 8 GiB
-MAX_CELLS = 2048  # automatic extents stop here: an image of 4096 x 4096 pixels at half a cell
-_MARGIN_CELLS = 16  # automatic margin on every side, for side lobes
+MAX_CELLS = 2048  # where automatic extents stop unless told: an image of 4096 x 4096 pixels at half a cell
+# automatic margin on every side: for side lobes of what is small, and about what fills many cells itself
+_MARGIN_CELLS, _NARROW_MARGIN_CELLS = 16, 4
 
 
 @dataclass(frozen=True)
@@ -94,26 +95,32 @@ def build_image_request(
     ground_cell = cells[1] * slant / reach
     layover = max(0.0, float(scene.high[2]) - (height - aim[2])) * drop / reach
 
-    def automatic(axis: int, cell: float, extra: float) -> tuple[float, bool]:
-        half = max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis]))
-        wanted = 2.0 * (half + extra + _MARGIN_CELLS * cell)
-        return min(wanted, MAX_CELLS * cell), wanted > MAX_CELLS * cell
+    def half(axis: int) -> float:
+        return float(max(abs(scene.low[axis] - middle[axis]), abs(scene.high[axis] - middle[axis])))
 
+    def fills(axis: int, cell: float) -> bool:
+        return half(axis) >= 2.0 * _MARGIN_CELLS * cell
+
+    def automatic(axis: int, cell: float, extra: float) -> tuple[float, float]:
+        margin = _NARROW_MARGIN_CELLS if fills(axis, cell) else _MARGIN_CELLS
+        return 2.0 * (half(axis) + margin * cell) + extra, film.image_extent_limit or MAX_CELLS * cell
+
+    # layover goes to the near side only: an image that may choose its centre moves there by half of it
+    free = film.image_center_x is None and film.image_center_y is None
+    one_sided = free and fills(1, ground_cell)
     notes = []
     extent_azimuth, extent_range = film.image_extent_azimuth, film.image_extent_range
     if extent_azimuth == 0.0:
-        extent_azimuth, cut = automatic(0, cells[0], 0.0)
-        if cut:
-            notes.append(
-                f"{where}: image_extent_azimuth limited to {extent_azimuth:g} m; give it for a larger image"
-            )
+        wanted, most = automatic(0, cells[0], 0.0)
+        extent_azimuth = min(wanted, most)
+        notes += _limited(where, "image_extent_azimuth", wanted, most)
     if extent_range == 0.0:
-        extent_range, cut = automatic(1, ground_cell, layover)
-        extent_range = min(extent_range, 1.9 * reach)
-        if cut:
-            notes.append(
-                f"{where}: image_extent_range limited to {extent_range:g} m; give it for a larger image"
-            )
+        wanted, most = automatic(1, ground_cell, layover if one_sided else 2.0 * layover)
+        if one_sided and wanted <= most:
+            center = center - 0.5 * layover * across
+            reach -= 0.5 * layover
+        extent_range = min(wanted, most, 1.9 * reach)
+        notes += _limited(where, "image_extent_range", wanted, most)
     elif 0.5 * extent_range >= reach:
         raise RadarError(
             f"{where}: image_extent_range = {extent_range:g} m reaches past the ground track of the radar, which is "
@@ -131,6 +138,16 @@ def build_image_request(
     )
     _check_pixels(request, where, (cells[0], ground_cell if request.grid == "ground" else cells[1]))
     return request, tuple(notes)
+
+
+def _limited(where: str, name: str, wanted: float, most: float) -> list[str]:
+    """What to say of an automatic extent that the limit cuts."""
+    if wanted <= most:
+        return []
+    return [
+        f"{where}: the image shows the middle {most:.4g} m of {wanted:.4g} m ({name}); raise image_extent_limit, "
+        f"or give {name}, for a larger image"
+    ]
 
 
 def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -> None:

@@ -60,15 +60,6 @@ class Box:
         return None if (low > high).any() else (low, high)
 
 
-def bounds_in_axes(bounds: F64, origin: F64, axes: F64) -> tuple[F64, F64]:
-    """Corners in other axes of an axis-parallel box, (2, 3) bounds in the scene frame, m."""
-    corner = np.array(
-        [[bounds[i, 0], bounds[j, 1], bounds[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    )
-    local = (corner - origin) @ axes.T
-    return local.min(axis=0), local.max(axis=0)
-
-
 def sine_to_null(beamwidth: float) -> float:
     """Sine of the angle to the first null of a uniform aperture of that half-power width (rad).
 
@@ -157,7 +148,6 @@ def receive_window(
 __all__ = [
     "Box",
     "beam_bandwidth",
-    "bounds_in_axes",
     "doppler_bandwidth",
     "receive_window",
     "sine_to_null",

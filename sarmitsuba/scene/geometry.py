@@ -50,6 +50,22 @@ class Geometry:
         low, high = self.bounds
         return float(np.linalg.norm(high - low))
 
+    @property
+    def ground_height(self) -> float:
+        """Height of the ground, m: the lower quartile, by area, of all faces that are nearer level than upright.
+
+        It is that of streets where there is any ground, and of the floors of buildings that stand on none.
+        """
+        corner = self.vertices[self.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        level = np.abs(normal[:, 2]) > np.hypot(normal[:, 0], normal[:, 1])
+        if not level.any():
+            return float(self.bounds[0, 2])
+        height, area = corner[level, :, 2].mean(axis=1), np.abs(normal[level, 2])
+        order = np.argsort(height)
+        share = np.cumsum(area[order])
+        return float(height[order][np.searchsorted(share, 0.25 * share[-1])])
+
     @staticmethod
     def empty() -> "Geometry":
         """Geometry without a triangle, for scenes of ideal points only."""

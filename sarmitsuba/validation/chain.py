@@ -17,6 +17,7 @@ from sarmitsuba.loader import tables
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -51,7 +52,8 @@ def make_scene(
     if geometry.n_faces:
         clouds.append(geometry.vertices)
     cloud = np.concatenate(clouds)
-    radar, image, notes = build_radar(given, np.stack([cloud.min(axis=0), cloud.max(axis=0)]))
+    # the cases stand about the origin, and their images with them
+    radar, image, notes = build_radar(given, Extent(cloud, np.zeros(3)))
     return Scene(
         "validation",
         None,

@@ -1,22 +1,85 @@
-"""From complex pixels to the decibels that a picture shows: averaged power, robust limits, magnification."""
+"""From complex pixels to the values that a picture shows: quantity, averaging, limits of the scale, magnification."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.calibration import backscatter
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.units import db_from_power
 
-Quantity = Literal["sigma0", "rcs"]
+F64 = NDArray[np.float64]
+Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
+QUANTITIES: tuple[str, ...] = get_args(Quantity)
 
-_SYMBOLS: dict[str, str] = {"sigma0": "sigma0 (dB)", "rcs": "radar cross section (dBsm)"}
+_LABELS: dict[str, str] = {
+    "sigma0": "sigma0 (dB)",
+    "gamma0": "gamma0 (dB)",
+    "beta0": "beta0 (dB)",
+    "rcs": "radar cross section (dBsm)",
+    "amplitude": "amplitude (m)",
+    "phase": "phase (rad)",
+}
 
-# quartiles of single-look speckle are 6.8 dB apart, those of a city 12 dB, of side lobes alone more than 20 dB
-_CLUTTER_SPREAD_DB = 16.0
-_ABOVE_CLUTTER_DB = 25.0
+# Where an image does not say whether anything in it scatters diffusely, clutter is told from side lobes of targets by
+# the spread of its bright part, the 75th to the 95th percentile of power averaged over 4 x 4 pixels: 1 to 10 dB for
+# clutter on a third or more of the picture, texture included; 17 to 32 dB for side lobes, whatever the window
+_LOOKS = 4
+_CLUTTER_SPREAD_DB = 14.0
+# The level of clutter is the brightest mode of its decibels: a peak of their density, smoothed over so many dB, that
+# is at least so high over the highest. Side lobes beside the scene and shadows lie below it, corners above
+_MODE_WIDTH_DB = 6
+_MODE_SHARE = 0.5
+# where that level lies between black and white
+_CLUTTER_AT = 0.42
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """What a picture shows of an image, and how.
+
+    Parameters
+    ----------
+    channel : polarisation; the first when None
+    quantity : ``sigma0``, ``gamma0``, ``beta0`` (clutter) or ``rcs`` (targets) in dB; ``amplitude``, the root of the
+        radar cross section, m; ``phase``, rad
+    limits : values of black and white; None chooses them, see `limits_db`
+    span_db : from black to white where they are chosen
+    colour_map : name of a Matplotlib colour map; None takes ``gray``, for phase ``twilight``
+    looks : pixels in azimuth and range that are averaged into one: power, and for ``phase`` the complex values
+    order : bounce number that is shown alone; None adds all
+    """
+
+    channel: str | None = None
+    quantity: Quantity = "sigma0"
+    limits: tuple[float, float] | None = None
+    span_db: float = 50.0
+    colour_map: str | None = None
+    looks: tuple[int, int] = (1, 1)
+    order: int | None = None
+
+    def check(self) -> None:
+        """Raise a DataError for what no image can be shown with."""
+        if self.quantity not in QUANTITIES:
+            raise DataError(
+                f'picture: quantity "{self.quantity}" is unknown{did_you_mean(self.quantity, QUANTITIES)}; choose one '
+                f"of {', '.join(QUANTITIES)}"
+            )
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
+            raise DataError(
+                f"picture: limits {self.limits[0]:g} and {self.limits[1]:g} are not in order; give the value of black "
+                "first"
+            )
+        if not self.span_db > 0.0:
+            raise DataError(f"picture: span = {self.span_db:g} dB is not above 0; give for example 50")
+        if min(self.looks) < 1:
+            raise DataError(f"picture: looks = {self.looks[0]} x {self.looks[1]} are not at least 1 x 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,42 +88,42 @@ class Display:
 
     Parameters
     ----------
-    values_db : (rows, columns) float64, dB; rows are azimuth, columns range; -inf where there is nothing
+    values : (rows, columns) float64 of the quantity; rows are azimuth, columns range; -inf dB where there is nothing
+    limits : values of black and white
     extent : range of the first column's near edge and the last one's far edge, azimuth likewise, m
     label : quantity and unit of the values
-    averaged : (azimuth, range) pixels whose power was averaged into one
+    averaged : (azimuth, range) pixels that were averaged into one
     """
 
-    values_db: NDArray[np.float64]
+    values: F64
+    limits: tuple[float, float]
     extent: tuple[float, float, float, float]
     label: str
     averaged: tuple[int, int]
 
 
-def prepare(image: SarImage, power: NDArray[np.floating], quantity: Quantity, largest: int) -> Display:
-    """Turn power into decibels, averaging blocks of pixels when the picture would be larger than ``largest``.
+def prepare(image: SarImage, options: PictureOptions, largest: int) -> Display:
+    """Take the quantity out of an image, averaging blocks of pixels as asked for, and until it is small.
 
     Averaging power (multilooking) keeps the mean of speckle, which dropping or smoothing pixels does not.
 
     Parameters
     ----------
-    image : whose grid it is
-    power : (n_azimuth, n_range) float64, linear
-    quantity : what the power is
+    image : whose grid and channel it is
+    options : what to show
     largest : most screen pixels on the longer side
+
+    Raises
+    ------
+    DataError : an option does not fit the image
     """
+    options.check()
+    if options.order is not None:
+        image = of_order(image, options.order)
     grid = image.grid
-    n_azimuth, n_range = power.shape
-    width, height = n_range * grid.range_spacing, n_azimuth * grid.azimuth_spacing
-    smallest_step = max(width, height) / largest  # metres a screen pixel, at least
-    block = (
-        max(1, math.ceil(smallest_step / grid.azimuth_spacing - 1e-9)),
-        max(1, math.ceil(smallest_step / grid.range_spacing - 1e-9)),
-    )
-    rows, columns = n_azimuth // block[0] or 1, n_range // block[1] or 1
-    block = (min(block[0], n_azimuth), min(block[1], n_range))
-    kept = np.asarray(power, dtype=np.float64)[: rows * block[0], : columns * block[1]]
-    mean = kept.reshape(rows, block[0], columns, block[1]).mean(axis=(1, 3))
+    block = _block(image, options.looks, largest)
+    rows, columns = grid.shape[0] // block[0], grid.shape[1] // block[1]
+    values = _values(image, options, block)
     r0 = float(grid.range[0]) - 0.5 * grid.range_spacing
     a0 = float(grid.azimuth[0]) - 0.5 * grid.azimuth_spacing
     extent = (
@@ -69,23 +132,47 @@ def prepare(image: SarImage, power: NDArray[np.floating], quantity: Quantity, la
         a0,
         a0 + rows * block[0] * grid.azimuth_spacing,
     )
-    return Display(db_from_power(mean), extent, _SYMBOLS[quantity], block)
+    limits = options.limits or _limits(values, options, has_clutter(image))
+    return Display(values, limits, extent, _LABELS[options.quantity], block)
 
 
-def limits_db(values_db: NDArray[np.float64], span_db: float = 50.0) -> tuple[float, float]:
+def of_order(image: SarImage, order: int) -> SarImage:
+    """The part of an image that has this bounce number.
+
+    Raises
+    ------
+    DataError : the image does not keep it apart
+    """
+    picks = [i for i, layer in enumerate(image.layers) if layer.order == order]
+    if not picks:
+        raise DataError(
+            f'image: bounce order {order} was not kept apart; set keep_orders to "true" in the scene\'s integrator'
+        )
+    return dataclasses.replace(image, data=image.data[picks], layers=tuple(image.layers[i] for i in picks))
+
+
+def limits_db(values_db: F64, span_db: float = 50.0, *, clutter: bool | None = None) -> tuple[float, float]:
     """Lowest and highest decibel of the grey scale.
 
-    White is the 99.9th percentile, so that a few corner reflectors do not turn the rest black. In a picture that
-    is mostly clutter it is at most 25 dB above the clutter's upper quartile, so that streets show beside the
-    double-bounce lines of a city. Pixels at -inf are left out; without any finite one white is 0 dB.
+    In a picture of clutter the scale hangs on the clutter's level, however much of the picture lies beside the
+    scene or in shadow, and however bright corners are. White is at most the 99.9th percentile. A picture of
+    targets alone has that at white and ``span_db`` below. Pixels at -inf are left out; without any finite one white is
+    0 dB.
+
+    Parameters
+    ----------
+    values_db : (rows, columns) float64
+    span_db : from black to white, at most
+    clutter : whether there is any; None tells it from the values
     """
     finite = values_db[np.isfinite(values_db)]
     if not finite.size:
         return -span_db, 0.0
-    low, high, top = (float(q) for q in np.percentile(finite, (25.0, 75.0, 99.9)))
-    if high - low < _CLUTTER_SPREAD_DB:
-        top = min(top, high + _ABOVE_CLUTTER_DB)
-    return top - span_db, top
+    top = float(np.percentile(finite, 99.9))
+    level = _clutter_db(values_db, clutter)
+    if level is None:
+        return top - span_db, top
+    return level - _CLUTTER_AT * span_db, min(top, level + (1.0 - _CLUTTER_AT) * span_db)
 
 
 def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int]:
@@ -94,7 +181,7 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
     The finer of the two pixel spacings gets a whole number of screen pixels, so that no pixel looks larger than
     its neighbours. Small and narrow pictures are magnified as far as ``largest`` allows.
     """
-    rows, columns = display.values_db.shape
+    rows, columns = display.values.shape
     width = display.extent[1] - display.extent[0]
     height = display.extent[3] - display.extent[2]
     step = min(width / columns, height / rows)
@@ -104,9 +191,79 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
     return max(1, round(width / step * factor)), max(1, round(height / step * factor))
 
 
-def power_of(image: SarImage, channel: str | None, quantity: Quantity) -> NDArray[np.float64]:
-    """Linear power of a channel in the quantity asked for, (n_azimuth, n_range) float64."""
-    return image.sigma0(channel) if quantity == "sigma0" else image.rcs(channel)
+def _block(image: SarImage, looks: tuple[int, int], largest: int) -> tuple[int, int]:
+    """(azimuth, range) pixels to average: ``looks``, and more where the picture would be too large."""
+    grid = image.grid
+    sides = (grid.shape[0] * grid.azimuth_spacing, grid.shape[1] * grid.range_spacing)
+    smallest_step = max(sides) / largest  # metres a screen pixel, at least
+    steps = (grid.azimuth_spacing, grid.range_spacing)
+    return (
+        min(max(looks[0], math.ceil(smallest_step / steps[0] - 1e-9)), grid.shape[0]),
+        min(max(looks[1], math.ceil(smallest_step / steps[1] - 1e-9)), grid.shape[1]),
+    )
 
 
-__all__ = ["Display", "Quantity", "limits_db", "power_of", "prepare", "screen_size"]
+def _values(image: SarImage, options: PictureOptions, block: tuple[int, int]) -> F64:
+    quantity = options.quantity
+    if quantity == "phase":
+        total = image.total(options.channel).astype(np.complex128)
+        return np.asarray(np.angle(_mean(total.real, block) + 1j * _mean(total.imag, block)))
+    power = backscatter(image, "rcs" if quantity == "amplitude" else quantity, options.channel)
+    mean = _mean(power, block)
+    return np.sqrt(mean) if quantity == "amplitude" else db_from_power(mean)
+
+
+def _limits(values: F64, options: PictureOptions, clutter: bool | None) -> tuple[float, float]:
+    if options.quantity == "phase":
+        return -np.pi, np.pi
+    if options.quantity == "amplitude":
+        level = _clutter_db(db_from_power(values**2), clutter)
+        # single looks of clutter reach three times their root mean square
+        top = float(np.percentile(values, 99.9)) if level is None else 3.0 * 10.0 ** (level / 20.0)
+        return 0.0, top or 1.0
+    return limits_db(values, options.span_db, clutter=clutter)
+
+
+def _clutter_db(values_db: F64, known: bool | None) -> float | None:
+    """Level of clutter, dB; None where there is none but targets and their side lobes."""
+    looks = _LOOKS if min(values_db.shape) >= 8 * _LOOKS else 1
+    power = _mean(10.0 ** (np.where(np.isfinite(values_db), values_db, -np.inf) / 10.0), (looks, looks))
+    lit = db_from_power(power[power > 0.0])
+    if known is None and lit.size:
+        low, high = np.percentile(lit, (75.0, 95.0))
+        known = bool(high - low < _CLUTTER_SPREAD_DB)
+    if not known or not lit.size:
+        return None
+    bottom = math.floor(float(lit.min())) - _MODE_WIDTH_DB
+    counts = np.bincount((lit - bottom).astype(int), minlength=_MODE_WIDTH_DB + 1).astype(np.float64)
+    density = np.convolve(counts, np.ones(_MODE_WIDTH_DB), mode="valid")
+    padded = np.pad(density, 1)
+    peak = (density >= padded[:-2]) & (density >= padded[2:]) & (density >= _MODE_SHARE * density.max())
+    first = int(np.flatnonzero(peak)[-1])
+    return float(np.median(lit[(lit >= bottom + first) & (lit < bottom + first + _MODE_WIDTH_DB)]))
+
+
+def has_clutter(image: SarImage) -> bool | None:
+    """Whether anything scatters diffusely, as the simulation says; None where an image does not say."""
+    effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
+    return bool(effect["on"]) if "on" in effect else None
+
+
+def _mean(values: F64, block: tuple[int, int]) -> F64:
+    """Mean over blocks of (azimuth, range) values; what does not fill a block is left out."""
+    rows, columns = values.shape[0] // block[0], values.shape[1] // block[1]
+    kept = np.asarray(values, dtype=np.float64)[: rows * block[0], : columns * block[1]]
+    return np.asarray(kept.reshape(rows, block[0], columns, block[1]).mean(axis=(1, 3)))
+
+
+__all__ = [
+    "QUANTITIES",
+    "Display",
+    "PictureOptions",
+    "Quantity",
+    "has_clutter",
+    "limits_db",
+    "of_order",
+    "prepare",
+    "screen_size",
+]

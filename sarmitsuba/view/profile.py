@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.image.calibration import Quantity, backscatter
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.units import db_from_power
-from sarmitsuba.view.display import Quantity, limits_db, power_of
 
 
 def cut(
@@ -28,9 +28,9 @@ def cut(
     axis : direction that the cut runs in
     at : position on the other axis, m; through the brightest pixel when None
     channel : polarisation; the first when None
-    quantity : ``rcs`` or ``sigma0``
+    quantity : ``rcs``, ``sigma0``, ``beta0`` or ``gamma0``
     """
-    power = power_of(image, channel, quantity)
+    power = backscatter(image, quantity, channel)
     along, other = image.grid.range, image.grid.azimuth
     if axis == "azimuth":
         along, other, power = other, along, power.T
@@ -57,12 +57,12 @@ def profile(
     other = "azimuth" if axis == "range" else "range"
     figure = Figure(figsize=(8.0, 4.0), dpi=100, layout="constrained")
     axes = figure.add_subplot()
-    axes.plot(position, np.maximum(values, limits_db(values)[0] - 100.0), color="black", linewidth=0.8)
     top = float(values.max()) if np.isfinite(values.max()) else 0.0
+    axes.plot(position, np.maximum(values, top - span_db - 100.0), color="black", linewidth=0.8)
     axes.set_ylim(top - span_db, top + 3.0)
     axes.set_xlim(float(position[0]), float(position[-1]))
     axes.set_xlabel(f"{axis} (m)")
-    axes.set_ylabel("radar cross section (dBsm)" if quantity == "rcs" else "sigma0 (dB)")
+    axes.set_ylabel("radar cross section (dBsm)" if quantity == "rcs" else f"{quantity} (dB)")
     axes.set_title(f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9)
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     axes.grid(True, linewidth=0.3)

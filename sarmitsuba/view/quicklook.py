@@ -1,8 +1,10 @@
-"""Quick-look pictures: decibels in grey, axes in metres, range to the right, azimuth up, nothing smoothed."""
+"""Quick-look pictures: grey decibels unless told, axes in metres, range to the right, azimuth up, nothing smoothed."""
 
 import dataclasses
+from io import BytesIO
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,82 +16,119 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.view.display import Display, Quantity, limits_db, power_of, prepare, screen_size
+from sarmitsuba.parameters import did_you_mean
+from sarmitsuba.view.display import Display, PictureOptions, prepare, screen_size
 
 _DPI = 100.0
 _LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
 _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
-_LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 62  # screen pixels around a picture: labels, colour bar, title
+_LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture: labels, colour bar, title
 _NARROWEST = 300  # the title needs that much
+_WINDOWS = ("azimuth_window", "range_window")  # as the focusers record them
 
 
 def quicklook(
     image: SarImage,
+    options: PictureOptions | None = None,
     *,
     channel: str | None = None,
-    quantity: Quantity = "sigma0",
     title: str | None = None,
-    span_db: float = 50.0,
 ) -> Figure:
-    """Draw one channel, all its bounce orders added.
+    """Draw one channel, all its bounce orders added unless told.
 
     Parameters
     ----------
     image : what to draw
-    channel : polarisation; the first when None
-    quantity : ``sigma0`` (clutter) or ``rcs`` (targets), both in dB
+    options : what of it and how; None takes the defaults
+    channel : in place of that in ``options``
     title : first line above the picture; the scene's name when None
-    span_db : from black to white; see :func:`sarmitsuba.view.display.limits_db`
 
     Returns
     -------
     Figure whose picture area has one screen pixel, or a whole number of them, for every image pixel; images
     of more than 1600 pixels are shown with the power of blocks of pixels averaged.
+
+    Raises
+    ------
+    DataError : an option does not fit the image
     """
-    name = channel or image.channels[0]
-    display = prepare(image, power_of(image, name, quantity), quantity, _LARGEST)
+    options = _filled(image, options, channel)
+    display = prepare(image, options, _LARGEST)
     width, height = screen_size(display, _LARGEST, _SMALLEST)
     left = _LEFT + max(0, (_NARROWEST - width) // 2)
     figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
-    picture = _draw(axes, display, image, limits_db(display.values_db, span_db))
+    picture = _draw(axes, display, image, options)
     _arrows(figure, str(image.metadata.get("look_side", "")))
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
-    axes.set_title("\n".join(line for line in (first, _subtitle(image, name, display)) if line), fontsize=9)
+    lines = (first, *_subtitle(image, options, display))
+    axes.set_title("\n".join(line for line in lines if line), fontsize=9)
     return figure
 
 
-def quicklook_by_order(
-    image: SarImage,
-    *,
-    channel: str | None = None,
-    quantity: Quantity = "sigma0",
-    span_db: float = 50.0,
-    columns: int = 3,
-) -> Figure:
-    """Draw every bounce order of a channel beside the others, on one scale; needs layers kept by order."""
-    name = channel or image.channels[0]
+def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> AxesImage:
+    """Draw one channel into axes of the caller's, with labels in metres and without title and colour bar.
+
+    Parameters
+    ----------
+    image : what to draw
+    axes : get equal metres in both directions
+    options : what of it and how; None takes the defaults
+
+    Returns
+    -------
+    what ``figure.colorbar`` takes
+
+    Raises
+    ------
+    DataError : an option does not fit the image
+    """
+    options = _filled(image, options, None)
+    picture = _draw(axes, prepare(image, options, _LARGEST), image, options)
+    axes.set_aspect("equal")
+    return picture
+
+
+def png(image: SarImage, options: PictureOptions | None = None, *, title: str | None = None) -> bytes:
+    """`quicklook` as the bytes of a PNG file."""
+    buffer = BytesIO()
+    FigureCanvasAgg(quicklook(image, options, title=title)).print_figure(buffer, format="png", dpi=_DPI)
+    return buffer.getvalue()
+
+
+def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *, columns: int = 3) -> Figure:
+    """Draw every bounce order of a channel beside the others, on one scale; needs layers kept by order.
+
+    Parameters
+    ----------
+    image : what to draw
+    options : what of it and how; None takes the defaults
+    columns : of panels, at most
+
+    Raises
+    ------
+    DataError : the image does not keep orders apart, or an option does not fit it
+    """
+    options = _filled(image, options, None)
     orders = bounce_orders(image)
     if not orders:
         raise DataError(
             'image: bounce orders were not kept apart; set keep_orders to "true" in the scene\'s integrator'
         )
-    displays = [
-        prepare(image, power_of(_only(image, order), name, quantity), quantity, _LARGEST_PANEL)
-        for order in orders
-    ]
+    limits = prepare(image, options, _LARGEST_PANEL).limits
+    apart = [dataclasses.replace(options, order=order, limits=limits) for order in orders]
+    displays = [prepare(image, one, _LARGEST_PANEL) for one in apart]
     width, height = screen_size(displays[0], _LARGEST_PANEL, _SMALLEST_PANEL)
     columns = min(columns, len(orders))
     rows = -(-len(orders) // columns)
     step_x, step_y = width + _LEFT - 20, height + _BOTTOM + 20
     figure = _figure(columns * step_x + _RIGHT + 20, rows * step_y + 40)
-    limits = limits_db(np.concatenate([d.values_db.ravel() for d in displays]), span_db)
     for i, (order, display) in enumerate(zip(orders, displays, strict=True)):
         left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
         axes = _axes(figure, left, bottom, width, height)
-        picture = _draw(axes, display, image, limits)
-        axes.set_title(f"{name}, {order} bounce{'s' if order > 1 else ''}", fontsize=9)
+        picture = _draw(axes, display, image, options)
+        axes.set_title(f"{options.channel}, {order} bounce{'s' if order > 1 else ''}", fontsize=9)
         if i % columns:
             axes.set_ylabel("")
     _arrows(figure, str(image.metadata.get("look_side", "")))
@@ -108,9 +147,19 @@ def save(figure: Figure, path: Path | str) -> None:
         FigureCanvasAgg(figure).print_figure(temporary, format="png", dpi=_DPI)
 
 
-def _only(image: SarImage, order: int) -> SarImage:
-    picks = [i for i, layer in enumerate(image.layers) if layer.order == order]
-    return dataclasses.replace(image, data=image.data[picks], layers=tuple(image.layers[i] for i in picks))
+def _filled(image: SarImage, options: PictureOptions | None, channel: str | None) -> PictureOptions:
+    """Options with the channel and the colour map named, both checked."""
+    options = options or PictureOptions()
+    name = channel or options.channel or image.channels[0]
+    if name not in image.channels:
+        raise DataError(f'picture: the image has no channel "{name}"; it has {", ".join(image.channels)}')
+    colours = options.colour_map or ("twilight" if options.quantity == "phase" else "gray")
+    if colours not in matplotlib.colormaps:
+        raise DataError(
+            f'picture: colour map "{colours}" is unknown{did_you_mean(colours, matplotlib.colormaps)}; take one of '
+            "Matplotlib's, such as gray, viridis or inferno"
+        )
+    return dataclasses.replace(options, channel=name, colour_map=colours)
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -124,11 +173,12 @@ def _axes(figure: Figure, left: float, bottom: float, width: float, height: floa
     return figure.add_axes(box)
 
 
-def _draw(axes: Axes, display: Display, image: SarImage, limits: tuple[float, float]) -> AxesImage:
-    values = np.where(np.isfinite(display.values_db), display.values_db, limits[0])
+def _draw(axes: Axes, display: Display, image: SarImage, options: PictureOptions) -> AxesImage:
+    limits = display.limits
+    values = np.where(np.isfinite(display.values), display.values, limits[0])
     picture = axes.imshow(
         values,
-        cmap="gray",
+        cmap=options.colour_map,
         vmin=limits[0],
         vmax=limits[1],
         extent=display.extent,
@@ -168,15 +218,21 @@ def _colour_bar(
     bar.ax.tick_params(labelsize=8)
 
 
-def _subtitle(image: SarImage, channel: str, display: Display) -> str:
-    parts = [
-        channel,
+def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tuple[str, ...]:
+    facts = [
+        str(options.channel),
         f"{SPEED_OF_LIGHT / image.wavelength / 1e9:.4g} GHz",
         f"cell {image.azimuth_resolution_cell:.3g} x {image.range_resolution_cell:.3g} m (azimuth x range)",
     ]
+    if options.order is not None:
+        facts.insert(1, f"{options.order} bounce{'s' if options.order > 1 else ''}")
+    focus = image.metadata.get("focus", {})
+    windows = list(dict.fromkeys(str(focus[key]) for key in _WINDOWS if key in focus))
+    more = [f"window {' x '.join(windows)}"] if windows else []
     if max(display.averaged) > 1:
-        parts.append(f"power of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
-    return ",  ".join(parts)
+        what = "complex values" if options.quantity == "phase" else "power"
+        more.append(f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged")
+    return ",  ".join(facts), ",  ".join(more)
 
 
-__all__ = ["bounce_orders", "quicklook", "quicklook_by_order", "save"]
+__all__ = ["bounce_orders", "draw", "png", "quicklook", "quicklook_by_order", "save"]

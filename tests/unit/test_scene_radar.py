@@ -9,6 +9,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.mode import MODES, AimGeometry
 
 SMALL = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
@@ -26,7 +27,7 @@ def described(film: dict | None = None, folder: Path = Path(), **sensor: object)
 
 
 def build(bounds: np.ndarray = SMALL, film: dict | None = None, **sensor: object):
-    return build_radar(described(film, **sensor), bounds)
+    return build_radar(described(film, **sensor), Extent.of_box(*bounds))
 
 
 def test_broadside_geometry() -> None:
@@ -88,7 +89,7 @@ def test_an_aperture_described_twice_is_refused() -> None:
 def test_a_low_prf_is_said() -> None:
     with pytest.warns(
         SarmitsubaWarning,
-        match='^scene.xml: sensor "radar": prf = 20 Hz is below the Doppler bandwidth .* Hz; raise prf or narrow the',
+        match=r"^scene.xml: sensor \"radar\": prf = 20 Hz is below .* Hz of the image; raise prf to .* Hz, or narrow",
     ):
         build(prf=20.0)
 
@@ -171,16 +172,18 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "track.csv", rows, delimiter=",", header="time_s, x_m, y_m, z_m", fmt="%.17g")
     offset = np.array([1e6, 2e6, 0.0])
     given = described(folder=tmp_path, track_file="track.csv", aim_x=1e6, aim_y=2e6)
-    radar, image, _ = build_radar(given, SMALL, offset)
+    radar, image, _ = build_radar(given, Extent.of_box(*SMALL), offset)
     np.testing.assert_allclose(radar.track.position[:, 0], -3000.0, atol=1e-9)  # tol: float64 at 1e6
     assert radar.look_side == "right"
     assert (image.center_x, image.center_y) == (0.0, 0.0)
     with pytest.raises(RadarError, match="prf has no effect beside track_file"):
-        build_radar(described(folder=tmp_path, track_file="track.csv", prf=5.0), SMALL, offset)
+        build_radar(
+            described(folder=tmp_path, track_file="track.csv", prf=5.0), Extent.of_box(*SMALL), offset
+        )
     with pytest.raises(RadarError, match="look_side = left, but the aim point"):
         build_radar(
             described(folder=tmp_path, track_file="track.csv", aim_x=1e6, aim_y=2e6, look_side="left"),
-            SMALL,
+            Extent.of_box(*SMALL),
             offset,
         )
 
@@ -195,7 +198,7 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
             "does not hold the scene, whose slant ranges",
         ),
         (SMALL, {"near_range": 200.0, "far_range": 100.0}, {}, "near_range = 200 m is not below far_range"),
-        (np.add(SMALL, [5e4, 0, 0]), {}, {}, "they do not overlap; move the aim point"),
+        (np.add(SMALL, [5e4, 0, 0]), {}, {"aim_x": 0.0}, "they do not overlap; move the aim point"),
         (SMALL, {"image_center_x": 3000.0}, {}, "they do not overlap"),
         (SMALL, {"image_height": 8000.0}, {}, "image_height = 8000 m is not below the antenna at 7071"),
         (SMALL, {"image_center_x": -8000.0}, {}, "on the side it does not look to"),
@@ -218,7 +221,7 @@ def test_track_file_in_file_coordinates(tmp_path: Path) -> None:
             "make an aperture of 5e.202 m, more than four slant ranges",
         ),
         (SMALL, {"pixel_spacing_range": 1e-9}, {}, "pixels is larger than"),
-        (np.add(SMALL, [0, 0, 8000.0]), {"image_center_x": 0.0}, {}, "below the whole scene"),
+        (np.add(SMALL, [0, 0, 8000.0]), {"image_center_x": 0.0}, {"aim_z": 0.0}, "below the whole scene"),
         (SMALL, {}, {"bandwidth": 1e11}, "must be below twice"),
     ],
 )
@@ -232,7 +235,7 @@ def test_scene_outside_the_beam_is_refused() -> None:
     beam = {"pattern": "gaussian", "azimuth_beamwidth_deg": 0.2, "elevation_beamwidth_deg": 1.0}
     film = {"image_extent_azimuth": 2000.0, "image_extent_range": 2000.0}
     with pytest.raises(RadarError, match=r"outside the beam, .* deg off in azimuth"):
-        build(np.array([[300.0, 300, 0], [310, 310, 5]]), film, **beam)
+        build(np.array([[300.0, 300, 0], [310, 310, 5]]), film, aim_x=0.0, aim_y=0.0, **beam)
 
 
 def test_a_window_that_cuts_the_image_is_said() -> None:
@@ -243,7 +246,7 @@ def test_a_window_that_cuts_the_image_is_said() -> None:
 def test_huge_geometry_gets_a_bounded_image() -> None:
     _, image, notes = build(np.array([[-5000.0, -5000, 0], [5000, 5000, 10]]), azimuth_resolution=0.5)
     assert image.extent_azimuth == pytest.approx(1024.0)  # tol: rounding
-    assert any("image_extent_azimuth limited" in note for note in notes)
+    assert any("(image_extent_azimuth); raise image_extent_limit" in note for note in notes)
 
 
 def test_every_mode_holds_the_beam_on_the_aim_point_at_mid_aperture() -> None:

@@ -1,0 +1,106 @@
+"""Draw an image that is there already again: other limits, colours, quantity, channel or looks; nothing is computed."""
+
+import argparse
+from pathlib import Path
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.errors import DataError
+
+NAME = "picture"
+HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
+
+_QUANTITIES = ("sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "image", metavar="OUT", help="folder that `render` or `focus` wrote, or an image file (image.h5)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="PNG file to write (default: the quick-look of that channel beside the image, written over)",
+    )
+    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
+    parser.add_argument(
+        "--quantity",
+        choices=_QUANTITIES,
+        default="sigma0",
+        help="what to show: sigma0, gamma0, beta0, rcs in dB; amplitude, m; phase, rad (default: sigma0)",
+    )
+    parser.add_argument(
+        "--limits",
+        nargs=2,
+        type=float,
+        metavar=("BLACK", "WHITE"),
+        help="values at both ends of the scale (default: from the image)",
+    )
+    parser.add_argument(
+        "--span",
+        type=float,
+        default=50.0,
+        metavar="DB",
+        help="from black to white without --limits (default: 50)",
+    )
+    parser.add_argument(
+        "--colour-map", metavar="NAME", help="one of Matplotlib's, such as viridis (default: gray)"
+    )
+    parser.add_argument(
+        "--looks",
+        nargs=2,
+        type=int,
+        default=(1, 1),
+        metavar=("AZIMUTH", "RANGE"),
+        help="pixels averaged into one (multi-look)",
+    )
+    parser.add_argument(
+        "--order", type=int, metavar="N", help="one bounce number alone, where they were kept apart"
+    )
+    parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Draw."""
+    from sarmitsuba.commands.output import OutputFolder
+    from sarmitsuba.commands.results import picture_name
+    from sarmitsuba.io import read_image
+    from sarmitsuba.view.display import PictureOptions
+    from sarmitsuba.view.quicklook import quicklook, save
+
+    given = Path(args.image)
+    source = _image_in(given) if given.is_dir() else given
+    image = read_image(source)
+    options = PictureOptions(
+        channel=args.channel,
+        quantity=args.quantity,
+        limits=tuple(args.limits) if args.limits else None,
+        span_db=args.span,
+        colour_map=args.colour_map,
+        looks=tuple(args.looks),
+        order=args.order,
+    )
+    figure = quicklook(image, options, title=args.title)
+    if args.output:
+        target = Path(args.output)
+        save(figure, target)
+    else:
+        with OutputFolder(source.parent).writing(picture_name(image.channels, args.channel)) as target:
+            save(figure, target)
+    console.say(str(target))
+    return 0
+
+
+def _image_in(folder: Path) -> Path:
+    """The image file that ``render`` or ``focus`` wrote into a folder."""
+    from sarmitsuba.io import FORMATS
+
+    names = [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
+    found = [folder / name for name in names if (folder / name).is_file()]
+    if not found:
+        raise DataError(f"{folder}: there is no image in it; one of {', '.join(names)} is needed")
+    return found[0]
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "run"]

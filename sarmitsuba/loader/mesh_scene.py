@@ -1,0 +1,103 @@
+"""Mesh files as scenes: glTF, obj, ply, stl, off; materials by name, unit and up axis by standard, guess or option."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.collect import Collector
+from sarmitsuba.loader.mesh_files import MeshPart, read_parts
+from sarmitsuba.loader.mesh_materials import check_chosen
+from sarmitsuba.mesh.units import doubtful_unit, up_axis
+
+F64 = NDArray[np.float64]
+
+Up = Literal["auto", "y", "z"]
+UPS: tuple[str, ...] = get_args(Up)
+UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+_GLTF = (".glb", ".gltf")
+
+
+@dataclass(frozen=True)
+class MeshOptions:
+    """What a mesh file does not say of itself.
+
+    Parameters
+    ----------
+    up : axis of the file that points up; ``auto`` is y in glTF, as its standard says, and else guessed
+    unit : of the file's coordinates, a name of ``UNITS``; ``auto`` is metres where that can be
+    materials : material of the library by the file's name of it, in place of what the name says
+    """
+
+    up: Up = "auto"
+    unit: str = "auto"
+    materials: Mapping[str, str] = field(default_factory=dict)
+
+
+def is_mesh_file(path: Path) -> bool:
+    """Whether a file is read as a mesh, by its suffix."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def add_mesh_file(collector: Collector, path: Path, options: MeshOptions) -> None:
+    """Take in every part of a mesh file, turned upright and in metres, and say what was assumed.
+
+    Raises
+    ------
+    SceneError : the file cannot be read, cannot be in metres, or an option does not fit it
+
+    Warns
+    -----
+    SarmitsubaWarning : about materials whose names say nothing, which are read as concrete
+    """
+    parts = read_parts(path, path.name)
+    check_chosen(options.materials, {part.material for part in parts if part.material}, path.name)
+    turn, said = _turn(path, parts, options)
+    scale = _scale(path, parts, turn, options)
+    matrix = scale * turn
+    vertices = [part.vertices @ matrix.T for part in parts]
+    span = np.ptp(np.concatenate(vertices), axis=0)
+    collector.notes.append(
+        f"{path.name}: {said}, unit {options.unit if options.unit != 'auto' else 'm'}: {span[0]:.4g} m x "
+        f"{span[1]:.4g} m wide and {span[2]:.4g} m high (--up and --unit change that)"
+    )
+    collector.add_parts(path.name, parts, vertices, options.materials)
+
+
+def _turn(path: Path, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
+    """(3, 3) rotation of the file's axes into east, north, up, and what is said of it."""
+    if options.up != "auto":
+        up, said = options.up, f"{options.up} up as asked"
+    elif path.suffix.lower() in _GLTF:
+        up, said = "y", "y up as glTF has it"
+    else:
+        up = "y" if up_axis(_triangles(parts)) == 1 else "z"
+        said = f"{up} up by its shape"
+    if up == "y":  # x stays, y turns to z
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), said
+    return np.eye(3), said
+
+
+def _scale(path: Path, parts: list[MeshPart], turn: F64, options: MeshOptions) -> float:
+    """Metres of the file's unit."""
+    if options.unit != "auto":
+        return UNITS[options.unit]
+    doubt = doubtful_unit(_triangles(parts) @ turn.T)
+    if doubt:
+        raise SceneError(
+            f"{path.name}: the unit cannot be the metre, {doubt}; give --unit {', '.join(UNITS)}, or "
+            '--unit m if it is right, or --up where "up" is wrong'
+        )
+    return 1.0
+
+
+def _triangles(parts: list[MeshPart]) -> F64:
+    return np.concatenate([part.vertices[part.faces] for part in parts])
+
+
+__all__ = ["SUFFIXES", "UNITS", "UPS", "MeshOptions", "add_mesh_file", "is_mesh_file"]

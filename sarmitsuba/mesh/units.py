@@ -1,0 +1,56 @@
+"""Unit and up axis of a model that does not say them: whether it can be in metres, and which way is up."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+# beyond the tallest building (828 m), m
+TALLEST_WALL = 1000.0
+# what is as tall as that, as compact as a building and as steep is none: height over width, share of steep surface
+_COMPACT, _STEEP_SHARE = 0.2, 0.05
+# cosine of what counts as level, and how much more of it decides
+_LEVEL, _MORE = 0.9, 1.5
+
+
+def doubtful_unit(triangles: F64) -> str:
+    """Why a model's unit cannot be the metre; empty where it can.
+
+    Walls higher than the tallest building say so, and bodies that are as tall, compact and steep. Mountains are flat
+    beside that.
+
+    Parameters
+    ----------
+    triangles : (n, 3, 3) float64 corners in the model's unit, z up
+    """
+    if not len(triangles):
+        return ""
+    span = np.ptp(triangles.reshape(-1, 3), axis=0)
+    if span[2] <= TALLEST_WALL:
+        return ""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    steep = np.abs(normal[:, 2]) < 0.2 * area
+    tallest = float(np.ptp(triangles[steep, :, 2], axis=1).max()) if steep.any() else 0.0
+    if tallest > TALLEST_WALL:
+        return f"it has walls of {tallest:.4g} m"
+    if span[2] > _COMPACT * span[:2].max() and area[steep].sum() > _STEEP_SHARE * area.sum():
+        return f"it is {span[0]:.4g} m x {span[1]:.4g} m wide and {span[2]:.4g} m high"
+    return ""
+
+
+def up_axis(triangles: F64) -> int:
+    """Axis that points up, 1 (y) or 2 (z): y where the model is flattest there and most of its level surface faces it.
+
+    Parameters
+    ----------
+    triangles : (n, 3, 3) float64 corners
+    """
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    level = [float(size[np.abs(normal[:, axis]) > _LEVEL * size].sum()) for axis in range(3)]
+    span = np.ptp(triangles.reshape(-1, 3), axis=0)
+    return 1 if level[1] > _MORE * level[2] and span[1] < span[2] else 2
+
+
+__all__ = ["TALLEST_WALL", "doubtful_unit", "up_axis"]

@@ -1,0 +1,81 @@
+"""Values that are allowed and yet look like a mistake of units: one clear line each."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+
+F64 = NDArray[np.float64]
+
+# a track that stays within the numbers of longitude and latitude, this high and this slow, is one: rails on which
+# radars creep stand near the ground
+_DEGREES = np.array([180.0, 90.0])
+_SLOW, _HIGH = 0.2, 50.0  # m/s, m
+
+
+def doubtful_angles(given: RadarInput) -> list[str]:
+    """A look angle that may be in radians."""
+    look = given.sensor.look_angle_deg
+    if look >= 0.5 * np.pi:
+        return []
+    return [
+        f"{given.where}: look_angle_deg = {look:g} deg looks straight down; if it is meant in radians, give "
+        f"{np.degrees(look):.4g}"
+    ]
+
+
+def doubtful_track(given: RadarInput, track: Track, offset: F64) -> list[str]:
+    """A track whose x and y may be longitude and latitude in degrees."""
+    position = track.position + offset
+    if track.n_pulses < 2 or (np.abs(position[:, :2]) > _DEGREES).any():
+        return []
+    steps = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
+    speed = float(steps.sum() / (track.time[-1] - track.time[0]))
+    if not 0.0 < speed < _SLOW or position[:, 2].min() < _HIGH:
+        return []
+    return [
+        f"{given.sensor.track_file or given.where}: the antenna moves at {speed:.2g} m/s at a height of "
+        f"{position[:, 2].mean():.4g} m: are x and y longitude and latitude? give metres in the scene's frame"
+    ]
+
+
+def doubtful_pixels(image: ImageRequest, radar: Radar, where: str) -> list[str]:
+    """Pixels wider than a resolution cell, which miss what lies between them.
+
+    Parameters
+    ----------
+    image : with its pixel spacings
+    radar : whose track and bandwidth give the cells
+    where : start of every line
+    """
+    look = np.array([image.center_x, image.center_y, image.height]) - radar.track.center_position
+    sine = float(np.linalg.norm(look[:2]) / np.linalg.norm(look))
+    range_cell = radar.waveform.range_cell / (max(sine, 1e-9) if image.grid == "ground" else 1.0)
+    return [
+        f"{where}: {name} = {spacing:g} m is wider than the resolution cell of {cell:.4g} m, so that what lies between "
+        f"pixels is missing; give at most {cell:.4g} m, or 0 for half of it"
+        for name, spacing, cell in (
+            ("pixel_spacing_azimuth", image.spacing_azimuth, _azimuth_cell(radar)),
+            ("pixel_spacing_range", image.spacing_range, range_cell),
+        )
+        if spacing > cell * (1.0 + 1e-6)
+    ]
+
+
+def _azimuth_cell(radar: Radar) -> float:
+    """Azimuth cell of the aperture of the image's centre, m; infinite for a single pulse."""
+    if np.isfinite(radar.half_aperture):
+        return radar.waveform.wavelength / (4.0 * radar.half_aperture)
+    look = radar.track.position - radar.aim_point
+    sine = (look @ radar.track.along) / np.linalg.norm(look, axis=1)
+    return radar.waveform.wavelength / (2.0 * max(float(np.ptp(sine)), 1e-30))
+
+
+__all__ = [
+    "doubtful_angles",
+    "doubtful_pixels",
+    "doubtful_track",
+]

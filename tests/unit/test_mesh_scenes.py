@@ -1,0 +1,147 @@
+"""Mesh files as scenes: up axis, unit and materials come out right or are asked for; nothing is dropped silently."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from sarmitsuba.errors import RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loader.mesh_materials import kind_of
+from sarmitsuba.loader.mesh_scene import MeshOptions
+from sarmitsuba.scene.scene import Scene
+
+RADAR = "airborne_x"
+
+
+def town() -> trimesh.Scene:
+    """A wide ground, a tall wall of brick on it, and a window pane: 40 m x 30 m x 12 m, z up, metres."""
+    scene = trimesh.Scene()
+    parts = (
+        ("Ground", (40.0, 30.0, 0.2), (0.0, 0.0, -0.1)),
+        ("BrickWall", (8.0, 6.0, 12.0), (5.0, 3.0, 6.0)),
+        ("window.001", (2.0, 0.1, 2.0), (5.0, -0.05, 3.0)),
+    )
+    for grey, (name, size, place) in enumerate(parts):
+        box = trimesh.creation.box(size, transform=trimesh.transformations.translation_matrix(place))
+        material = trimesh.visual.material.PBRMaterial(name=name, baseColorFactor=[10 * grey] * 3)
+        box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+        scene.add_geometry(box, node_name=name)
+    return scene
+
+
+def upright(scene: trimesh.Scene) -> trimesh.Scene:
+    return scene.apply_transform(trimesh.transformations.rotation_matrix(-0.5 * np.pi, [1, 0, 0]))
+
+
+def check(scene: Scene, kinds: tuple[str, ...]) -> None:
+    low, high = scene.geometry.bounds + scene.offset
+    # tol: float32 coordinates of glTF, text of obj
+    np.testing.assert_allclose(low, [-20.0, -15.0, -0.2], atol=1e-4)
+    np.testing.assert_allclose(high, [20.0, 15.0, 12.0], atol=1e-4)
+    assert scene.geometry.n_faces == 36
+    expected = {kind_of(name, {}) for name in kinds}
+    epsilon = {m.permittivity for m in scene.materials}
+    assert len(scene.materials) == len(kinds) and len(epsilon) == len(expected)
+
+
+NAMES = ("Ground", "BrickWall", "window.001")
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("suffix", ["glb", "gltf", "obj"])
+def test_a_model_is_turned_upright_with_its_materials(tmp_path: Path, suffix: str, up: str) -> None:
+    scene = upright(town()) if up == "y" else town()
+    path = tmp_path / f"town.{suffix}"
+    scene.export(path)
+    options = None
+    if up == "z" and suffix != "obj":
+        options = MeshOptions(up="z")  # against the standard of glTF, which has y up
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        loaded = load_scene(path, radar=RADAR, mesh=options)
+    check(loaded, NAMES)
+    assert any(f"{up} up" in note and "40 m x 30 m wide and 12.2 m high" in note for note in loaded.notes)
+    assert any('"BrickWall" brick' in note and '"window.001" glass' in note for note in loaded.notes)
+    # the radar aims at the middle, on the ground
+    # tol: one ground box is 0.2 m thick
+    np.testing.assert_allclose(loaded.radar.aim_point + loaded.offset, [0.0, 0.0, -0.1], atol=0.11)
+
+
+def test_an_obj_keeps_its_materials_without_its_mtl_file(tmp_path: Path) -> None:
+    town().export(tmp_path / "town.obj")
+    for other in tmp_path.glob("*.mtl"):
+        other.unlink()
+    check(load_scene(tmp_path / "town.obj", radar=RADAR), NAMES)
+
+
+def test_the_unit_is_asked_for_where_it_cannot_be_metres(tmp_path: Path) -> None:
+    town().apply_scale(1000.0).export(tmp_path / "town.obj")
+    with pytest.raises(SceneError, match=r"cannot be the metre, it has walls of 1.2e\+04 m; give --unit"):
+        load_scene(tmp_path / "town.obj", radar=RADAR)
+    check(load_scene(tmp_path / "town.obj", radar=RADAR, mesh=MeshOptions(unit="mm")), NAMES)
+
+
+def test_names_that_say_nothing_are_said(tmp_path: Path) -> None:
+    trimesh.creation.box((10, 10, 10)).export(tmp_path / "box.ply")
+    with pytest.warns(SarmitsubaWarning, match="names say nothing are read as concrete: no name"):
+        load_scene(tmp_path / "box.ply", radar=RADAR)
+    (tmp_path / "a.obj").write_text("usemtl M17\nv 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\n")
+    with pytest.warns(SarmitsubaWarning, match='read as concrete: "M17"'):
+        load_scene(tmp_path / "a.obj", radar=RADAR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        chosen = load_scene(tmp_path / "a.obj", radar=RADAR, mesh=MeshOptions(materials={"M17": "pec"}))
+    assert [m.pec for m in chosen.materials] == [True]
+    with pytest.raises(SceneError, match='no material "M18" in this file; did you mean "M17"'):
+        load_scene(tmp_path / "a.obj", radar=RADAR, mesh=MeshOptions(materials={"M18": "pec"}))
+    with pytest.raises(SceneError, match='"brik" is no known material; did you mean "brick"'):
+        load_scene(tmp_path / "a.obj", radar=RADAR, mesh=MeshOptions(materials={"M17": "brik"}))
+
+
+def test_a_mesh_needs_a_radar_and_its_options_need_a_mesh(tmp_path: Path) -> None:
+    town().export(tmp_path / "town.glb")
+    with pytest.raises(RadarError, match="lay a radar over the scene with --radar"):
+        load_scene(tmp_path / "town.glb")
+    with pytest.raises(SceneError, match="given to mesh files only"):
+        load_scene("tower", mesh=MeshOptions(unit="mm"))
+
+
+XML = """<scene version="3.0.0"><sensor type="sar_antenna"/>
+<bsdf type="radar_material" id="steel"><string name="material" value="pec"/></bsdf>
+<shape type="obj"><string name="filename" value="town.obj"/>{bsdf}</shape></scene>"""
+
+
+def test_materials_of_an_obj_in_a_scene_file(tmp_path: Path) -> None:
+    town().export(tmp_path / "town.obj")
+    (tmp_path / "own.xml").write_text(XML.format(bsdf=""))
+    check(load_scene(tmp_path / "own.xml"), NAMES)
+    (tmp_path / "bsdf.xml").write_text(XML.format(bsdf='<ref id="steel"/>'))
+    replaced = load_scene(tmp_path / "bsdf.xml")
+    assert [m.name for m in replaced.materials] == ["steel"]
+    assert any('"steel" replaces the materials of town.obj: ' in note for note in replaced.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("itu_concrete", "concrete"),
+        ("mat-itu_wood", "wood"),
+        ("Brick.003", "brick"),
+        ("old StoneWall", "marble"),
+        ("wet ground", "wet_ground"),
+        ("steel_beam", "metal"),
+        ("broadway", ""),  # no road in it
+        ("Material.001", ""),
+    ],
+)
+def test_kinds_by_name(name: str, kind: str) -> None:
+    assert kind_of(name, {}) == kind
+
+
+def test_a_scene_of_mirrors_says_that_it_is_black(tmp_path: Path) -> None:
+    mirrors = load_scene("dihedral")
+    assert any("no material has a diffuse law: the image is black" in note for note in mirrors.notes)
+    assert not any("image is black" in note for note in load_scene("tower").notes)
