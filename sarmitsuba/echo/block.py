@@ -164,6 +164,7 @@ def plan_block(
     reach = float(np.abs(tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
+    range_rate_step = min(range_rate_step, _step_within_beam(radar, start, stop, range_rate_kernel))
     n_range_rate = (
         int(np.ceil((range_rate_high - range_rate_low) / range_rate_step)) + 2 * range_rate_kernel.margin + 2
     )
@@ -203,6 +204,24 @@ def plan_block(
         geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
         kernel_error_db=_kernel_error_db(width, range_rate_width),
     )
+
+
+def _step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKernel) -> float:
+    r"""Longest cell along the range rate within which the azimuth pattern hardly bends, m/s; infinite without one.
+
+    A path is spread over some cells, each of which gets the pattern's value of its own: their mean is off by half the
+    pattern's second derivative times the kernel's second moment,
+    :math:`\ln 2 \, m_2 \Delta^2 / (v \sin(\theta / 2))^2` at the beam's peak, which is kept at the kernel's own error.
+    """
+    if radar.antenna.pattern == "isotropic":
+        return float(np.inf)
+    taps = np.asarray(kernel.taps(np.array(0.5)))
+    distance = np.arange(kernel.width) - kernel.lead - 0.5
+    second_moment = max(float(taps @ distance**2 / taps.sum()), 0.25)
+    allowed = 10.0 ** (kernel.error_db / 20.0)
+    speed = float(np.linalg.norm(radar.track.velocity[start:stop], axis=1).min())
+    beam = float(np.sin(0.5 * radar.antenna.azimuth_beamwidth)) * speed
+    return beam * float(np.sqrt(allowed / (np.log(2.0) * second_moment)))
 
 
 def choose_block_length(

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.block import least_error_db
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Run
@@ -85,7 +84,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         notes += check_sampling(run.sampling, run.report.spacings)
         notes += check_small_parts(run.sampling, run.shortfalls)
         plan = plan.with_key_pulses(
-            run.report.key_pulse_interval, block_error_db(settings), settings.key_pulse_interval > 0
+            run.report.key_pulse_interval, run.report.block_error_db, settings.key_pulse_interval > 0
         )
     raw = RawData(data, layers, "compressed", radar)
     if plan.on("noise"):
@@ -98,14 +97,15 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
 def _trace(
     run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], pass_index: int, progress: Progress
 ) -> SamplingReport:
-    """Fill ``data`` (layers, pulses, samples) subset by subset."""
+    """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     lattices = run.lattices(sampling, pass_index)
-    for i, grids in enumerate(lattices):
-        for done, batch in tracer.batches(grids, data[run.layers.of_subset(i)], run.layers.max_order):
-            run.statistics = run.statistics.plus(batch)
-            rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-            progress("trace", i + done, len(lattices), {"rays/s": rate})
+    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
+    run.timer.lap("plan")
+    for done, batch in blocks.trace():
+        run.statistics = run.statistics.plus(batch)
+        rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
+        progress("trace", done, 1.0, {"rays/s": rate})
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     pulse = run.scene.radar.track.center_index
@@ -114,14 +114,10 @@ def _trace(
         spacings=LatticeSpacings.of(middle),
         rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
         scatterer_cell=sampling.scatterer_cell,
-        key_pulse_interval=tracer.sampling.key_pulse_interval,
+        key_pulse_interval=blocks.interval,
+        block_error_db=blocks.error_db,
         grid_bytes=tracer.largest_grid,
     )
-
-
-def block_error_db(settings: TraceSettings) -> float:
-    """Error that a block of pulses may have against tracing every one: the tolerance, or what the gridding allows."""
-    return least_error_db(settings.gridding_width, settings.tolerance_db)
 
 
 def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
@@ -147,4 +143,4 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
     return [text]
 
 
-__all__ = ["block_error_db", "echoes", "simulate"]
+__all__ = ["echoes", "simulate"]

@@ -15,9 +15,9 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
-from sarmitsuba.simulation.raw import block_error_db
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import middle_pulses
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -72,12 +72,16 @@ class _Traced:
     ----------
     seconds : by stage
     statistics : of the whole run
-    share : of one ray subset's pulses that was traced to find out
+    share : of the pulses that was traced to find out
+    interval : pulses that share one tracing
+    error_db : that this makes against tracing every pulse
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
     share: float
+    interval: int
+    error_db: float
 
 
 def predict(
@@ -85,8 +89,9 @@ def predict(
 ) -> tuple[EffectsPlan, Prediction]:
     """Plan a scene and predict what simulating and focusing it takes.
 
-    One batch of the real run is traced and synthesised twice (the first time compiles its kernels, which the run then
-    finds compiled), and a sixteenth of the pulses is focused onto the whole image.
+    The two blocks of pulses in the middle of the real run are traced (which compiles its kernels, so that the run then
+    finds them compiled, and measures their error), one of them again, and a sixteenth of the pulses is focused onto the
+    whole image.
 
     Parameters
     ----------
@@ -113,9 +118,9 @@ def predict(
         traced = _tracing(run, run.sampling, data, clock)
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
-        stats, interval = traced.statistics, run.sampling.key_pulse_interval
-        planned = planned.with_key_pulses(interval, block_error_db(settings), settings.key_pulse_interval > 0)
-        untouched = data.nbytes * max(0.0, 1.0 - traced.share / len(run.layers.subsets))
+        stats, interval = traced.statistics, traced.interval
+        planned = planned.with_key_pulses(interval, traced.error_db, settings.key_pulse_interval > 0)
+        untouched = data.nbytes * max(0.0, 1.0 - traced.share)
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
     seconds["focus"], pixels, loading = _focus_seconds(run.scene, layers, data, clock)
@@ -139,7 +144,7 @@ def predict(
 
 
 def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
-    """Trace the first batch of the run, twice, and take all others to be like it."""
+    """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
     lattices = run.lattices(sampling, 0)
     seconds = dict(run.timer.seconds)
@@ -154,23 +159,29 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     seconds["plan"] = _steady(choosing)["plan"]
     tracer = run.tracer(sampling)
     _ = sampling.key_pulse_interval  # kept from here on
+    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
     start = clock()
-    done, stats = next(tracer.batches(lattices[0], target, run.layers.max_order))
+    settled = blocks.settle()  # also compiles
     first = clock() - start
+    done, stats = 0.0, TraceStatistics()
 
     def batch() -> Mapping[str, float]:
+        nonlocal done, stats
         tracer.timer = StageTimer(clock)
-        next(tracer.batches(lattices[0], target, run.layers.max_order))
+        done, stats = blocks.sample()
         return {stage: tracer.timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
 
     stages = _steady(batch)
     more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
     whole = stats.scaled(more / done)
-    speed = SpeedModel.measured(Work(rays=stats.rays, samples=target.size * done), stages)
+    layers = len(data) / len(lattices)
+    speed = SpeedModel.measured(Work(rays=stats.rays, samples=layers * data[0].size * done), stages)
     predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
     seconds |= {stage: predicted[stage] for stage in stages}
-    seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
-    return _Traced(seconds, whole, done)
+    batches = settled.rays / max(stats.rays, 1)
+    seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
+    share = max(done, len(blocks.done) / len(blocks.blocks))
+    return _Traced(seconds, whole, share, blocks.interval, blocks.error_db)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:
