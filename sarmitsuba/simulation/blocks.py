@@ -30,8 +30,8 @@ GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
 SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
-# blocks are to be so much below the error of the rays, dB: they then add half as much again to it
-BELOW_RAYS_DB = 3.0
+# blocks are to be so much below a wanted error of the whole run, dB
+BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
 SHORTEST = 8
 # a block's error that is so little above what is wanted is let pass, dB: a seam does not tell it better
@@ -104,8 +104,8 @@ class Blocks:
     def settle(self) -> TraceStatistics:
         """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
 
-        Blocks are too long where their error is above the tolerance, and above what is wanted beside the error of the
-        rays (``BELOW_RAYS_DB``) and the wanted error of the whole run.
+        Blocks are too long where their error is above the tolerance and above that of the sampling with rays (both fall
+        about as one over the work, so equal ones are the least for the time), or too near the wanted error of the run.
         """
         if self.interval == 1:
             return TraceStatistics()
@@ -227,9 +227,9 @@ class Blocks:
         rays = self._ray_errors()
         excess = 0.0
         for channel, value in error.items():
-            wanted = rays[channel] - BELOW_RAYS_DB
+            wanted = rays[channel]
             if settings.target_error_db < 0.0:
-                wanted = min(wanted, settings.target_error_db - BELOW_RAYS_DB)
+                wanted = min(wanted, settings.target_error_db - BELOW_TARGET_DB)
             excess = max(excess, value - max(wanted, settings.tolerance_db))
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval

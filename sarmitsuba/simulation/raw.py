@@ -106,6 +106,7 @@ def _trace(
         run.statistics = run.statistics.plus(batch)
         rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
         progress("trace", done, 1.0, {"rays/s": rate})
+    error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     pulse = run.scene.radar.track.center_index
@@ -115,7 +116,7 @@ def _trace(
         rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
         scatterer_cell=sampling.scatterer_cell,
         key_pulse_interval=blocks.interval,
-        block_error_db=blocks.error_db,
+        block_error_db=error_db,
         grid_bytes=tracer.largest_grid,
     )
 
