@@ -101,8 +101,8 @@ def _boxes(report: harness.Report, count: int) -> None:
         unit="%",
     )
     report.notes.append(
-        f"Over {len(rows)} runs of boxes on ground the stated error less the true one is {np.median(over):+.1f} dB in the "
-        f"middle, {np.percentile(over, 5):+.1f} to {np.percentile(over, 95):+.1f} dB for nine of ten."
+        f"Over {len(rows)} runs of boxes on ground the stated error less the true one is {np.median(over):+.1f} dB in "
+        f"the middle, {np.percentile(over, 5):+.1f} to {np.percentile(over, 95):+.1f} dB for nine of ten."
     )
 
 

@@ -393,7 +393,8 @@ def draw_boxes(seed: int) -> Draw:
         size = float(np.exp(rng.uniform(np.log(3.0 * cell), np.log(0.4 * extent))))
         triangles = turned(box(size * rng.uniform(0.3, 1.0, 3)), rng, upright=True)
         triangles = triangles - [0.0, 0.0, triangles[:, :, 2].min()]
-        triangles = triangles + [*rng.uniform(-0.3 * extent, 0.3 * extent, 2), 0.0]
+        place = np.array([*rng.uniform(-0.3 * extent, 0.3 * extent, 2), 0.0])
+        triangles = triangles + place
         law = str(rng.choice(laws)) if rough else "none"
         bodies.append(Body("box", triangles, True, law, float(rng.uniform(-15.0, 0.0))))
     side = 1.6 * extent

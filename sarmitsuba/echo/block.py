@@ -208,13 +208,11 @@ def plan_block(
     )
 
 
-def _step_within_beam(
-    radar: Radar, start: int, stop: int, kernel: SpreadingKernel, s_max: float
-) -> float:
+def _step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKernel, s_max: float) -> float:
     r"""Longest cell along the range rate over which the azimuth pattern hardly changes, m/s; infinite without one.
 
-    A path is spread over some cells, each of which gets the pattern's value g of its own. With the kernel's second moment
-    :math:`m_2`, the two leading terms of what that leaves at the pulse of phase slope s are
+    A path is spread over some cells, each of which gets the pattern's value g of its own. With the kernel's second
+    moment :math:`m_2`, the two leading terms of what that leaves at the pulse of phase slope s are
 
     .. math:: \tfrac12 g'' m_2 \Delta^2, \qquad g' m_2 s \Delta^2
 

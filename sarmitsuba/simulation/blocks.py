@@ -8,6 +8,7 @@ takes no tracing, and one more synthesised pulse per block.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,8 @@ C64 = NDArray[np.complex64]
 F64 = NDArray[np.float64]
 
 # the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
-# edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what they
-# hit; a lower power states a higher error
+# edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what
+# they hit; a lower power states a higher error
 GROWTH = 0.5
 # mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
 # next, dB
@@ -42,7 +43,7 @@ def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
     """Blocks ``start, stop`` of about equal length, ``length`` at most."""
     count = -(-n_pulses // length)
     edges = np.round(np.linspace(0, n_pulses, count + 1)).astype(int)
-    return [(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 class Blocks:
@@ -74,7 +75,7 @@ class Blocks:
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
-        self.interval = min(tracer.sampling.key_pulse_interval, n)
+        self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and self.interval > 1:
             self.interval = min(self.interval, -(-n // 2))  # two blocks at least: a seam tells their error
         self._cut()
@@ -104,8 +105,9 @@ class Blocks:
     def settle(self) -> TraceStatistics:
         """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
 
-        Blocks are too long where their error is above the tolerance and above that of the sampling with rays (both fall
-        about as one over the work, so equal ones are the least for the time), or too near the wanted error of the run.
+        Blocks are too long where their error is above the tolerance and above that of the sampling with rays, or too
+        near the wanted error of the run. Both errors fall about as one over the work, so equal ones are the least for
+        the time.
         """
         if self.interval == 1:
             return TraceStatistics()
@@ -151,9 +153,7 @@ class Blocks:
             self.seams[pick, index] = profiles[:, -1]
         return stats
 
-    def _traced(
-        self, rays: Sequence[LaunchGrid], start: int, stop: int
-    ) -> tuple[C64, TraceStatistics]:
+    def _traced(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:
         sampling = self.tracer.sampling
         plan = plan_block(
             sampling.scene.radar,
@@ -189,7 +189,7 @@ class Blocks:
 
     @property
     def error_db(self) -> float:
-        """Energy of the error against tracing every pulse over that of the data, worst channel, dB, from the seams so far.
+        """Energy of the error against tracing every pulse over that of the data, dB; worst channel, seams so far.
 
         -inf where every pulse is traced, NaN where there is one block only.
         """
@@ -225,7 +225,7 @@ class Blocks:
         if max(error.values()) <= settings.tolerance_db + LEEWAY_DB:
             return self.interval
         rays = self._ray_errors()
-        excess = 0.0
+        excess: float = 0.0
         for channel, value in error.items():
             wanted = rays[channel]
             if settings.target_error_db < 0.0:
@@ -234,7 +234,7 @@ class Blocks:
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
         length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
-        return length if length < self.interval else self.interval
+        return min(length, self.interval)
 
     def _ray_errors(self) -> dict[str, float]:
         """Error of each channel by the sampling with rays, in the middle of the track, dB."""
@@ -258,7 +258,9 @@ def _shifted(grid: LaunchGrid) -> LaunchGrid:
     """The lattice shifted by half the diagonal of its cell."""
     half = np.float32(0.5 * np.sqrt(2.0) * grid.spacing)
     angle = grid.turn + 0.25 * np.pi
-    return replace(grid, x=grid.x + half * np.float32(np.cos(angle)), y=grid.y + half * np.float32(np.sin(angle)))
+    return replace(
+        grid, x=grid.x + half * np.float32(np.cos(angle)), y=grid.y + half * np.float32(np.sin(angle))
+    )
 
 
 def _ratio_db(error: C64, signal: C64) -> float:

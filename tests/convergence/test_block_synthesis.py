@@ -211,7 +211,9 @@ def test_azimuth_pattern_is_each_pulses_own_at_any_length(setting, exact, error_
     points = rng.uniform(s.box[0], s.box[1], (100, 3))
     half, range_offset, rate = _path_lengths(s.radar.track, plan, points, points)
     amplitude = rng.normal(size=(1, 100)) + 1j * rng.normal(size=(1, 100))
-    profiles = synthesise(spread_reference(plan, s.radar, range_offset, rate, amplitude), plan, s.radar, beam=True)
+    profiles = synthesise(
+        spread_reference(plan, s.radar, range_offset, rate, amplitude), plan, s.radar, beam=True
+    )
     for k in np.unique([0, length // 3, length - 1]):
         sight = points - s.radar.track.position[start + k]
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
@@ -219,6 +221,6 @@ def test_azimuth_pattern_is_each_pulses_own_at_any_length(setting, exact, error_
         gain = beam.two_way_amplitude(azimuth, np.zeros_like(azimuth))
         assert gain.min() < 0.5 * gain.max()  # the pattern matters here
         want = exact(s.radar, np.array([start + k]), half[:, [k]], amplitude * gain)
-        # tol: cells are chosen for -48 dB at the ends of a block, and there 128 pulses leave -44 dB because the near and
+        # tol: cells are chosen for -48 dB at the ends of a block; there 128 pulses leave -44 dB because the near and
         # the far side turn 1.4 % faster and slower than the middle; 1 dB for 100 paths
         assert error_db(profiles[:, [k]], want) < -43.0

@@ -14,8 +14,8 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.blocks import Blocks
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.run import Run
@@ -148,7 +148,6 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     run.timer = StageTimer(clock)
     lattices = run.lattices(sampling, 0)
     seconds = dict(run.timer.seconds)
-    target = data[run.layers.of_subset(0)]
 
     def choosing() -> Mapping[str, float]:
         again = replace(sampling)  # works the interval out anew
