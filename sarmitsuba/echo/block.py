@@ -8,6 +8,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.block_beam import step_within_beam
 from sarmitsuba.echo.curvature import Curvature, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
@@ -25,8 +26,6 @@ _ROLL = (
 )  # cycles per cell: flat to just past the band's edge at 1/4, then down, so that the inner
 # response stays within 40 cells
 _GUARD = 48
-# error of the azimuth pattern at the ends of a block, dB; 5 dB less in the mean over its pulses
-_BEAM_DB = -48.0
 _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 
 
@@ -166,7 +165,7 @@ def plan_block(
     reach = float(np.abs(tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
-    range_rate_step = min(range_rate_step, _step_within_beam(radar, start, stop, range_rate_kernel, s_max))
+    range_rate_step = min(range_rate_step, step_within_beam(radar, start, stop, range_rate_kernel, s_max))
     n_range_rate = (
         int(np.ceil((range_rate_high - range_rate_low) / range_rate_step)) + 2 * range_rate_kernel.margin + 2
     )
@@ -206,28 +205,6 @@ def plan_block(
         geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
         kernel_error_db=_kernel_error_db(width, range_rate_width),
     )
-
-
-def _step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKernel, s_max: float) -> float:
-    r"""Longest cell along the range rate over which the azimuth pattern hardly changes, m/s; infinite without one.
-
-    A path is spread over some cells, each of which gets the pattern's value g of its own. With the kernel's second
-    moment :math:`m_2`, the two leading terms of what that leaves at the pulse of phase slope s are
-
-    .. math:: \tfrac12 g'' m_2 \Delta^2, \qquad g' m_2 s \Delta^2
-
-    and for :math:`g = 2^{-(\dot R / v \sin(\theta / 2))^2}` the derivatives are at most 1.39 and 0.72 over the width's
-    powers. Both are kept at ``_BEAM_DB``.
-    """
-    if radar.antenna.pattern == "isotropic":
-        return float(np.inf)
-    taps = np.asarray(kernel.taps(np.array(0.5)))
-    distance = np.arange(kernel.width) - kernel.lead - 0.5
-    second_moment = max(float(taps @ distance**2 / taps.sum()), 0.25)
-    speed = float(np.linalg.norm(radar.track.velocity[start:stop], axis=1).min())
-    width = float(np.sin(0.5 * radar.antenna.azimuth_beamwidth)) * speed
-    change = 0.5 * 1.39 / width**2 + 0.72 * s_max / width
-    return float(np.sqrt(10.0 ** (_BEAM_DB / 20.0) / (change * second_moment)))
 
 
 def choose_block_length(

@@ -14,7 +14,6 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.piece import crop
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
-
 # draws of both lattices that are averaged
 RUNS = 4
 
