@@ -480,6 +480,29 @@ def draw_fine(seed: int) -> Draw:
     )
 
 
+def draw_boxes(seed: int) -> Draw:
+    """Boxes on rough ground, which hide parts of it and of each other: rough or of metal, with dihedrals and glints."""
+    rng = np.random.default_rng([seed, 9])
+    radar = draw_radar(rng)
+    cell = max(radar.range_cell, radar.azimuth_resolution)
+    extent = float(rng.uniform(25.0, 60.0)) * cell
+    laws = ("lambert", "constant", "constant_gamma")
+    rough = rng.random() < 0.7
+    bodies = []
+    for _ in range(int(rng.integers(1, 5))):
+        size = float(np.exp(rng.uniform(np.log(3.0 * cell), np.log(0.4 * extent))))
+        triangles = turned(box(size * rng.uniform(0.3, 1.0, 3)), rng, upright=True)
+        triangles = triangles - [0.0, 0.0, triangles[:, :, 2].min()]
+        place = np.array([*rng.uniform(-0.3 * extent, 0.3 * extent, 2), 0.0])
+        triangles = triangles + place
+        law = str(rng.choice(laws)) if rough else "none"
+        bodies.append(Body("box", triangles, True, law, float(rng.uniform(-15.0, 0.0))))
+    side = 1.6 * extent
+    ground = terrain(rng, side, side / 4, 1e-9) - [0.0, 0.0, 0.013]
+    bodies.append(Body("ground", ground, False, str(rng.choice(laws)), float(rng.uniform(-15.0, 0.0))))
+    return Draw(seed, "boxes", tuple(bodies), radar, extent)
+
+
 DRAWS: dict[str, Callable[[int], Draw]] = {
     "diffuse": draw_diffuse,
     "metal": draw_metal,

@@ -225,7 +225,7 @@ def _announcing(console: Console) -> "Ready":
     def ready(run: "Run") -> None:
         needs = run.needs()
         console.say(str(needs))
-        console.say(f"plan: {run.settled_plan.summary()}")
+        console.say(f"plan: {run.plan.summary()}")
         console.expect(needs.by_progress)
 
     return ready

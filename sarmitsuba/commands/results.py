@@ -148,9 +148,13 @@ def store_image(
     if errors:
         record["sampling_error"] = errors
         text = ", ".join(f"{channel} {bar['error_db']:.1f} dB" for channel, bar in errors.items())
+        blocks = image.metadata.get("sampling", {}).get("block_error_db")
+        apart = (
+            "blocks of pulses" if blocks is None else f"blocks of pulses ({blocks:.1f} dB, measured apart)"
+        )
         console.say(
-            f"sampling error of the image: {text} (of the ray lattices; too few bounces, blocks of pulses, gridding "
-            "and physical optics are not in it)"
+            f"sampling error of the image: {text} (sampling with rays only; too few bounces, {apart}, gridding and "
+            "physical optics are not in it)"
         )
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):

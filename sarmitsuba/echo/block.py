@@ -8,6 +8,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.block_beam import step_within_beam
 from sarmitsuba.echo.curvature import Curvature, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
@@ -164,6 +165,7 @@ def plan_block(
     reach = float(np.abs(tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
+    range_rate_step = min(range_rate_step, step_within_beam(radar, start, stop, range_rate_kernel, s_max))
     n_range_rate = (
         int(np.ceil((range_rate_high - range_rate_low) / range_rate_step)) + 2 * range_rate_kernel.margin + 2
     )

@@ -85,13 +85,18 @@ class EffectsPlan:
         Parameters
         ----------
         interval : pulses per key pulse; 1 traces every pulse
-        error_db : that the block of pulses may have against tracing every one, dB
+        error_db : against tracing every one, dB, as measured where blocks of pulses meet; NaN where one block holds
+            all
         asked : set by the user
         """
+        if np.isnan(error_db):
+            measured = "one block holds all pulses, so that its error is not measured"
+        else:
+            measured = f"error against tracing every pulse {error_db:.0f} dB, measured where blocks meet"
         if asked:
-            why, source = "set by the user", "user"
+            why, source = "set by the user" + (f"; {measured}" if interval > 1 else ""), "user"
         elif interval > 1:
-            why, source = f"error of a block against every pulse below {error_db:.0f} dB", "fact"
+            why, source = measured, "pilot"
         else:
             why, source = "every pulse is traced: so asked, or no block of pulses keeps the error", "fact"
         return self.with_decision(

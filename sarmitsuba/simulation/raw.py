@@ -14,6 +14,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Ready, Run
@@ -74,7 +75,7 @@ def simulate(
 
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
     """Range-compressed echoes of a run that was made ready; see :func:`simulate`."""
-    scene, plan = run.scene, run.settled_plan
+    scene, plan = run.scene, run.plan
     radar, settings = scene.radar, scene.settings
     layers = run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
@@ -90,6 +91,9 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
         notes += check_small_parts(run.sampling, run.shortfalls)
+        plan = plan.with_key_pulses(
+            run.report.key_pulse_interval, run.report.block_error_db, settings.key_pulse_interval > 0
+        )
     raw = RawData(data, layers, "compressed", radar, request=scene.image)
     if plan.on("noise"):
         raw = add_noise(raw, seed=settings.seed)
@@ -101,14 +105,16 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
 def _trace(
     run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], pass_index: int, progress: Progress
 ) -> SamplingReport:
-    """Fill ``data`` (layers, pulses, samples) subset by subset."""
+    """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     lattices = run.lattices(sampling, pass_index)
-    for i, grids in enumerate(lattices):
-        for done, batch in tracer.batches(grids, data[run.layers.of_subset(i)], run.layers.max_order):
-            run.statistics = run.statistics.plus(batch)
-            rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-            progress("trace", i + done, len(lattices), {"rays/s": rate})
+    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
+    run.timer.lap("plan")
+    for done, batch in blocks.trace():
+        run.statistics = run.statistics.plus(batch)
+        rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
+        progress("trace", done, 1.0, {"rays/s": rate})
+    error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     pulse = run.scene.radar.track.center_index
@@ -117,7 +123,8 @@ def _trace(
         spacings=LatticeSpacings.of(middle),
         rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),
         scatterer_cell=sampling.scatterer_cell,
-        key_pulse_interval=tracer.sampling.key_pulse_interval,
+        key_pulse_interval=blocks.interval,
+        block_error_db=error_db,
         grid_bytes=tracer.largest_grid,
     )
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from sarmitsuba.backend import ensure_backend
-from sarmitsuba.echo.block import least_error_db
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
@@ -86,17 +85,6 @@ class Run:
         grid : pixels; default: those that the scene asks for
         """
         return needs_of(self.scene, self.sampling, self.layers, grid)
-
-    @property
-    def settled_plan(self) -> EffectsPlan:
-        """The plan, and for raw data how many pulses share one tracing."""
-        settings = self.scene.settings
-        if self.sampling is None or settings.method in ("image", "raster"):
-            return self.plan
-        error = least_error_db(settings.gridding_width, settings.tolerance_db)
-        return self.plan.with_key_pulses(
-            self.sampling.key_pulse_interval, error, settings.key_pulse_interval > 0
-        )
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""

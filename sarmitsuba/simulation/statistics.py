@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sarmitsuba.trace.launch import LaunchGrid, Purpose
 
 
@@ -91,6 +93,8 @@ class SamplingReport:
     rays_per_key_pulse : of all subsets and lattices
     scatterer_cell : m, edge of the diffuse scatterers' cells
     key_pulse_interval : pulses that shared one tracing
+    block_error_db : error that this makes against tracing every pulse, measured; -inf where every one is, NaN where one
+        block holds all
     grid_bytes : of the largest accumulator grid
     """
 
@@ -98,6 +102,7 @@ class SamplingReport:
     rays_per_key_pulse: int
     scatterer_cell: float
     key_pulse_interval: int
+    block_error_db: float
     grid_bytes: int
 
     def as_dict(self) -> dict[str, object]:
@@ -108,6 +113,7 @@ class SamplingReport:
             "rays_per_key_pulse": self.rays_per_key_pulse,
             "scatterer_cell": self.scatterer_cell,
             "key_pulse_interval": self.key_pulse_interval,
+            "block_error_db": round(self.block_error_db, 1) if np.isfinite(self.block_error_db) else None,
             "grid_bytes": self.grid_bytes,
         }
 

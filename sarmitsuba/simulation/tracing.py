@@ -1,13 +1,13 @@
 """Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.echo.block import BlockPlan, plan_block, synthesise
+from sarmitsuba.echo.block import BlockPlan, synthesise
 from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.radar import Radar
@@ -63,46 +63,14 @@ class Tracer:
             up=polarisation_up(radar, center, antenna),
         )
 
-    def batches(
-        self, rays: Sequence[LaunchGrid], data: NDArray[np.complex64], max_order: int
-    ) -> Iterator[tuple[float, TraceStatistics]]:
-        """Fill ``data`` (layers, pulses, samples) batch by batch; yields the share done and that batch's figures."""
-        sampling = self.sampling
-        radar = sampling.scene.radar
-        n = radar.track.n_pulses
-        length = sampling.key_pulse_interval
-        self.timer.lap("plan")
-        if length > 1:
-            for start in range(0, n, length):
-                stop = min(n, start + length)
-                plan = plan_block(
-                    radar,
-                    start,
-                    stop,
-                    sampling.window.center,
-                    sampling.phase_box,
-                    sampling.scene.settings.gridding_width,
-                    extra_slant_range=sampling.extra_slant_range,
-                )
-                yield stop / n, self.block(rays, plan, data, max_order)
-            return
-        row = data.shape[0] * 2 * radar.window.n_samples * 2 * 16
-        for window in sampling.windows:
-            first, end = window.pulses
-            most = max(g.n_rays for g in rays if g.serves(first))
-            step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
-            for start in range(first, end, step):
-                stop = min(end, start + step)
-                yield stop / n, self.direct(rays, start, stop, data, max_order)
-
     def block(
-        self, rays: Sequence[LaunchGrid], plan: BlockPlan, data: NDArray[np.complex64], max_order: int
-    ) -> TraceStatistics:
-        """Trace one key pulse and synthesise its block."""
+        self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
+    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
         radar = self.sampling.scene.radar
         accumulator = BlockAccumulator(
             plan,
-            data.shape[0] // len(radar.channels),
+            n_layers // len(radar.channels),
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
@@ -115,9 +83,9 @@ class Tracer:
         stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
         beam = self.flags.antenna_pattern
-        data[:, plan.start : plan.stop] = synthesise(accumulator.grid(), plan, radar, beam=beam)
+        profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
-        return stats
+        return profiles, stats
 
     def direct(
         self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int

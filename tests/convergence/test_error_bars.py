@@ -14,19 +14,21 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.piece import crop
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
+# draws of both lattices that are averaged
+RUNS = 4
+
 
 @pytest.mark.parametrize("name", ["tower", "buildings16"])
 def test_estimate_follows_the_truth(name: str) -> None:
     whole = load_scene(name)
     sampling = SamplingPlan.of(whole)
-    scene = crop(whole, 0.35, 0.1)
+    scene = crop(whole, 0.35)
     grid = default_grid(scene.radar, scene.image)
 
     def run(factor: float, index: int, subsets: bool) -> SarImage:
         settings = replace(
             scene.settings,
-            ray_spacing=factor * sampling.spacings.coherent,
-            diffuse_ray_spacing=factor * sampling.spacings.diffuse,
+            **sampling.spacings.at(factor),
             scatterer_cell=sampling.scatterer_cell,
             max_depth=3,
             keep_subsets=subsets,
@@ -36,12 +38,23 @@ def test_estimate_follows_the_truth(name: str) -> None:
     reference = np.mean([run(0.3, 50 + i, False).total() for i in range(2)], axis=0)
     found = []
     for factor in (1.0, 0.5):
-        image = run(factor, 0, True)
-        estimate = estimate_error(image.data, image.layers, pixels=False).error_db[0]
-        true = image_error_db(image.total(), reference)
-        # tol: one draw of two ray subsets, 1.4 dB rms over scenes and settings (docs/accuracy.md): 2.5 of them
-        assert abs(estimate - true) < 3.5
+        images = [run(factor, i, True) for i in range(RUNS)]
+        bars = [estimate_error(image.data, image.layers, pixels=False) for image in images]
+        estimate = mean_db([bar.error_db[0] for bar in bars])
+        true = mean_db([image_error_db(image.total(), reference) for image in images])
+        # tol: what both lattices blur alike is one constant for all scenes, within 1.5 dB in these two
+        # (benchmarks/error_bars.py); 0.5 dB for the mean of four draws of 1 dB
+        assert abs(estimate - true) < 2.0
         found.append(true)
+        for bar, image in zip(bars, images, strict=True):
+            # the truth of one draw lies within two of the standard deviations that are stated with the estimate
+            off = bar.error_db[0] - image_error_db(image.total(), reference)
+            assert abs(off) < 2.0 * bar.confidence_db[0]
     # a quarter of the tubes' area: what is left comes from outlines, whose error falls with the tubes' width, 3 dB;
-    # a third of that, because both figures are single draws
-    assert found[1] < found[0] - 1.0
+    # 1 dB for the mean of four draws
+    assert found[1] < found[0] - 2.0
+
+
+def mean_db(values: list[float]) -> float:
+    """Mean of energies given in dB."""
+    return 10.0 * float(np.log10(np.mean(10.0 ** (np.array(values) / 10.0))))

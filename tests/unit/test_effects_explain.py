@@ -44,7 +44,8 @@ def test_prediction_counts_what_the_run_does() -> None:
     statistics = raw.metadata["statistics"]
     assert prediction.rays == statistics["rays"]
     assert prediction.key_pulses == statistics["key_pulses"]
-    assert prediction.contributions == statistics["contributions"]
+    # tol: all blocks are taken to be like one of them; rays at the rims hit in some and miss in others
+    assert prediction.contributions == pytest.approx(statistics["contributions"], rel=1e-3)
     assert prediction.pixels == image.data.size
     assert prediction.raw_bytes == raw.data.nbytes
     assert prediction.key_pulse_interval == raw.metadata["sampling"]["key_pulse_interval"]

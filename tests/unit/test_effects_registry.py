@@ -18,7 +18,6 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import block_error_db
 
 
 @pytest.fixture(scope="module")
@@ -140,10 +139,6 @@ def test_the_tolerance_of_the_scene_holds() -> None:
     assert load_scene(resolve("dihedral")).settings.tolerance_db == -40.0
     asked = load_scene(resolve("dihedral"), parameters={"sar_path.tolerance_db": "-50"})
     assert asked.settings.tolerance_db == SceneContext(asked).tolerance_db == -50.0
-    # blocks of pulses are held to it, too
-    assert block_error_db(asked.settings) == -50.0
-    # kernels two samples wide leave -23 dB themselves
-    assert block_error_db(replace(asked.settings, gridding_width=2)) > -21.0
 
 
 def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
@@ -273,6 +268,8 @@ def test_an_explicit_depth_is_obeyed(corner: Scene, ground: Scene) -> None:
 def test_summary_and_json(corner: Scene) -> None:
     plan = plan_effects(corner).with_key_pulses(32, -40.0, asked=False)
     assert plan.summary().startswith("max_depth 8, key_pulse_interval 32; on: coherent")
+    blocks = plan.decision("key_pulse_interval")
+    assert blocks is not None and blocks.error_db == -40.0 and "-40 dB, measured" in blocks.why
     record = json.loads(json.dumps(plan.as_dict()))
     assert record["effects"]["fresnel"] == {
         "on": False,

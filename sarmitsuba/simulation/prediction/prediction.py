@@ -13,6 +13,7 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.prediction.needs import Needs
@@ -96,10 +97,14 @@ class _Traced:
     ----------
     seconds : by stage
     statistics : of the whole run
+    interval : pulses that share one tracing
+    error_db : that this makes against tracing every pulse
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
+    interval: int
+    error_db: float
 
 
 def predict(
@@ -108,9 +113,9 @@ def predict(
     """Plan a scene and predict what simulating and focusing it takes.
 
     What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
-    ``MEASURED_MEMORY`` are then tried: one batch of the real run is traced and synthesised twice (the first time
-    compiles its kernels, which the run then finds compiled), and a sixteenth of the pulses is focused onto the whole
-    image. Otherwise the seconds are those of two usual cores.
+    ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced (which compiles
+    its kernels, so that the run then finds them compiled, and measures their error), one of them again, and a sixteenth
+    of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
 
     Parameters
     ----------
@@ -124,7 +129,7 @@ def predict(
     rays beyond the first.
     """
     run = Run(scene, plan=plan, clock=clock)
-    seconds, planned, needs = dict(run.timer.seconds), run.settled_plan, run.needs()
+    seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
     if not needs.raw_bytes or memory > MEASURED_MEMORY or needs.refusal:
         return planned, Prediction.of(needs)
@@ -134,12 +139,15 @@ def predict(
         seconds["plan"] = clock() - start
     radar, layers = run.scene.radar, run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    stats = TraceStatistics()
+    stats, interval = TraceStatistics(), needs.key_pulse_interval
     if run.sampling is not None:
         traced = _tracing(run, run.sampling, data, clock)
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
-        stats = traced.statistics
+        stats, interval = traced.statistics, traced.interval
+        planned = planned.with_key_pulses(
+            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0
+        )
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
     seconds["focus"], pixels, loading = _focus_seconds(run.scene, layers, data, clock)
@@ -154,7 +162,7 @@ def predict(
         key_pulses=stats.key_pulses,
         contributions=stats.contributions,
         pixels=pixels,
-        key_pulse_interval=needs.key_pulse_interval,
+        key_pulse_interval=interval,
         rays_per_second=stats.rays / max(seconds.get("trace", 0.0), 1e-9),
         pixel_pulses_per_second=pixels * radar.track.n_pulses / max(seconds["focus"], 1e-9),
         raw_bytes=data.nbytes,
@@ -165,11 +173,10 @@ def predict(
 
 
 def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
-    """Trace the first batch of the run, twice, and take all others to be like it."""
+    """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
     lattices = run.lattices(sampling, 0)
     seconds = dict(run.timer.seconds)
-    target = data[run.layers.of_subset(0)]
 
     def choosing() -> Mapping[str, float]:
         again = replace(sampling)  # works the interval out anew
@@ -180,23 +187,28 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     seconds["plan"] = _steady(choosing)["plan"]
     tracer = run.tracer(sampling)
     _ = sampling.key_pulse_interval  # kept from here on
+    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
     start = clock()
-    done, stats = next(tracer.batches(lattices[0], target, run.layers.max_order))
+    settled = blocks.settle()  # also compiles
     first = clock() - start
+    done, stats = 0.0, TraceStatistics()
 
     def batch() -> Mapping[str, float]:
+        nonlocal done, stats
         tracer.timer = StageTimer(clock)
-        next(tracer.batches(lattices[0], target, run.layers.max_order))
+        done, stats = blocks.sample()
         return {stage: tracer.timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
 
     stages = _steady(batch)
     more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
     whole = stats.scaled(more / done)
-    speed = SpeedModel.measured(Work(rays=stats.rays, samples=target.size * done), stages)
+    layers = len(data) / len(lattices)
+    speed = SpeedModel.measured(Work(rays=stats.rays, samples=layers * data[0].size * done), stages)
     predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
     seconds |= {stage: predicted[stage] for stage in stages}
-    seconds["first use"] = min(FIRST_USE, max(0.0, first - sum(stages.values())))
-    return _Traced(seconds, whole)
+    batches = settled.rays / max(stats.rays, 1)
+    seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
+    return _Traced(seconds, whole, blocks.interval, blocks.error_db)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:

@@ -1,0 +1,272 @@
+"""Key pulses: tracing of a run block by block, and the error that this makes, measured where blocks meet.
+
+Within a block of pulses every path keeps the amplitude and the visibility that it has at the block's key pulse. The
+pulse at which two blocks meet is made from both: the two profiles would be equal if nothing changed from one key pulse
+to the next, so their difference measures what did: shadows, glints, the rays' own hits, curvature and gridding. It
+takes no tracing, and one more synthesised pulse per block.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.block import plan_block
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
+from sarmitsuba.simulation.statistics import TraceStatistics
+from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
+from sarmitsuba.trace.launch import LaunchGrid
+
+C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
+
+# the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
+# edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what
+# they hit; a lower power states a higher error
+GROWTH = 0.5
+# mean over a block, whose pulses are up to half a block from the key pulse, over the change from one key pulse to the
+# next, dB
+SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
+# blocks are to be so much below a wanted error of the whole run, dB
+BELOW_TARGET_DB = 3.0
+# shortest blocks that are tried: shorter ones cost more than the direct accumulator
+SHORTEST = 8
+# a block's error that is so little above what is wanted is let pass, dB: a seam does not tell it better
+LEEWAY_DB = 1.0
+
+
+def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
+    """Blocks ``start, stop`` of about equal length, ``length`` at most."""
+    count = -(-n_pulses // length)
+    edges = np.round(np.linspace(0, n_pulses, count + 1)).astype(int)
+    return [(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+class Blocks:
+    """Tracing of all pulses of a run.
+
+    Parameters
+    ----------
+    tracer : of the run
+    lattices : of every ray subset
+    layers : labels of ``data``: subset after subset
+    data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
+    max_order : highest bounce order that is kept apart; 0 where all are summed
+
+    Attributes
+    ----------
+    interval : pulses that share one tracing; what geometry allows at first, what the seams allow in the end
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        lattices: Sequence[tuple[LaunchGrid, ...]],
+        layers: Sequence[Layer],
+        data: C64,
+        max_order: int,
+    ) -> None:
+        self.tracer, self.lattices, self.layers, self.data = tracer, lattices, tuple(layers), data
+        self.max_order = max_order
+        settings = tracer.sampling.scene.settings
+        self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
+        n = data.shape[1]
+        self.interval: int = min(tracer.sampling.key_pulse_interval, n)
+        if self.automatic and self.interval > 1:
+            self.interval = min(self.interval, -(-n // 2))  # two blocks at least: a seam tells their error
+        self._cut()
+
+    def _cut(self) -> None:
+        """Lay the blocks out anew."""
+        self.blocks = partition(self.data.shape[1], self.interval)
+        if self.automatic:
+            self.interval = max(stop - start for start, stop in self.blocks)
+        self.seams = np.zeros(
+            (self.data.shape[0], max(len(self.blocks) - 1, 0), self.data.shape[2]), dtype=np.complex64
+        )
+        self.done: set[int] = set()
+
+    def trace(self) -> Iterator[tuple[float, TraceStatistics]]:
+        """Fill ``data``; yields the share done and the figures of what was just traced."""
+        if self.interval == 1:
+            yield from self._every_pulse()
+            return
+        stats = self.settle()
+        yield len(self.done) / len(self.blocks), stats
+        for i in range(len(self.blocks)):
+            if i not in self.done:
+                stats = self.block(i)
+                yield len(self.done) / len(self.blocks), stats
+
+    def settle(self) -> TraceStatistics:
+        """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
+
+        Blocks are too long where their error is above the tolerance and above that of the sampling with rays, or too
+        near the wanted error of the run. Both errors fall about as one over the work, so equal ones are the least for
+        the time.
+        """
+        if self.interval == 1:
+            return TraceStatistics()
+        while True:
+            middle = self._middle
+            stats = self.block(middle)
+            if len(self.blocks) > 1:
+                stats = stats.plus(self.block(middle + 1))
+            shorter = self._shorter() if self.automatic and len(self.blocks) > 1 else self.interval
+            if shorter == self.interval:
+                return stats
+            self.interval = shorter
+            self._cut()
+
+    def sample(self) -> tuple[float, TraceStatistics]:
+        """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
+        if self.interval == 1:
+            share, stats = next(self._every_pulse())
+            return share * len(self.lattices), stats
+        return 1.0 / len(self.blocks), self.block_of_subset(self._middle, 0)
+
+    @property
+    def _middle(self) -> int:
+        """The first of the two blocks in the middle."""
+        return max(0, len(self.blocks) // 2 - 1)
+
+    def block(self, index: int) -> TraceStatistics:
+        """Trace one block with all ray subsets."""
+        stats = self.block_of_subset(index, 0)
+        for subset in range(1, len(self.lattices)):
+            stats = stats.plus(self.block_of_subset(index, subset))
+        self.done.add(index)
+        return stats
+
+    def block_of_subset(self, index: int, subset: int) -> TraceStatistics:
+        """Trace one block with one ray subset, up to the first pulse of the next block."""
+        start, stop = self.blocks[index]
+        more = int(index + 1 < len(self.blocks))
+        pick = self._layers_of(subset)
+        profiles, stats = self._traced(self.lattices[subset], start, stop + more)
+        self.data[pick, start:stop] = profiles[:, : stop - start]
+        if more:
+            self.seams[pick, index] = profiles[:, -1]
+        return stats
+
+    def _traced(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:
+        sampling = self.tracer.sampling
+        plan = plan_block(
+            sampling.scene.radar,
+            start,
+            stop,
+            sampling.window.center,
+            sampling.phase_box,
+            sampling.scene.settings.gridding_width,
+            extra_slant_range=sampling.extra_slant_range,
+        )
+        return self.tracer.block(rays, plan, len(self.layers) // len(self.lattices), self.max_order)
+
+    def _layers_of(self, subset: int) -> slice:
+        each = len(self.layers) // len(self.lattices)
+        return slice(subset * each, (subset + 1) * each)
+
+    def _every_pulse(self) -> Iterator[tuple[float, TraceStatistics]]:
+        sampling, tracer = self.tracer.sampling, self.tracer
+        n = self.data.shape[1] * len(self.lattices)
+        row = len(self.layers) // len(self.lattices) * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        for i, rays in enumerate(self.lattices):
+            target = self.data[self._layers_of(i)]
+            for window in sampling.windows:
+                first, end = window.pulses
+                most = max(g.n_rays for g in rays if g.serves(first))
+                step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
+                for start in range(first, end, step):
+                    stop = min(end, start + step)
+                    stats = tracer.direct(rays, start, stop, target, self.max_order)
+                    yield (i * self.data.shape[1] + stop) / n, stats
+
+    # ------------------------------------------------------------ what blocks cost in accuracy
+
+    @property
+    def error_db(self) -> float:
+        """Energy of the error against tracing every pulse over that of the data, dB; worst channel, seams so far.
+
+        -inf where every pulse is traced, NaN where there is one block only.
+        """
+        if self.interval == 1:
+            return -np.inf
+        seams = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
+        return max(self._errors(seams).values(), default=np.nan)
+
+    def _errors(self, seams: Sequence[int]) -> dict[str, float]:
+        """Error of each channel from some of the seams, dB; empty without a seam."""
+        if not len(seams):
+            return {}
+        pulses = [self.blocks[i][1] for i in seams]
+        out = {}
+        for channel in dict.fromkeys(layer.channel for layer in self.layers):
+            here = self._channel(self.data[:, pulses], channel)
+            change = self._channel(self.seams[:, list(seams)], channel) - here
+            out[channel] = _ratio_db(change, here) + SEAM_DB
+        return out
+
+    def _channel(self, planes: C64, channel: str) -> C64:
+        """Sum of a channel's layers (n_layers, ...), subsets by their shares."""
+        total = np.zeros(planes.shape[1:], dtype=np.complex64)
+        for plane, layer in zip(planes, self.layers, strict=True):
+            if layer.channel == channel:
+                total += plane * np.float32(SUBSET_SHARES[layer.subset])
+        return total
+
+    def _shorter(self) -> int:
+        """Pulses per block that the seam in the middle allows; as before where it is content."""
+        settings = self.tracer.sampling.scene.settings
+        error = self._errors([self._middle])
+        if max(error.values()) <= settings.tolerance_db + LEEWAY_DB:
+            return self.interval
+        rays = self._ray_errors()
+        excess: float = 0.0
+        for channel, value in error.items():
+            wanted = rays[channel]
+            if settings.target_error_db < 0.0:
+                wanted = min(wanted, settings.target_error_db - BELOW_TARGET_DB)
+            excess = max(excess, value - max(wanted, settings.tolerance_db))
+        if excess <= LEEWAY_DB or self.interval <= SHORTEST:
+            return self.interval
+        length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
+        return min(length, self.interval)
+
+    def _ray_errors(self) -> dict[str, float]:
+        """Error of each channel by the sampling with rays, in the middle of the track, dB."""
+        start, stop = self.blocks[self._middle][0], self.blocks[self._middle + 1][1]
+        if has_subsets(self.layers):
+            shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
+            planes = self.data[:, start:stop] * shares[:, None, None]
+            bars = estimate_error(planes, self.layers, pixels=False)
+            return dict(zip(bars.channels, bars.error_db, strict=True))
+        # one set of rays: against the same lattice shifted by half a cell, at one pulse
+        pulse = self.blocks[self._middle][1]
+        other, _ = self._traced([_shifted(grid) for grid in self.lattices[0]], pulse, pulse + 1)
+        out = {}
+        for channel in dict.fromkeys(layer.channel for layer in self.layers):
+            here = self._channel(self.data[:, pulse], channel)
+            out[channel] = _ratio_db(self._channel(other[:, 0], channel) - here, here) - 3.0
+        return out
+
+
+def _shifted(grid: LaunchGrid) -> LaunchGrid:
+    """The lattice shifted by half the diagonal of its cell."""
+    half = np.float32(0.5 * np.sqrt(2.0) * grid.spacing)
+    angle = grid.turn + 0.25 * np.pi
+    return replace(
+        grid, x=grid.x + half * np.float32(np.cos(angle)), y=grid.y + half * np.float32(np.sin(angle))
+    )
+
+
+def _ratio_db(error: C64, signal: C64) -> float:
+    """Energy over energy, dB; -inf where there is no signal."""
+    a, b = (float(np.sum(v.real**2 + v.imag**2, dtype=np.float64)) for v in (error, signal))
+    return 10.0 * float(np.log10(a / b)) if a > 0.0 and b > 0.0 else -np.inf
+
+
+__all__ = ["Blocks", "partition"]
