@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.refinement.passes import refine
+from sarmitsuba.simulation.refinement.passes import Passes, refine
 from sarmitsuba.simulation.sampling.piece import crop
 
 
@@ -84,6 +85,22 @@ def test_state_of_another_scene_is_refused(scene: Scene, tmp_path: Path) -> None
     np.savez(state, data=np.zeros(1), record=np.frombuffer(b'{"fingerprint": "x"}', dtype=np.uint8))
     with pytest.raises(DataError, match="passes"):
         refine(scene, time_limit=1.0, state=state)
+
+
+def test_damaged_states_are_one_line(tmp_path: Path) -> None:
+    state = tmp_path / "passes.npz"
+    data, layers = np.ones((1, 20, 20), np.complex64), (Layer("VV"),)
+    Passes("x", 1, 1.0, data, layers, [(1.0, -20.0)], {}, [0], 1.0, 5).save(state)
+    whole, rng = state.read_bytes(), np.random.default_rng(3)
+    np.testing.assert_array_equal(Passes.load(state, "x").data, data)
+    for k in range(200):
+        damaged = bytearray(whole[: rng.integers(len(whole))] if k % 2 else whole)
+        for _ in range(10):
+            damaged[-int(rng.integers(1, min(len(damaged), 600) + 1))] = int(rng.integers(256))
+        state.write_bytes(bytes(damaged))
+        with pytest.raises(DataError, match=r"remove (it|the file)") as caught:
+            Passes.load(state, "x")
+        assert "\n" not in str(caught.value)
 
 
 def test_fingerprint_sees_what_matters(scene: Scene) -> None:

@@ -2,7 +2,10 @@
 
 import dataclasses
 import json
+import struct
 import time
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +31,19 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
+# how NumPy, zip and JSON report a damaged file
+_DAMAGE = (
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 # weight of a pass as a power of its rays: a little above the 2 by which error energy falls, so that what the coarser
 # passes share does not stay
 WORTH = 3.0
@@ -109,7 +125,8 @@ class Passes:
         if not path.exists():
             return Passes(fingerprint)
         try:
-            with np.load(path) as file:
+            # opened here: of a damaged file NumPy leaves its own open
+            with open(path, "rb") as opened, np.load(opened) as file:
                 record = json.loads(file["record"].tobytes().decode())
                 data = file["data"]
             passes = Passes(
@@ -124,9 +141,10 @@ class Passes:
                 weight=float(record["weight"]),
                 rays=int(record["rays"]),
             )
-        except (OSError, KeyError, ValueError, EOFError) as error:
+        except _DAMAGE as error:
+            reason = " ".join(str(error).split())
             raise DataError(
-                f"{path}: cannot read the passes of an earlier run: {error}; remove the file"
+                f"{path}: cannot read the passes of an earlier run: {reason}; remove the file"
             ) from error
         if passes.fingerprint != fingerprint:
             raise DataError(
