@@ -18,7 +18,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.raw import block_error_db
+from sarmitsuba.simulation.run import block_error_db
 
 
 @pytest.fixture(scope="module")
