@@ -11,6 +11,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
@@ -133,4 +134,9 @@ class Run:
                 )
 
 
-__all__ = ["Ready", "Run"]
+def block_error_db(settings: TraceSettings) -> float:
+    """Error that a block of pulses may have against tracing every one: the tolerance, or what the gridding allows."""
+    return least_error_db(settings.gridding_width, settings.tolerance_db)
+
+
+__all__ = ["Ready", "Run", "block_error_db"]

@@ -30,15 +30,16 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     assert {p.name for p in out.iterdir()} == RESULTS
     assert fake_stages == {"path": "box", "radar": None, "parameters": {"h": "3", "w": "a=b"}}
     printed = capsys.readouterr()
-    # what it takes and does comes first
-    assert printed.out.splitlines()[:2] == ["expected: little", "plan: max_depth 2"]
+    # what was assumed, what it takes and what it does come first
+    assert printed.out.splitlines()[:3] == ["note: a note", "expected: little", "plan: max_depth 2"]
     assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
-    assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
+    assert printed.err.splitlines() == ["warning: the beam misses a corner"]
     record = json.loads((out / "parameters.json").read_text())
     assert record["seed"] == 9
     assert record["settings"]["method"] == "raw"
     assert record["definitions"] == {"h": "3", "w": "a=b"}
-    assert record["warnings"] == ["a note", "the beam misses a corner"]
+    assert record["warnings"] == ["the beam misses a corner"]
+    assert record["notes"] == ["a note"]
     assert record["plan"] == "max_depth 2"
     assert record["radar"]["prf_hz"] == pytest.approx(200.0)  # tol: float rounding
     assert {"load", "simulate", "focus", "write raw", "write image", "picture", "total"} <= set(
@@ -236,7 +237,7 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path) -> None:
     )
     with process:
         assert process.stdout is not None
-        assert process.stdout.readline() == "working\n"
+        assert [process.stdout.readline() for _ in range(2)] == ["note: a note\n", "working\n"]
         process.send_signal(signal.SIGINT)
         try:
             _, err = process.communicate()
