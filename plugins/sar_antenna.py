@@ -1,6 +1,7 @@
 """Sensor ``sar_antenna``: track, beam, waveform, polarisation and power of a monostatic radar."""
 
 from sarmitsuba.backend import mi
+from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.plugins import describe, given_values, register
 from sarmitsuba.loader.tables import SENSOR
 
@@ -11,6 +12,11 @@ class SarAntenna(mi.Sensor):
 
     def __init__(self, props: mi.Properties) -> None:
         self.given = given_values(props, SENSOR)
+        for film in (props[key] for key in props.keys() if isinstance(props[key], mi.Film)):
+            if not hasattr(film, "given"):
+                raise RadarError(
+                    f'sensor "{props.id()}": {film.class_name()} cannot record echoes; use range_film'
+                )
         super().__init__(props)
 
     def to_string(self) -> str:

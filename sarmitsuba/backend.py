@@ -40,6 +40,9 @@ _SYSTEM_FOLDERS = (
 )
 _LLVM_NAME = re.compile(r"libLLVM(?:-C)?(?:[-.](?P<a>\d+)[\d.]*)?\.(?:so|dylib)(?:\.(?P<b>\d+)[\d.]*)?$")
 
+# Dr.Jit's own stop and start, as the compilers of Linux and macOS name C++ functions
+_STOP, _START = "_Z12jit_shutdowni", "_Z8jit_initj"
+
 REMEDY = (
     f"pip install '{LLVM_PACKAGE}>=19,<24' (x86-64 Linux), or install LLVM >= {_OLDEST_LLVM_AVX512} with the "
     f"system's package manager and point {LLVM_VARIABLE} at its libLLVM.so"
@@ -80,8 +83,9 @@ def ensure_backend(prefer: str | None = None) -> Backend:
 
     The variant is, in this order: one that is already set and can trace (``llvm_*`` or ``cuda_*``), ``prefer``,
     the environment variable ``SARMITSUBA_VARIANT``, ``cuda_ad_rgb`` where an NVIDIA GPU with OptiX works, and
-    ``llvm_ad_rgb``. Dr.Jit looks for LLVM when it is imported first, so call this before importing Mitsuba
-    or set ``DRJIT_LIBLLVM_PATH``.
+    ``llvm_ad_rgb``; a scalar variant, which cannot trace, gives way. Dr.Jit looks for LLVM when it is imported: where
+    Mitsuba came first and the LLVM found then does not serve, Dr.Jit is started again with one that does, as long as
+    nothing has been computed with it.
 
     Parameters
     ----------
@@ -92,9 +96,12 @@ def ensure_backend(prefer: str | None = None) -> Backend:
     BackendError
         No back end works, or the variant asked for does not exist or cannot start.
     """
-    choice = None if "drjit" in sys.modules else prepare_llvm()
+    late = "drjit" in sys.modules
+    choice = None if late else prepare_llvm()
     mi, dr = _import_mitsuba()
     current = mi.variant()
+    if late and not (current or "").startswith("cuda_"):
+        choice = _replace_llvm(dr)
     if current is None or not current.startswith(("llvm_", "cuda_")):
         wanted = prefer or os.environ.get(VARIANT_VARIABLE) or None
         current = _start(mi, dr, wanted, choice)
@@ -116,8 +123,8 @@ def _refuse_old_llvm(version: str | None) -> None:
     if version and has_avx512() and int(version.partition(".")[0]) < _OLDEST_LLVM_AVX512:
         # it would end the process at the first kernel: "LLVM ERROR: Cannot select: fminimum"
         raise BackendError(
-            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit has loaded it already; import "
-            f"sarmitsuba and call ensure_backend() before importing Mitsuba, or set {LLVM_VARIABLE} to an LLVM >= "
+            f"LLVM {version} cannot compile for this processor (AVX-512), and Dr.Jit is at work with it already; call "
+            f"sarmitsuba.register_plugins() before mi.set_variant, or set {LLVM_VARIABLE} to an LLVM >= "
             f"{_OLDEST_LLVM_AVX512}"
         )
 
@@ -129,6 +136,31 @@ def prepare_llvm() -> LlvmChoice | None:
         if choice.source == "package":
             _preload_libcxx(choice.path)
         os.environ[LLVM_VARIABLE] = str(choice.path)
+    return choice
+
+
+def _replace_llvm(dr: Any) -> LlvmChoice | None:
+    """Start Dr.Jit again with an LLVM that works, where the one that it found when imported does not.
+
+    Left alone where the user chose the library, where Dr.Jit holds variables (they would be lost), and where its
+    start and stop cannot be called. Returns the LLVM that would serve, None where none is needed or known.
+    """
+    version = llvm_version()
+    major = int(version.partition(".")[0]) if version else 0
+    if dr.has_backend(dr.JitBackend.LLVM) and not (has_avx512() and major < _OLDEST_LLVM_AVX512):
+        return None
+    choice = find_llvm()
+    if choice is None or choice.source == "environment" or "No variables" not in dr.whos(as_string=True):
+        return choice
+    try:
+        core = ctypes.CDLL(str(next(Path(dr.__file__).parent.glob("libdrjit-core.*"))))
+        stop, start = core[_STOP], core[_START]
+    except (AttributeError, OSError, StopIteration):
+        return choice
+    stop.restype = start.restype = None
+    prepare_llvm()
+    stop(ctypes.c_int(0))
+    start(ctypes.c_uint32(sum(1 << int(dr.JitBackend[name].value) for name in ("CUDA", "LLVM"))))
     return choice
 
 
@@ -336,7 +368,8 @@ def arrays() -> ModuleType:
     BackendError
         No back end works.
     """
-    choice = None if "drjit" in sys.modules else prepare_llvm()
+    late = "drjit" in sys.modules
+    choice = None if late else prepare_llvm()
     try:
         import drjit
     except ImportError as error:
@@ -349,6 +382,8 @@ def arrays() -> ModuleType:
         if not drjit.has_backend(drjit.JitBackend.CUDA):
             raise BackendError(f"variant {variant!r} needs an NVIDIA GPU with its driver; none works here")
         return importlib.import_module("drjit.cuda")
+    if late:
+        choice = _replace_llvm(drjit)
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         raise BackendError(_no_llvm(choice))
     _refuse_old_llvm(llvm_version())

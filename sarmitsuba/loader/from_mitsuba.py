@@ -1,6 +1,5 @@
 """The same `Scene` from an already loaded ``mi.Scene``, so that ``mi.load_file`` and ``mi.render`` work."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
-from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.elements import Element, Property
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import Placed
 from sarmitsuba.materials.bsdfs import ADAPTER_BSDFS
@@ -33,7 +32,7 @@ _SHAPES = ("sphere", "disk", "cylinder", "rectangle")
 
 def scene_from_mitsuba(
     mi_scene: "mi.Scene",
-    sensor: "int | mi.Sensor" = 0,
+    sensor: "int | mi.Sensor | None" = None,
     integrator: "mi.Integrator | None" = None,
     *,
     radar_root: Element | None = None,
@@ -44,7 +43,7 @@ def scene_from_mitsuba(
     Parameters
     ----------
     mi_scene : what ``mi.load_file`` or ``mi.load_dict`` returns
-    sensor : a sensor or its index in the scene
+    sensor : a sensor or its index in the scene; None takes the first ``sar_antenna``, whatever cameras there are
     integrator : None takes the scene's
     radar_root : of a radar file that replaces sensor, film and integrator
     overrides : of plugin parameters
@@ -81,9 +80,12 @@ def scene_from_mitsuba(
     return collector.scene()
 
 
-def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor") -> Element:
+def _sensor(mi_scene: "mi.Scene", sensor: "int | mi.Sensor | None") -> Element:
     """Element of the radar and its film."""
-    antenna = mi_scene.sensors()[sensor] if isinstance(sensor, int) and mi_scene.sensors() else sensor
+    there = mi_scene.sensors()
+    if sensor is None:
+        sensor = next((i for i, candidate in enumerate(there) if hasattr(candidate, "given")), 0)
+    antenna = there[sensor] if isinstance(sensor, int) and sensor < len(there) else sensor
     if isinstance(antenna, int) or not hasattr(antenna, "given"):
         found = type(antenna).__name__ if not isinstance(antenna, int) else "none"
         raise RadarError(f"{_NAME}: the sensor is not a sar_antenna ({found}); add one, pass it to mi.render")
@@ -122,22 +124,29 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
         values["relative_permittivity"] = _scalar(bsdf.relative_permittivity)
         values["conductivity"] = _scalar(bsdf.conductivity)
         return Element("bsdf", "radio-material", name, where, Path(), values)
-    text = str(bsdf)
     plugin = _plugin(bsdf.class_name())
-    element = Element("bsdf", plugin, name, where, Path(), {})
+    values: dict[str, Property] = {}
+    element = Element("bsdf", plugin, name, where, Path(), values)
     if plugin in ADAPTER_BSDFS:
-        # Mitsuba does not hand out nested BSDFs; their class stands in the text of the outer one
-        for inner in re.findall(r"= ?(\w[\w-]*)\[", text):
-            nested = _plugin(inner)
-            if nested in tables.TABLES:
-                raise SceneError(
-                    f"{where}: {nested} inside {plugin} cannot be read from a loaded scene; put it on the "
-                    "shape"
-                )
-            if "texture" not in nested and "spectrum" not in nested:
-                element.children.append(("_arg_0", Element("bsdf", nested, "", where, Path(), {})))
-                break
+        numbers = mi.traverse(bsdf)
+        for key in ("opacity", "weight"):  # where it is a number, not a texture
+            if f"{key}.value" in numbers:
+                values[key] = _scalar(numbers[f"{key}.value"])
+        element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
     return element
+
+
+def _nested(bsdf: "mi.BSDF") -> "list[mi.BSDF]":
+    """BSDFs inside another one, in turn: the objects themselves, which only a traversal hands out."""
+    found = []
+
+    class Callback(mi.TraversalCallback):
+        def put(self, name: str, value: object, *rest: object) -> None:
+            if isinstance(value, mi.BSDF):
+                found.append(value)
+
+    bsdf.traverse(Callback())
+    return found
 
 
 def _plugin(class_name: str) -> str:

@@ -58,7 +58,7 @@ def load_scene(
     loaded, root = None, None
     if file is not None:
         root = parse_file(file, plain)
-    elif isinstance(scene, Mapping) and not _holds_objects(scene):
+    elif not _holds_objects(scene) and isinstance(scene, Mapping):
         root = parse_dict(scene, _DICT)
     else:
         loaded = _loaded(scene)
@@ -79,8 +79,16 @@ def load_scene(
 def _holds_objects(value: object) -> bool:
     """True when a dict holds objects that Mitsuba has made."""
     if isinstance(value, Mapping):
-        return any(_holds_objects(item) for item in value.values())
-    return isinstance(value, mi.Object)
+        return any([_holds_objects(item) for item in value.values()])
+    if not isinstance(value, mi.Object):
+        return False
+    made = value.variant_name()  # empty for what is the same in all
+    if made not in ("", mi.variant()):
+        raise SceneError(
+            f"{type(value).__name__}: made by Mitsuba under the variant {made}, not {mi.variant()}; make it again "
+            "after sarmitsuba.register_plugins()"
+        )
+    return True
 
 
 def _loaded(scene: object) -> "mi.Scene":

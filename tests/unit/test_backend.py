@@ -91,6 +91,22 @@ def test_a_variant_that_can_trace_is_kept() -> None:
 
 
 @pytest.mark.parametrize(
+    "first", ["import drjit", "import mitsuba", "import mitsuba as mi; mi.set_variant('scalar_rgb')"]
+)
+def test_mitsuba_may_be_imported_first(first: str) -> None:
+    """Dr.Jit then has the system's LLVM or none: it is given one that works."""
+    code = f"{first}; {SHOW}; import drjit as dr, mitsuba as mi; print(dr.max(dr.minimum(dr.arange(mi.Float, 9), 5))[0])"
+    result = run(code, SARMITSUBA_VARIANT="llvm_ad_rgb")
+    assert result.stdout.split() == ["llvm_ad_rgb", "5.0"], result.stderr
+
+
+def test_focusing_may_follow_a_late_start() -> None:
+    code = "import drjit as dr; from sarmitsuba.backend import arrays; a = arrays(); print(dr.sum(a.Float([1, 2]))[0])"
+    result = run(code, SARMITSUBA_VARIANT="llvm_ad_rgb")
+    assert result.stdout.split() == ["3.0"], result.stderr
+
+
+@pytest.mark.parametrize(
     ("environment", "text"),
     [
         (

@@ -143,6 +143,92 @@ def test_ordinary_bsdfs_of_a_loaded_scene(mi) -> None:
     assert sorted((m.pec, m.invisible) for m in loaded.materials) == [(False, True), (True, False)]
 
 
+CONCRETE = {"type": "radar_material", "material": "concrete"}
+FILM = {"type": "range_film", "image_extent_range": 33.0, "rfilter": {"type": "box"}}
+METAL = {"type": "conductor"}
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize(
+    ("bsdf", "seen"),
+    [
+        ({"type": "twosided", "bsdf": CONCRETE}, "concrete"),
+        (
+            {"type": "mask", "opacity": 0.9, "nested_bsdf": {"type": "twosided", "brdf_0": CONCRETE}},
+            "concrete",
+        ),
+        ({"type": "mask", "opacity": 0.2, "nested_bsdf": CONCRETE}, "nothing"),
+        ({"type": "blendbsdf", "weight": 0.9, "bsdf_0": METAL, "bsdf_1": CONCRETE}, "concrete"),
+        ({"type": "blendbsdf", "weight": 0.1, "bsdf_0": METAL, "bsdf_1": CONCRETE}, "metal"),
+        ({"type": "holder-material", "bsdf": CONCRETE}, "concrete"),
+    ],
+)
+def test_nested_bsdfs_and_films_by_both_routes(mi, bsdf, seen: str) -> None:
+    radar = {"type": "sar_antenna", "film": FILM, "sampler": {"type": "independent"}}
+    plain = {"type": "cube", "bsdf": {"type": "radar_material", "material": "wood"}}
+    description = {"type": "scene", "radar": radar, "a": {"type": "cube", "bsdf": bsdf}, "b": plain}
+    concrete = load_scene({**description, "a": {"type": "cube", "bsdf": CONCRETE}}).materials[0].permittivity
+    for scene in (load_scene(description), load_scene(mi.load_dict(description))):
+        assert scene.image.extent_range == 33.0
+        first = next(m for m in scene.materials if m.permittivity != load_scene_of(plain).permittivity)
+        assert first.invisible == (seen == "nothing") and first.pec == (seen == "metal")
+        if seen == "concrete":
+            assert first.permittivity == pytest.approx(concrete, rel=1e-6)
+
+
+def load_scene_of(shape: dict[str, object]):
+    """The one material of a shape."""
+    return load_scene({"type": "scene", "radar": {"type": "sar_antenna"}, "shape": shape}).materials[0]
+
+
+def test_the_radar_is_found_among_cameras(mi) -> None:
+    description = {
+        "type": "scene",
+        "camera": {"type": "perspective"},
+        "radar": {"type": "sar_antenna", "prf": 321.0},
+        "a": {"type": "cube", "bsdf": CONCRETE},
+    }
+    tracks = [load_scene(s).radar.track.time for s in (description, mi.load_dict(description))]
+    assert np.diff(tracks[1]) == pytest.approx(1.0 / 321.0)
+    np.testing.assert_array_equal(*tracks)
+
+
+def test_a_film_of_light_is_refused(mi) -> None:
+    with pytest.raises(RuntimeError, match="cannot record echoes; use range_film"):
+        mi.load_dict({"type": "sar_antenna", "film": {"type": "hdrfilm"}})
+
+
+OTHER_VARIANT = """
+import mitsuba as mi
+mi.set_variant("scalar_rgb")
+import sarmitsuba
+box = {"type": "cube", "to_world": mi.ScalarTransform4f().scale(3)}
+radar = {"type": "sar_antenna"}
+print(sarmitsuba.load_scene({"type": "scene", "radar": radar, "box": box}).geometry.bounds[1, 0], mi.variant())
+mi.set_variant("scalar_rgb")
+made, loaded = mi.load_dict(box), mi.load_dict({"type": "scene", "box": box})
+for scene in ({"type": "scene", "radar": radar, "box": made}, loaded):
+    try:
+        sarmitsuba.load_scene(scene, radar="airborne_x")
+    except sarmitsuba.errors.SceneError as error:
+        print(error)
+mi.set_variant("scalar_rgb")
+sarmitsuba.register_plugins()
+print(mi.variant(), sarmitsuba.load_scene(mi.load_dict({"type": "scene", "r": radar, "b": box})).geometry.n_faces)
+"""
+
+
+def test_other_variants_before_and_after() -> None:
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", OTHER_VARIANT], capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    first, made, loaded, last = run.stdout.strip().splitlines()
+    assert first.startswith("3.0 llvm") or first.startswith("3.0 cuda")
+    assert "under the variant scalar_rgb" in made and "register_plugins()" in loaded
+    assert last.endswith(" 12")
+
+
 def test_what_cannot_be_read_is_said(mi) -> None:
     light = mi.load_dict({"type": "scene", "camera": {"type": "perspective"}, "a": {"type": "cube"}})
     with pytest.raises(RadarError, match="the sensor is not a sar_antenna"):
