@@ -11,7 +11,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle, look_directions, matched_weights
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -27,13 +27,13 @@ _WEAK = 0.01
 def image_request(
     raw: RawData | Radar, request: ImageRequest | Mapping[str, object] | None = None
 ) -> ImageRequest:
-    """Which image to make: the one asked for, else the one that the data's metadata ask for, else one of our own.
+    """Which image to make: that of the data's metadata, else one of our own, with what the request changes in it.
 
     Parameters
     ----------
     raw : data, or only their radar. Their metadata may hold ``image_request`` or, from a simulation that was not
         saved by ``render``, ``image``
-    request : an image request, or a mapping with its fields
+    request : a whole image request, or a mapping with the fields to change, such as ``{"grid": "ground"}``
 
     Returns
     -------
@@ -44,18 +44,17 @@ def image_request(
     DataError
         The mapping has fields that no image request has.
     """
-    if request is None and isinstance(raw, RawData):
-        request = raw.metadata.get("image_request") or raw.metadata.get("image")
-    if request is None:
-        return _request_from_window(raw if isinstance(raw, Radar) else raw.radar)
     if isinstance(request, ImageRequest):
         return request
+    own = raw.metadata.get("image_request") or raw.metadata.get("image") if isinstance(raw, RawData) else None
+    changes: dict[str, Any] = {**(own or {}), **(request or {})}
     known = {field.name for field in dataclasses.fields(ImageRequest)}
-    unknown = sorted(set(request) - known)
+    unknown = sorted(set(changes) - known)
     if unknown:
         raise DataError(f"image request: {', '.join(unknown)} unknown; it has {', '.join(sorted(known))}")
-    values: dict[str, Any] = dict(request)
-    return ImageRequest(**values)
+    if set(changes) == known:
+        return ImageRequest(**changes)
+    return dataclasses.replace(_request_from_window(raw if isinstance(raw, Radar) else raw.radar), **changes)
 
 
 def default_grid(
@@ -75,21 +74,31 @@ def default_grid(
     Raises
     ------
     DataError
-        No such grid: the centre on the wrong side, a spacing that is not positive.
+        No such grid: the centre on the wrong side or where nothing was recorded, a plane above the radar, an extent or
+        spacing that is not positive, too many pixels.
     """
     radar = raw if isinstance(raw, Radar) else raw.radar
     request = image_request(raw, request)
-    if request.grid not in ("slant", "ground"):
-        raise DataError(f"image grid: kind {request.grid!r} is unknown; it is slant or ground")
+    _check_request(radar, request)
     center = np.array([request.center_x, request.center_y, request.height])
-    spacing_azimuth, spacing_range = natural_spacing(radar, center, request.grid)
-    spacing_azimuth = request.spacing_azimuth or spacing_azimuth
-    spacing_range = request.spacing_range or spacing_range
-    if not (spacing_azimuth > 0.0 and spacing_range > 0.0):
+    natural = natural_spacing(radar, center, request.grid)
+    spacing_azimuth = request.spacing_azimuth or natural[0]
+    spacing_range = request.spacing_range or natural[1]
+    if request.extent_azimuth / spacing_azimuth * max(1.0, request.extent_range / spacing_range) > MAX_PIXELS:
         raise DataError(
-            f"image grid: pixel spacings {spacing_azimuth:g} m and {spacing_range:g} m must be above 0"
+            f"image grid: {request.extent_azimuth:g} m x {request.extent_range:g} m in pixels of {spacing_azimuth:g} m "
+            f"x {spacing_range:g} m are more than {MAX_PIXELS} pixels; shrink the extents or widen the spacings"
         )
     along, across = radar.track.along, radar.across
+    origin = radar.track.center_position
+    ground = float((center - origin) @ across)
+    if ground <= 0.0:
+        raise DataError(
+            f"image grid: its centre lies {-ground:g} m behind the radar, on the side it does not look to; change "
+            "look_side or the "
+            "image's centre"
+        )
+    _check_recorded(radar, request)
     half_azimuth, half_range = 0.5 * request.extent_azimuth, 0.5 * request.extent_range
     if request.grid == "ground":
         return ImageGrid(
@@ -100,14 +109,6 @@ def default_grid(
             along=along,
             across=across,
             height=float(request.height),
-        )
-    origin = radar.track.center_position
-    ground = float((center - origin) @ across)
-    if ground <= 0.0:
-        raise DataError(
-            f"image grid: its centre lies {-ground:g} m behind the radar, on the side it does not look to; change "
-            "look_side or the "
-            "image's centre"
         )
     drop = float(origin[2] - request.height)
     middle = float(np.hypot(ground, drop))
@@ -123,6 +124,48 @@ def default_grid(
         across=across,
         height=float(request.height),
     )
+
+
+def _check_request(radar: Radar, request: ImageRequest) -> None:
+    """Raise a DataError for a request that no image can meet."""
+    if request.grid not in ("slant", "ground"):
+        raise DataError(f"image grid: kind {request.grid!r} is unknown; it is slant or ground")
+    for name in ("center_x", "center_y", "height"):
+        if not np.isfinite(getattr(request, name)):
+            raise DataError(f"image grid: {name} = {getattr(request, name)} m is not a finite number")
+    extents = (request.extent_azimuth, request.extent_range)
+    if not (min(extents) > 0.0 and np.isfinite(extents).all()):
+        raise DataError(
+            f"image grid: extents {extents[0]:g} m and {extents[1]:g} m must be finite and above 0"
+        )
+    spacings = (request.spacing_azimuth, request.spacing_range)
+    if not (min(spacings) >= 0.0 and np.isfinite(spacings).all()):
+        raise DataError(
+            f"image grid: pixel spacings {spacings[0]:g} m and {spacings[1]:g} m must be finite and above 0, or 0 for "
+            "half a cell"
+        )
+    top = float(radar.track.center_position[2])
+    if request.height >= top:
+        raise DataError(
+            f"image grid: its plane at height {request.height:g} m is not below the antenna at {top:g} m; lower it"
+        )
+
+
+def _check_recorded(radar: Radar, request: ImageRequest) -> None:
+    """Raise a DataError where no pulse recorded any slant range of the image."""
+    track, window = radar.track, radar.window
+    share = np.linspace(-0.5, 0.5, 9)
+    x, y = np.meshgrid(share * request.extent_azimuth, share * request.extent_range)
+    middle = np.array([request.center_x, request.center_y, request.height])
+    points = middle + x[..., None] * track.along + y[..., None] * radar.across
+    pick = np.unique(np.linspace(0, track.n_pulses - 1, 65).astype(int))
+    slant = np.linalg.norm(points.reshape(-1, 1, 3) - track.position[pick], axis=-1)
+    start = window.start_range[pick]
+    if not ((slant.max(axis=0) >= start) & (slant.min(axis=0) <= start + window.extent)).any():
+        raise DataError(
+            f"image grid: slant ranges of {slant.min():.6g} ... {slant.max():.6g} m were not recorded, only those of "
+            f"{start.min():.6g} ... {start.max() + window.extent:.6g} m; move the image's centre"
+        )
 
 
 def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]:

@@ -149,4 +149,4 @@ def image_box(image: ImageRequest, scene: Box) -> Box:
     return Box(scene.origin, scene.axes, low, high)
 
 
-__all__ = ["MAX_CELLS", "ImageRequest", "build_image_request", "image_box"]
+__all__ = ["MAX_CELLS", "MAX_PIXELS", "ImageRequest", "build_image_request", "image_box"]

@@ -73,10 +73,10 @@ def test_options_change_the_image_and_are_written_down() -> None:
 def test_a_refusal_names_what_can_do_it() -> None:
     radar = ideal_radar(n_samples=128, resolution=4.0)
     raw = ideal_echoes(radar, np.zeros(3))
-    with pytest.raises(
-        DataError, match=r"omega_k: the image grid is a ground grid.*take focuser .*backprojection"
-    ):
-        focus(raw, request=replace(REQUEST, grid="ground"), focuser="omega_k")
+    wavy = radar.track.position + np.sin(np.arange(radar.track.n_pulses))[:, None] * [0.0, 0.0, 0.1]
+    raw = replace(raw, radar=replace(radar, track=replace(radar.track, position=wavy)))
+    with pytest.raises(DataError, match=r"omega_k: the track is curved.*take focuser .*backprojection"):
+        focus(raw, request=REQUEST, focuser="omega_k")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import aperture_weights, band_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
+from sarmitsuba.focusing.ground import slant_below, slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -61,7 +62,7 @@ def omega_k(
     azimuth_window: str | Window = "rectangular",
     progress: Progress = silent,
 ) -> C64:
-    r"""Focus range-compressed data of a straight track onto its slant grid.
+    r"""Focus range-compressed data of a straight track onto its slant grid, or onto a ground grid along the track.
 
     With :math:`k = 4 \pi (f_c + f) / c`, :math:`k_y = \sqrt{k^2 - k_x^2}` and the data's spectrum S over track and
     fast time:
@@ -77,7 +78,7 @@ def omega_k(
     Parameters
     ----------
     raw : range-compressed data of a straight, level, uniformly sampled track
-    grid : slant grid of that track
+    grid : slant grid of that track, or a ground grid along it, which is interpolated from the slant grid of its ranges
     range_window, azimuth_window : as in ``backproject``; azimuth weights are over the pulse index
     progress : called after every layer
 
@@ -88,7 +89,7 @@ def omega_k(
     Raises
     ------
     DataError
-        Curved, climbing or non-uniform track, ground grid, or a grid of another track.
+        Curved, climbing or non-uniform track, or a grid that does not lie along it.
 
     Notes
     -----
@@ -104,6 +105,7 @@ def omega_k(
     refusal = _refusal(radar, grid)
     if refusal:
         raise DataError(f"omega-K: {refusal}")
+    wanted, grid = grid, _slant_grid(radar, grid)
     geometry = _geometry(radar, grid)
     window, own = parse_window(azimuth_window), np.isfinite(radar.half_aperture)
     weights = np.ones(radar.track.n_pulses) if own else window.aperture(radar.track.n_pulses)
@@ -134,7 +136,19 @@ def omega_k(
         columns, first = _stolt(spectrum, radar, grid, dense, offset, n_x, window)
         image[layer] = _to_azimuth(columns, first, n_x, grid, dense) * (factor / (n_x * dense.spacing))
         progress("focus", layer + 1.0, float(len(raw.layers)), {})
+    if wanted.kind == "ground":
+        kc = 4.0 * np.pi / radar.waveform.wavelength
+        return to_ground(image, grid, slant_ranges(radar, wanted), kc * _cosine(geometry))
     return image
+
+
+def _slant_grid(radar: Radar, grid: ImageGrid) -> ImageGrid:
+    """Where the focusing itself takes place."""
+    return slant_below(radar, grid) if grid.kind == "ground" else grid
+
+
+def _cosine(geometry: _Geometry) -> float:
+    return float(np.sqrt(max(1.0 - geometry.sin_squint**2, 0.0)))
 
 
 def _refusal(radar: Radar, grid: ImageGrid) -> str:
@@ -144,12 +158,13 @@ def _refusal(radar: Radar, grid: ImageGrid) -> str:
         return f"{track.n_pulses} pulses are too few, at least 8 are needed"
     if not track.is_straight:
         return "the track is curved or not uniformly sampled"
-    if grid.kind != "slant":
-        return "the image grid is a ground grid, omega-K fills slant grids only"
-    relative = track.position - grid.origin
+    ground = grid.kind == "ground"
+    relative = track.position - (track.center_position if ground else grid.origin)
     off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
     if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
-        return f"the track runs {off:.3g} m off the slant grid's horizontal axis (bound 1e-4 m)"
+        return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
+    if ground and slant_ranges(radar, grid).min() <= 0.0:
+        return "the ground grid reaches across the ground track"
     return ""
 
 
@@ -295,7 +310,7 @@ def _stolt(
     # pixel j stands at y = (j - n_range // 2) spacing; undo the kernel there
     pixel = np.arange(n_range) - n_range // 2
     deapodise = 1.0 / kernel.transform(pixel / n_y)
-    ky_center = float(np.sqrt(max(kc**2 - (kc * geometry.sin_squint) ** 2, 0.0)))
+    ky_center = kc * _cosine(geometry)
     carrier = np.exp(1j * ky_center * pixel * grid.range_spacing) * deapodise * n_y
 
     out = np.zeros((m.size, n_range), dtype=np.complex64)
@@ -375,10 +390,10 @@ def _to_azimuth(columns: C64, first: int, n_x: int, grid: ImageGrid, geometry: _
 
 @dataclass(frozen=True)
 class OmegaK(Focuser):
-    """Wavenumber-domain focusing: fast, for straight tracks and their own slant grids; see :func:`omega_k`."""
+    """Wavenumber-domain focusing: fast, for straight tracks and grids along them; see :func:`omega_k`."""
 
     name: ClassVar[str] = "omega_k"
-    title: ClassVar[str] = "straight, uniform track and its slant grid; fast for large images"
+    title: ClassVar[str] = "straight, level, uniform track and a grid along it; fast for large images"
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it cannot focus this radar's data on this grid; empty when it can."""
@@ -394,7 +409,8 @@ class OmegaK(Focuser):
             azimuth_window=task.azimuth_window,
             progress=task.progress,
         )
-        return Focused(pixels, lambda point: pulse_weights(radar, grid, point, task.azimuth_window))
+        slant = _slant_grid(radar, grid)
+        return Focused(pixels, lambda point: pulse_weights(radar, slant, point, task.azimuth_window))
 
 
 FOCUSERS.register(OmegaK())

@@ -1,0 +1,79 @@
+"""From the slant grid of a straight track to a ground grid: range columns by band-limited interpolation."""
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from sarmitsuba.focusing.grid import natural_spacing
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# taps of the windowed sinc, and its Kaiser parameter: errors below -90 dB at the oversampling of 2.5 of slant_below
+_TAPS, _BETA = 10, 9.0
+
+
+def slant_below(radar: Radar, ground: ImageGrid) -> ImageGrid:
+    """Slant grid of the track that holds a ground grid's pixels, its range columns half as far apart as is natural.
+
+    The columns' spacing is at most 0.4 of the Nyquist spacing of the image's spectrum, see
+    :func:`sarmitsuba.focusing.grid.natural_spacing`; rows are those of the ground grid.
+    """
+    origin = radar.track.center_position
+    middle = ground.positions_on_line(ground.azimuth.size // 2)[ground.range.size // 2]
+    spacing = 0.5 * natural_spacing(radar, middle, "slant")[1]
+    rho = slant_ranges(radar, ground)
+    first = int(np.floor(rho.min() / spacing)) - _TAPS
+    columns = spacing * np.arange(first, int(np.ceil(rho.max() / spacing)) + _TAPS + 1)
+    return ImageGrid(
+        kind="slant",
+        azimuth=ground.azimuth + float((ground.origin - origin) @ ground.along),
+        range=columns[columns > abs(origin[2] - ground.height)],
+        origin=origin,
+        along=ground.along,
+        across=ground.across,
+        height=ground.height,
+    )
+
+
+def slant_ranges(radar: Radar, ground: ImageGrid) -> F64:
+    """(n_range,) float64 closest-approach range of a ground grid's columns, m; negative behind the track."""
+    origin = radar.track.center_position
+    across = ground.range + float((ground.origin - origin) @ ground.across)
+    return np.asarray(np.copysign(np.hypot(across, origin[2] - ground.height), across))
+
+
+def to_ground(pixels: C64, slant: ImageGrid, rho: F64, carrier: float) -> C64:
+    """Pixels at other ranges.
+
+    Parameters
+    ----------
+    pixels : (n_layers, n_azimuth, n_slant) complex64 on ``slant``
+    slant : oversampled at least 2.5 times
+    rho : (n_range,) float64, m, where pixels are wanted
+    carrier : rad/m, middle of the spectrum over range
+
+    Returns
+    -------
+    (n_layers, n_azimuth, n_range) complex64
+    """
+    at = (rho - slant.range[0]) / slant.range_spacing
+    base = np.floor(at).astype(np.int64)
+    column = base[:, None] + np.arange(_TAPS) - (_TAPS // 2 - 1)
+    way = at[:, None] - column
+    window = np.i0(_BETA * np.sqrt(np.clip(1.0 - (2.0 * way / _TAPS) ** 2, 0.0, None))) / np.i0(_BETA)
+    # in the baseband of the pixels' range; the carrier comes back at the new ranges
+    turn = np.exp(1j * carrier * slant.range_spacing * way)
+    value = (np.sinc(way) * window * turn).astype(np.complex64)
+    there = (column >= 0) & (column < slant.range.size)
+    row = np.broadcast_to(np.arange(rho.size)[:, None], column.shape)
+    matrix = scipy.sparse.csr_array(
+        (value[there], (row[there], column[there])), shape=(rho.size, slant.range.size)
+    )
+    flat = pixels.reshape(-1, slant.range.size)
+    return np.asarray((matrix @ flat.T).T, dtype=np.complex64).reshape(*pixels.shape[:2], rho.size)
+
+
+__all__ = ["slant_below", "slant_ranges", "to_ground"]
