@@ -111,7 +111,7 @@ class Paths:
         rate = (d[0] * motion[0] + d[1] * motion[1] + d[2] * motion[2]) / half
         amplitude = dr.gather(mi.Complex2f, self.amplitude, path)
         path_contribution = Contribution(
-            mi.UInt32(DIFFUSE), mi.UInt32(1), pulse, half, rate, (amplitude,), mi.Bool(True)
+            mi.UInt32(DIFFUSE), mi.UInt32(1), pulse, half, rate, (amplitude,), mi.Bool(True), mi.Vector3d(0)
         )
         state = accumulator.add(accumulator.begin(), path_contribution)
         dr.eval(state, accumulator.memory)

@@ -9,6 +9,7 @@ from sarmitsuba.backend import mi
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.geometry import TraceScene
 
@@ -55,17 +56,7 @@ def add_points(
     for point in scene.points:
         for start in range(0, track.n_pulses, step):
             pick = slice(start, start + step)
-            leg = point.position - track.position[pick]
-            distance = np.linalg.norm(leg, axis=1)
-            amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / distance**2
-            if flags.antenna_pattern:
-                u = leg / distance[:, None]
-                p = radar.pointing
-                amplitude *= radar.antenna.two_way_amplitude(
-                    np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
-                ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
-            if trace_scene is not None:
-                amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
+            distance, amplitude = point_returns(scene, flags, trace_scene, point, pick)
             added += int(np.count_nonzero(amplitude))
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
@@ -73,6 +64,25 @@ def add_points(
             for i in picks:  # both ray subsets see the whole point
                 data[i, pick] += profile * np.float32(SUBSET_SHARES[layers[i].subset])
     return added
+
+
+def point_returns(
+    scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, point: PointTarget, pick: slice
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance (m) and co-polar amplitude (sqrt(W)) of a point from the pulses ``pick``, two (n,) float64."""
+    radar = scene.radar
+    leg = point.position - radar.track.position[pick]
+    distance = np.linalg.norm(leg, axis=1)
+    amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / distance**2
+    if flags.antenna_pattern:
+        u = leg / distance[:, None]
+        p = radar.pointing
+        amplitude *= radar.antenna.two_way_amplitude(
+            np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
+        ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
+    if trace_scene is not None:
+        amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
+    return distance, amplitude
 
 
 def visible(
@@ -148,4 +158,4 @@ def off_planes(
     return step
 
 
-__all__ = ["ON_SURFACE", "add_points", "off_planes", "touched_facets", "visible"]
+__all__ = ["ON_SURFACE", "add_points", "off_planes", "point_returns", "touched_facets", "visible"]

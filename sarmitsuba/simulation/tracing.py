@@ -172,15 +172,10 @@ class Tracer:
         pulses_each: int,
     ) -> TraceStatistics:
         """Record and run one kernel."""
-        radar, flags = self.sampling.scene.radar, self.flags
-        frame = grid.frame or self.sampling.window.frame
-        batch = pulse_batch(radar, pick, position, velocity, frame, patterned=flags.antenna_pattern)
+        radar = self.sampling.scene.radar
+        batch, flags = self.prepared(grid, position, velocity, pick)
         if isinstance(accumulator, BlockAccumulator):
             batch = replace(batch, azimuth_axis=None)
-        if grid.purpose == "coherent":
-            flags = replace(flags, diffuse=False)
-        elif grid.purpose == "diffuse":
-            flags = replace(flags, coherent=False)
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
@@ -196,6 +191,25 @@ class Tracer:
             power=power * pulses_each,
             power_outside=lost_power * pulses_each,
         )
+
+    def prepared(
+        self,
+        grid: LaunchGrid,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        pick: slice,
+    ) -> tuple[PulseBatch, KernelFlags]:
+        """Antenna state of a launch and the effects of the returns that the grid's rays are for."""
+        flags = self.flags
+        frame = grid.frame or self.sampling.window.frame
+        batch = pulse_batch(
+            self.sampling.scene.radar, pick, position, velocity, frame, patterned=flags.antenna_pattern
+        )
+        if grid.purpose == "coherent":
+            flags = replace(flags, diffuse=False)
+        elif grid.purpose == "diffuse":
+            flags = replace(flags, coherent=False)
+        return batch, flags
 
 
 def pulse_batch(

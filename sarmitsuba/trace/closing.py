@@ -67,7 +67,7 @@ def close_coherent(
     part, n, s = tube_here.polygon, hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
-    slant_range = _mean_leg(kernel, hit)
+    slant_range, point = _mean_leg(kernel, hit), hit.p
     range_rate = 0.5 * (
         dr.dot(hit.to_antenna64, lane.velocity) - dr.dot(hit.direction64, ray.virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
@@ -76,6 +76,7 @@ def close_coherent(
         filled, place = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
+        point = point + mi.Vector3d(rim)
         # a point of the tube is seen along another launch direction, whatever mirrors are in between
         change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
         across = rim - s * dr.dot(rim, s)
@@ -111,6 +112,7 @@ def close_coherent(
         range_rate=range_rate,
         amplitudes=tuple(amplitudes),
         active=hit.sees,
+        point=point,
     )
 
 
@@ -187,6 +189,7 @@ class DiffuseReturns:
             range_rate=0.5 * (rate_out + rate_back),
             amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
+            point=centre,
         )
         if self.retro is None:
             return straight
@@ -210,6 +213,7 @@ def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contributi
         slant_range=dr.select(condition, a.slant_range, b.slant_range),
         range_rate=dr.select(condition, a.range_rate, b.range_rate),
         amplitudes=tuple(dr.select(condition, x, y) for x, y in zip(a.amplitudes, b.amplitudes, strict=True)),
+        point=dr.select(condition, a.point, b.point),
     )
 
 

@@ -47,6 +47,7 @@ class TraceScene:
         :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
+    geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
     forms : forms of bistatic scattering in the scene other than the mean of both angles
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
@@ -69,6 +70,7 @@ class TraceScene:
     curvature_table: mi.Float | None
     needs: tuple[NDArray[np.float64], NDArray[np.float64]]
     triangles: NDArray[np.float64]
+    geometry_faces: NDArray[np.intp]
 
     @property
     def extent(self) -> float:
@@ -180,6 +182,7 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
         curvature_table=None if bend is None else _table32(bend),
         needs=needs,
         triangles=triangles,
+        geometry_faces=rows_kept,
     )
 
 

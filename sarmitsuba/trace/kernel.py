@@ -11,12 +11,12 @@ What this does not do: transmission, edge and surface-wave diffraction, and diff
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import DiffuseReturns, Slot, close_coherent, close_diffuse, receiver, selected
 from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, past_foci, reflect
-from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings, Lane, RayState
+from sarmitsuba.trace.state import Constants, Contribution, Hit, Kernel, KernelSettings, Lane, RayState
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -38,6 +38,14 @@ class Accumulator(Protocol):
 
         The accumulator puts orders above its highest into that one.
         """
+
+
+@runtime_checkable
+class Follower(Protocol):
+    """An accumulator that also follows every ray from hit to hit."""
+
+    def visit(self, state: LaneArrays, hit: Hit) -> None:
+        """Take note of a hit, before its contributions are added."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +104,8 @@ def _bounce(
         coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
     if flags.diffuse:
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
+    if isinstance(accumulator, Follower):
+        accumulator.visit(added, hit)
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:
@@ -144,4 +154,4 @@ def _add(
     return added, count
 
 
-__all__ = ["Accumulator", "KernelSettings", "TraceCounts", "trace"]
+__all__ = ["Accumulator", "Follower", "KernelSettings", "TraceCounts", "trace"]

@@ -270,6 +270,7 @@ class Contribution:
     range_rate : float64, m/s, its derivative
     amplitudes : one complex float32 per channel, without the phase of the slant range
     active : lanes that have it
+    point : float64, m, scene frame; phase centre on the surface of the hit
     """
 
     kind: mi.UInt32
@@ -279,6 +280,7 @@ class Contribution:
     range_rate: mi.Float64
     amplitudes: tuple[mi.Complex2f, ...]
     active: mi.Bool
+    point: mi.Vector3d
 
 
 __all__ = [

@@ -65,7 +65,9 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
         a = mi.Complex2f(mi.Float(amplitude.astype(np.float32)), mi.Float(0))
         pulse = dr.zeros(mi.UInt32, 2 * n)
         one = mi.UInt32(1)
-        paths = Contribution(one, one, pulse, mi.Float64(half), mi.Float64(0), (a,), mi.Bool(True))
+        paths = Contribution(
+            one, one, pulse, mi.Float64(half), mi.Float64(0), (a,), mi.Bool(True), mi.Vector3d(0)
+        )
         state = accumulator.add(accumulator.begin(), paths)
         dr.eval(state, accumulator.memory)
         return np.abs(accumulator.grid() - truth)

@@ -10,7 +10,6 @@ import sarmitsuba
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.loader.library import resolve_radar
 from sarmitsuba.radar.description import FilmDescription, RadarDescription
@@ -68,11 +67,6 @@ def test_omega_k_on_the_ground_at_random(squint: float) -> None:
     scene = build_scene(points=points, radar=radar, film=film)
     raw = sarmitsuba.simulate(scene)
     image = focus(raw, default_grid(scene.radar, scene.image), focuser="omega_k")
-    wanted = np.array([p.position for p in points])
-    peaks = backproject(raw, wanted)[0]
-    assert np.abs(peaks) ** 2 == pytest.approx(
-        [p.rcs for p in points], rel=0.05
-    )  # tol: side lobes of the others
     grid = image.grid
     full = focus(raw, grid)
     error = np.linalg.norm(image.data - full.data) / np.linalg.norm(full.data)

@@ -1,0 +1,332 @@
+"""A table of the single paths behind a pulse's echo or a pixel: where they hit, how long they are, what they return."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sarmitsuba.backend import dr
+from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.points import point_returns
+from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.trace.kernel import trace
+from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.state import RETRO
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
+# own chain of mirrors, and from an ideal point
+KINDS = ("coherent", "diffuse", "retro", "point")
+POINT = 3
+# contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
+ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class PathTable:
+    """Paths from the antenna over the scene and back, one per row, strongest first within a pulse.
+
+    Parameters
+    ----------
+    channels : of the last axis of ``amplitude``
+    mesh_names, material_names : that ``shape`` and ``material`` number
+    pulse : (n,) int32 number of the pulse
+    kind : (n,) uint8 place in ``KINDS``
+    order : (n,) int32 number of bounces, from 1
+    length : (n,) float64, m, from the antenna to the antenna
+    range_rate : (n,) float64, m/s, of half the length
+    amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
+    points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
+        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube
+    face : (n, n_most) int32 row of ``Scene.geometry.faces``, -1 where there is none
+    shape : (n, n_most) int32 number of the mesh, -1 where there is none
+    material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none
+
+    Notes
+    -----
+    The other bounces are where the middle of the ray's tube hits, so that the legs of a path behind mirrors add up to
+    its length to second order in the tube's width.
+    """
+
+    channels: tuple[str, ...]
+    mesh_names: tuple[str, ...]
+    material_names: tuple[str, ...]
+    pulse: I32
+    kind: NDArray[np.uint8]
+    order: I32
+    length: F64
+    range_rate: F64
+    amplitude: NDArray[np.complex128]
+    points: F64
+    face: I32
+    shape: I32
+    material: I32
+
+    def __len__(self) -> int:
+        return int(self.length.size)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(
+            f"{n} {KINDS[k]}" for k, n in enumerate(np.bincount(self.kind, minlength=len(KINDS))) if n
+        )
+        pulses = np.unique(self.pulse).size
+        return (
+            f"PathTable({len(self)} paths of {pulses} pulses: {kinds or 'none'}; {', '.join(self.channels)})"
+        )
+
+    def __getitem__(self, rows: "slice | ArrayLike") -> "PathTable":
+        """Some of the rows: a slice, a mask or numbers."""
+        pick = rows if isinstance(rows, slice) else np.asarray(rows)
+        one = {f.name: getattr(self, f.name)[pick] for f in fields(self) if f.name not in _NAMES}
+        return replace(self, **one)
+
+    @property
+    def slant_range(self) -> F64:
+        """(n,) float64 half the length, m: where the path stands in the echo."""
+        return 0.5 * self.length
+
+    @property
+    def power(self) -> F64:
+        """(n,) float64, W, of all channels."""
+        return np.asarray((np.abs(self.amplitude) ** 2).sum(axis=1))
+
+    def strongest(self, share: float) -> "PathTable":
+        """The fewest paths of each pulse that hold this share (0 ... 1) of the paths' powers added up.
+
+        Notes
+        -----
+        Powers, not amplitudes: large plates return what is left when thousands of strong paths cancel.
+        """
+        if not 0.0 < share <= 1.0:
+            raise RadarError(f"strongest = {share:g} is not a share of the energy; give more than 0, up to 1")
+        kept = []
+        power = self.power
+        for pulse in np.unique(self.pulse):
+            mine = np.flatnonzero(self.pulse == pulse)
+            mine = mine[np.argsort(-power[mine], kind="stable")]
+            total = np.cumsum(power[mine])
+            kept.append(mine[: int(np.searchsorted(total, share * total[-1] * (1.0 - 1e-12))) + 1])
+        return self[np.concatenate(kept)] if kept else self
+
+
+_NAMES = ("channels", "mesh_names", "material_names")
+
+
+def trace_paths(
+    scene: Scene,
+    pulses: int | Sequence[int] | None = None,
+    *,
+    strongest: float = 1.0,
+    near: ArrayLike | None = None,
+    cells: float = 1.0,
+    seed: int | None = None,
+    plan: EffectsPlan | None = None,
+    pass_index: int = 0,
+) -> PathTable:
+    """Trace single pulses and return every path, coherent and diffuse, instead of their sum.
+
+    Parameters
+    ----------
+    scene : as loaded
+    pulses : number or numbers of pulses, negative ones from the end; None takes the middle one
+    strongest : share of the energy that is wanted; see :meth:`PathTable.strongest`
+    near : (3,) m, scene frame; keeps the paths of one pixel, such as ``image.grid.positions()[i, j]``: those whose
+        slant range and range rate are this point's
+    cells : resolution cells from the point, in range and in azimuth, that paths may stand away; 1 is the first null of
+        an unweighted response
+    seed : overrides the scene's
+    plan : overrides the automatic effects plan
+    pass_index : as for :func:`sarmitsuba.simulation.raw.simulate`
+
+    Returns
+    -------
+    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise: each stands in it as
+    ``amplitude sinc((r - slant_range) / range_cell)``
+
+    Raises
+    ------
+    RadarError
+        There is no such pulse, or ``strongest`` or ``cells`` is out of bounds.
+
+    Notes
+    -----
+    Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
+    there is room for is run once more.
+    """
+    settings = replace(scene.settings, method="raw", keep_subsets=False, keep_orders=False)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    wanted = _pulse_numbers(scene.radar, pulses)
+    if not cells > 0.0:
+        raise RadarError(f"cells = {cells:g} is not above 0")
+    run = Run(replace(scene, settings=settings), plan=plan)
+    radar = run.scene.radar
+    gate = None if near is None else _gate(run.scene, np.asarray(near, dtype=np.float64), cells)
+    parts = [_of_points(run, pulse, gate) for pulse in wanted]
+    if run.sampling is not None:
+        tracer = run.tracer(run.sampling)
+        (grids,) = run.lattices(run.sampling, pass_index)
+        for pulse in wanted:
+            parts += [_of_grid(run, tracer, grid, pulse, gate) for grid in grids if grid.serves(pulse)]
+    most = max((part.points.shape[1] for part in parts), default=1)
+    parts = [_widened(part, most) for part in parts]
+    joined = {
+        f.name: np.concatenate([getattr(p, f.name) for p in parts])
+        for f in fields(PathTable)
+        if f.name not in _NAMES
+    }
+    phase = np.exp(-2j * np.pi / radar.waveform.wavelength * joined["length"])
+    joined["amplitude"] = joined["amplitude"] * phase[:, None]
+    table = replace(parts[0], **joined)
+    table = table[np.lexsort((-table.power, table.pulse))]
+    return table if strongest == 1.0 else table.strongest(strongest)
+
+
+def _pulse_numbers(radar: Radar, pulses: int | Sequence[int] | None) -> list[int]:
+    n = radar.track.n_pulses
+    if pulses is None:
+        return [radar.track.center_index]
+    given = [pulses] if isinstance(pulses, int | np.integer) else list(pulses)
+    for pulse in given:
+        if not -n <= pulse < n:
+            raise RadarError(f"pulse {pulse} is not there; the track has the pulses 0 ... {n - 1}")
+    return list(dict.fromkeys(int(pulse) % n for pulse in given))
+
+
+def _gate(scene: Scene, point: F64, cells: float) -> Gate:
+    """Slant range and range rate of a point from every pulse, as wide as its resolution cells."""
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise RadarError(f"near has the shape {point.shape}; give one finite point (3,), m, scene frame")
+    track = scene.radar.track
+    way = track.position - point
+    distance = np.linalg.norm(way, axis=1)
+    rate = np.einsum("ni,ni->n", way, track.velocity) / distance
+    # a step along the track turns the line of sight, and with it the rate, by so much
+    per_metre = (np.einsum("ni,ni->n", track.velocity, track.velocity) - rate**2) / distance
+    speed = np.linalg.norm(track.velocity, axis=1)
+    half_rate = cells * azimuth_cell(scene) * per_metre / np.maximum(speed, 1e-300)
+    return Gate(distance, rate, np.full(distance.shape, cells * scene.radar.waveform.range_cell), half_rate)
+
+
+def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate | None) -> PathTable:
+    """Paths of one lattice from one pulse."""
+    radar = run.scene.radar
+    pick = slice(pulse, pulse + 1)
+    batch, flags = tracer.prepared(grid, radar.track.position[pick], radar.track.velocity[pick], pick)
+    one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
+    room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
+    while True:
+        recording = Recording(grid.n_rays, tracer.kernel.max_depth, len(radar.channels), room, one)
+        counts, state = trace(tracer.trace_scene, grid, batch, flags, tracer.kernel, radar.antenna, recording)
+        dr.eval(counts.hits, state, recording.memory)
+        if recording.found() <= room:
+            return _table(run, tracer, recording.rows(), pulse)
+        room = recording.found()
+
+
+def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
+    """Rows of a recording as a table; amplitudes still without the phase of the length."""
+    scene = run.scene
+    lane, kind, order = (rows.labels[:, i].astype(np.int64) for i in range(3))
+    turn = np.where(kind == RETRO, (order + 1) // 2, order)  # bounce that the path turns round at
+    most = int(order.max(initial=1))
+    step = np.arange(1, most + 1)
+    # back through the chain behind the turn
+    bounce = np.where(step <= turn[:, None], step, 2 * turn[:, None] - step)
+    there = step <= order[:, None]
+    bounce = np.where(there, bounce, 1) - 1
+    points = rows.hit_point[bounce, lane[:, None]]
+    points[np.arange(lane.size), turn - 1] = rows.lengths[:, 2:]
+    points[~there] = np.nan
+    row = rows.hit_face[bounce, lane[:, None]]
+    assert not (there & (row == NO_FACE)).any()
+    face = np.where(there, tracer.trace_scene.geometry_faces[np.where(there, row, 0)], -1).astype(np.int32)
+    geometry = scene.geometry
+    shape = np.searchsorted(geometry.mesh_face_offset, face, side="right") - 1
+    return replace(
+        _empty(scene),
+        pulse=np.full(lane.size, pulse, dtype=np.int32),
+        kind=kind.astype(np.uint8),
+        order=order.astype(np.int32),
+        length=2.0 * rows.lengths[:, 0],
+        range_rate=rows.lengths[:, 1].copy(),
+        amplitude=rows.amplitudes.astype(np.complex128),
+        points=points,
+        face=face,
+        shape=np.where(there, shape, -1).astype(np.int32),
+        material=np.where(there, geometry.face_material[np.where(there, face, 0)], -1).astype(np.int32),
+    )
+
+
+def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
+    """Paths of the ideal points that a pulse sees."""
+    scene, pick = run.scene, slice(pulse, pulse + 1)
+    track, channels = scene.radar.track, scene.radar.channels
+    rows = []
+    for point in scene.points:
+        distance, amplitude = point_returns(scene, run.plan.flags, run.trace_scene, point, pick)
+        rate = float((track.position[pulse] - point.position) @ track.velocity[pulse] / distance[0])
+        outside = gate is not None and (
+            abs(distance[0] - gate.slant_range[pulse]) > gate.half_range[pulse]
+            or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]
+        )
+        if amplitude[0] > 0.0 and not outside:
+            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase), point.position))
+    n = len(rows)
+    copolar = np.array([channel[0] == channel[1] for channel in channels])
+    none = np.full((n, 1), -1, dtype=np.int32)
+    return replace(
+        _empty(scene),
+        pulse=np.full(n, pulse, dtype=np.int32),
+        kind=np.full(n, POINT, dtype=np.uint8),
+        order=np.ones(n, dtype=np.int32),
+        length=2.0 * np.array([row[0] for row in rows], dtype=np.float64),
+        range_rate=np.array([row[1] for row in rows], dtype=np.float64),
+        amplitude=np.array([row[2] * copolar for row in rows], dtype=np.complex128).reshape(n, copolar.size),
+        points=np.array([row[3] for row in rows], dtype=np.float64).reshape(n, 1, 3),
+        face=none,
+        shape=none,
+        material=none,
+    )
+
+
+def _empty(scene: Scene) -> PathTable:
+    """Table without a row."""
+    number, none = np.zeros(0, dtype=np.int32), np.zeros((0, 1), dtype=np.int32)
+    return PathTable(
+        channels=scene.radar.channels,
+        mesh_names=scene.geometry.mesh_names,
+        material_names=tuple(material.name for material in scene.materials),
+        pulse=number,
+        kind=np.zeros(0, dtype=np.uint8),
+        order=number,
+        length=np.zeros(0),
+        range_rate=np.zeros(0),
+        amplitude=np.zeros((0, len(scene.radar.channels)), dtype=np.complex128),
+        points=np.zeros((0, 1, 3)),
+        face=none,
+        shape=none,
+        material=none,
+    )
+
+
+def _widened(table: PathTable, most: int) -> PathTable:
+    """The table with room for that many bounces."""
+    more = most - table.points.shape[1]
+    pad = ((0, 0), (0, more))
+    numbers = {
+        name: np.pad(getattr(table, name), pad, constant_values=-1) for name in ("face", "shape", "material")
+    }
+    return replace(table, points=np.pad(table.points, (*pad, (0, 0)), constant_values=np.nan), **numbers)
+
+
+__all__ = ["KINDS", "PathTable", "trace_paths"]
