@@ -8,38 +8,76 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.errors import (
+        BackendError,
+        DataError,
+        ExtensionError,
+        OutputError,
+        RadarError,
+        SarmitsubaError,
+        SarmitsubaWarning,
+        SceneError,
+    )
     from sarmitsuba.focusing import focus
-    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
+    from sarmitsuba.materials.material import Material
+    from sarmitsuba.radar.description import FilmDescription, RadarDescription
+    from sarmitsuba.radar.image_request import ImageRequest
+    from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
+    from sarmitsuba.simulation.path_table import PathTable, trace_paths
     from sarmitsuba.simulation.prediction.explanation import explain
     from sarmitsuba.simulation.raw import simulate
     from sarmitsuba.simulation.rcs import monostatic_rcs
+    from sarmitsuba.simulation.refinement.passes import refine
     from sarmitsuba.simulation.render import render
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "BackendError": "sarmitsuba.errors",
+    "DataError": "sarmitsuba.errors",
+    "ExtensionError": "sarmitsuba.errors",
+    "FilmDescription": "sarmitsuba.radar.description",
+    "ImageGrid": "sarmitsuba.image.sar_image",
+    "ImageRequest": "sarmitsuba.radar.image_request",
+    "Material": "sarmitsuba.materials.material",
+    "OutputError": "sarmitsuba.errors",
+    "PathTable": "sarmitsuba.simulation.path_table",
     "PointTarget": "sarmitsuba.scene.geometry",
+    "RadarDescription": "sarmitsuba.radar.description",
+    "RadarError": "sarmitsuba.errors",
     "RawData": "sarmitsuba.echo.raw",
     "SarImage": "sarmitsuba.image.sar_image",
+    "SarmitsubaError": "sarmitsuba.errors",
+    "SarmitsubaWarning": "sarmitsuba.errors",
     "Scene": "sarmitsuba.scene.scene",
+    "SceneError": "sarmitsuba.errors",
     "SceneMesh": "sarmitsuba.loader.build",
     "TraceSettings": "sarmitsuba.scene.settings",
+    "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "read_image": "sarmitsuba.io",
+    "read_raw": "sarmitsuba.io",
+    "refine": "sarmitsuba.simulation.refinement.passes",
     "register_plugins": "sarmitsuba.loader.plugins",
     "render": "sarmitsuba.simulation.render",
     "simulate": "sarmitsuba.simulation.raw",
+    "trace_paths": "sarmitsuba.simulation.path_table",
+    "write_image": "sarmitsuba.io",
+    "write_raw": "sarmitsuba.io",
 }
 
 
@@ -57,12 +95,27 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "BackendError",
+    "DataError",
+    "ExtensionError",
+    "FilmDescription",
+    "ImageGrid",
+    "ImageRequest",
+    "Material",
+    "OutputError",
+    "PathTable",
     "PointTarget",
+    "RadarDescription",
+    "RadarError",
     "RawData",
     "SarImage",
+    "SarmitsubaError",
+    "SarmitsubaWarning",
     "Scene",
+    "SceneError",
     "SceneMesh",
     "TraceSettings",
+    "Track",
     "__version__",
     "build_scene",
     "explain",
@@ -70,7 +123,13 @@ __all__ = [
     "load_extension",
     "load_scene",
     "monostatic_rcs",
+    "read_image",
+    "read_raw",
+    "refine",
     "register_plugins",
     "render",
     "simulate",
+    "trace_paths",
+    "write_image",
+    "write_raw",
 ]

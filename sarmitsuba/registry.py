@@ -11,13 +11,23 @@ import importlib.metadata
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 from sarmitsuba.errors import ExtensionError
 
 ENTRY_POINTS = "sarmitsuba.extensions"
+
+
+def late(module: str, name: str) -> Callable[..., object]:
+    """A function of a module above the caller's, imported now.
+
+    For methods of results that hand themselves on, such as an image that draws itself: the room of the image knows
+    nothing of pictures but this name, and importing it imports no Matplotlib.
+    """
+    function: Callable[..., object] = getattr(importlib.import_module(module), name)
+    return function
 
 
 class Named(Protocol):
@@ -137,4 +147,4 @@ def load_extension(module_or_file: str) -> None:
         raise ExtensionError(f"{module_or_file}: cannot be imported: {error}") from error
 
 
-__all__ = ["ENTRY_POINTS", "Registry", "load_extension"]
+__all__ = ["ENTRY_POINTS", "Registry", "late", "load_extension"]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.registry import late
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,23 @@ class RawData:
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
         return channels_of(self.layers)
+
+    def __repr__(self) -> str:
+        _, pulses, samples = self.data.shape
+        frequency = self.radar.waveform.center_frequency / 1e9
+        size = f"{pulses} pulses x {samples} samples"
+        return f"RawData({'/'.join(self.channels)}: {size}, {self.domain}, {frequency:.4g} GHz)"
+
+    def save(self, path: Path | str, *, format: str | None = None) -> None:
+        """Write to a file, as :func:`sarmitsuba.write_raw` does."""
+        late("sarmitsuba.io", "write_raw")(self, path, format=format)
+
+    @staticmethod
+    def load(path: Path | str, *, format: str | None = None) -> "RawData":
+        """Read from a file, as :func:`sarmitsuba.read_raw` does."""
+        raw = late("sarmitsuba.io", "read_raw")(path, format=format)
+        assert isinstance(raw, RawData)
+        return raw
 
     def total(self, channel: str | None = None) -> NDArray[np.complex64]:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""

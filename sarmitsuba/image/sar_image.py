@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
+from sarmitsuba.registry import late
+
+Quantity = Literal["sigma0", "rcs"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,10 @@ class ImageGrid:
     along: NDArray[np.float64]
     across: NDArray[np.float64]
     height: float = 0.0
+
+    def __repr__(self) -> str:
+        size = f"{self.shape[0]} x {self.shape[1]} pixels of {self.azimuth_spacing:.3g} m x {self.range_spacing:.3g} m"
+        return f"ImageGrid({self.kind}: {size})"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -112,6 +120,69 @@ class SarImage:
     incidence_angle: NDArray[np.float64]
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        grid = self.grid
+        return (
+            f"SarImage({'/'.join(self.channels)}: {grid.shape[0]} x {grid.shape[1]} pixels of "
+            f"{grid.azimuth_spacing:.3g} m x {grid.range_spacing:.3g} m, {grid.kind}, cell "
+            f"{self.azimuth_resolution_cell:.3g} m x {self.range_resolution_cell:.3g} m)"
+        )
+
+    def _repr_png_(self) -> bytes:
+        """Quick-look of the first channel, for notebooks."""
+        png = late("sarmitsuba.view.notebook", "image_png")(self)
+        assert isinstance(png, bytes)
+        return png
+
+    def save(self, path: Path | str, *, format: str | None = None) -> None:
+        """Write to a file (``.h5`` keeps everything), as :func:`sarmitsuba.write_image` does."""
+        late("sarmitsuba.io", "write_image")(self, path, format=format)
+
+    @staticmethod
+    def load(path: Path | str, *, format: str | None = None) -> "SarImage":
+        """Read from a file, as :func:`sarmitsuba.read_image` does."""
+        image = late("sarmitsuba.io", "read_image")(path, format=format)
+        assert isinstance(image, SarImage)
+        return image
+
+    def plot(self, path: Path | str | None = None, *, channel: str | None = None) -> object:
+        """Quick-look of a channel (default: the first) as a Matplotlib ``Figure``, written to ``path`` if given.
+
+        The figure belongs to no window; notebooks show it. For its options see :mod:`sarmitsuba.view.quicklook`.
+        """
+        return late("sarmitsuba.view.notebook", "image_figure")(self, path, channel)
+
+    def to_db(
+        self, channel: str | None = None, quantity: Quantity = "sigma0", floor: float = -np.inf
+    ) -> NDArray[np.float64]:
+        """(n_azimuth, n_range) float64, dB of 1 (``sigma0``) or of 1 m^2 (``rcs``); nothing falls below ``floor``."""
+        return to_db(_power(self, channel, quantity), floor)
+
+    def multilook(
+        self, azimuth: int, range: int, channel: str | None = None, quantity: Quantity = "sigma0"
+    ) -> "Multilook":
+        """Mean power of blocks of ``azimuth`` x ``range`` pixels; those left over at the far ends are dropped.
+
+        Raises
+        ------
+        DataError : fewer than one pixel, or more than the image has
+        """
+        shape = self.grid.shape
+        if not (1 <= azimuth <= shape[0] and 1 <= range <= shape[1]):
+            raise DataError(
+                f"multilook: blocks of {azimuth} x {range} pixels of an image of {shape[0]} x {shape[1]}; give 1 or "
+                "more, up to its size"
+            )
+        rows, columns = shape[0] // azimuth, shape[1] // range
+        power = _power(self, channel, quantity)[: rows * azimuth, : columns * range]
+        return Multilook(
+            power=np.asarray(power.reshape(rows, azimuth, columns, range).mean(axis=(1, 3))),
+            azimuth=self.grid.azimuth[: rows * azimuth].reshape(rows, azimuth).mean(axis=1),
+            range=self.grid.range[: columns * range].reshape(columns, range).mean(axis=1),
+            channel=channel or self.channels[0],
+            quantity=quantity,
+        )
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
@@ -150,4 +221,41 @@ class SarImage:
         return np.asarray(self.rcs(channel) / self.cell_area)
 
 
-__all__ = ["ImageGrid", "SarImage"]
+def _power(image: SarImage, channel: str | None, quantity: Quantity) -> NDArray[np.float64]:
+    if quantity not in ("sigma0", "rcs"):
+        raise DataError(f"image: quantity {quantity!r} is unknown; it is sigma0 or rcs")
+    return image.rcs(channel) if quantity == "rcs" else image.sigma0(channel)
+
+
+def to_db(power: NDArray[np.float64], floor: float = -np.inf) -> NDArray[np.float64]:
+    """Power in dB; zero is ``floor``."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.maximum(10.0 * np.log10(power), floor))
+
+
+@dataclass(frozen=True, eq=False)
+class Multilook:
+    """Power of an image with speckle averaged out.
+
+    Parameters
+    ----------
+    power : (n_azimuth, n_range) float64, linear
+    azimuth, range : float64, m, middles of the blocks on the image's axes
+    channel, quantity : ``sigma0``, or ``rcs`` in m^2, of which polarisation
+    """
+
+    power: NDArray[np.float64]
+    azimuth: NDArray[np.float64]
+    range: NDArray[np.float64]
+    channel: str
+    quantity: Quantity
+
+    def __repr__(self) -> str:
+        return f"Multilook({self.channel} {self.quantity}: {self.azimuth.size} x {self.range.size} blocks)"
+
+    def to_db(self, floor: float = -np.inf) -> NDArray[np.float64]:
+        """The power in dB; nothing falls below ``floor``."""
+        return to_db(self.power, floor)
+
+
+__all__ = ["ImageGrid", "Multilook", "Quantity", "SarImage", "to_db"]

@@ -95,10 +95,8 @@ def assemble(
     offset = _offset(geometry, points)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
-    built, image, radar_notes = build_radar(radar, _bounds(geometry, moved), offset)
-    angle_notes: list[str] = []
-    for material in dict.fromkeys(materials[s.material] for s in surfaces):
-        _check_angle(label, material, built, image, angle_notes)
+    used = list(dict.fromkeys(materials[s.material] for s in surfaces))
+    built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset)
     return Scene(
         name=name,
         path=path,
@@ -109,8 +107,34 @@ def assemble(
         settings=settings,
         image=image,
         offset=offset,
-        notes=(*notes, *repairs, *radar_notes, *angle_notes),
+        notes=(*notes, *repairs, *radar_notes),
+        description=radar,
     )
+
+
+def seen_by(
+    label: str,
+    geometry: Geometry,
+    points: Sequence[PointTarget],
+    materials: Sequence[Material],
+    radar: RadarInput,
+    offset: F64,
+) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
+    """Radar and image request of a description over a geometry, and notes.
+
+    Parameters
+    ----------
+    label : start of notes
+    geometry, points : in the scene frame
+    materials : that occur in the geometry
+    radar : in the file frame
+    offset : (3,) m, of the scene frame
+    """
+    built, image, notes = build_radar(radar, _bounds(geometry, points), offset)
+    angle_notes: list[str] = []
+    for material in materials:
+        _check_angle(label, material, built, image, angle_notes)
+    return built, image, (*notes, *angle_notes)
 
 
 def _check_angle(label: str, material: Material, radar: Radar, image: ImageRequest, notes: list[str]) -> None:
@@ -192,4 +216,4 @@ def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
     return np.asarray(np.round(center))
 
 
-__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble"]
+__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "seen_by"]

@@ -68,6 +68,10 @@ class Track:
             return np.array([0.0, 1.0, 0.0])
         return np.asarray(v / norm)
 
+    def __repr__(self) -> str:
+        span = f"{float(self.time[-1] - self.time[0]):.4g} s"
+        return f"Track({self.n_pulses} pulses in {span}, {'straight' if self.is_straight else 'curved'})"
+
     @property
     def is_straight(self) -> bool:
         """True when every pulse lies on one uniformly sampled line, to a micrometre."""

@@ -32,6 +32,9 @@ class Geometry:
     mesh_face_offset: NDArray[np.int64]
     mesh_convex: tuple[bool, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Geometry({self.n_faces} faces, {self.vertices.shape[0]} vertices, {len(self.mesh_names)} meshes)"
+
     @property
     def n_faces(self) -> int:
         """Number of triangles."""

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.materials.material import Material
+from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.settings import TraceSettings
 
@@ -29,6 +31,7 @@ class Scene:
     offset : (3,) float64, m; scene frame = file frame - offset. Zero unless the geometry lies more than
         5 km from the file's origin, whole metres then
     notes : one line each; what was assumed or repaired while loading
+    description : of radar and film, that they were made from; None where they were put together by hand
     """
 
     name: str
@@ -41,6 +44,41 @@ class Scene:
     image: ImageRequest
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
+    description: RadarInput | None = None
+
+    def replace(self, **changes: object) -> "Scene":
+        """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
+
+        Parameters
+        ----------
+        changes : parameters of ``sar_antenna``, ``range_film`` and ``sar_path`` by their names in the scene format,
+            effects included; or ``name``
+
+        Raises
+        ------
+        SceneError, RadarError : one line: an unknown name, a value out of bounds, or one that materials and shapes were
+            loaded for
+        """
+        scene = late("sarmitsuba.loader.changes", "changed")(self, changes)
+        assert isinstance(scene, Scene)
+        return scene
+
+    def __repr__(self) -> str:
+        radar, image = self.radar, self.image
+        parts = [
+            f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
+            f"{len(self.points)} points" if self.points else "",
+            f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
+            f"{radar.track.n_pulses} pulses",
+            f"{image.grid} image of {image.extent_azimuth:.4g} m x {image.extent_range:.4g} m",
+        ]
+        return f"Scene({self.name!r}: {', '.join(part for part in parts if part)})"
+
+    def _repr_png_(self) -> bytes:
+        """Plan of the scene, for notebooks."""
+        png = late("sarmitsuba.view.notebook", "scene_png")(self)
+        assert isinstance(png, bytes)
+        return png
 
 
 __all__ = ["Scene"]

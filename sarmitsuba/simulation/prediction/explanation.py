@@ -28,6 +28,9 @@ class Explanation:
     plan: EffectsPlan
     prediction: Prediction | None
 
+    def __repr__(self) -> str:
+        return f"Explanation({self.scene.name!r}: {self.plan.summary()})"
+
     def as_dict(self) -> Mapping[str, object]:
         """JSON-able form."""
         out: dict[str, object] = {
