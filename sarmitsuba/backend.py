@@ -139,7 +139,7 @@ def prepare_llvm() -> LlvmChoice | None:
     return choice
 
 
-def _replace_llvm(dr: Any) -> LlvmChoice | None:
+def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
     """Start Dr.Jit again with an LLVM that works, where the one that it found when imported does not.
 
     Left alone where the user chose the library, where Dr.Jit holds variables (they would be lost), and where its

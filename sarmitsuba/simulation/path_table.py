@@ -84,8 +84,8 @@ class PathTable:
         )
 
     def __getitem__(self, rows: "slice | ArrayLike") -> "PathTable":
-        """Some of the rows: a slice, a mask or numbers."""
-        pick = rows if isinstance(rows, slice) else np.asarray(rows)
+        """Some of the rows: a slice, a mask, or one or more numbers."""
+        pick = rows if isinstance(rows, slice) else np.atleast_1d(rows)
         one = {f.name: getattr(self, f.name)[pick] for f in fields(self) if f.name not in _NAMES}
         return replace(self, **one)
 

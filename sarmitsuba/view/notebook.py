@@ -49,8 +49,9 @@ def scene_plan(scene: Scene) -> Figure:
         corners = corners[largest]
         height = corners[:, :, 2].mean(axis=1)
         order = np.argsort(height, kind="stable")  # what is higher covers what is below
+        outlines = corners[order][:, :, :2]
         faces = PolyCollection(
-            corners[order][:, :, :2], array=height[order], cmap="cividis", edgecolors="face", linewidths=0.3
+            outlines, array=height[order], cmap="cividis", edgecolors="face", linewidths=0.3
         )
         axes.add_collection(faces)
         figure.colorbar(faces, ax=axes, label="height (m)")
