@@ -153,7 +153,7 @@ def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
     if choice is None or choice.source == "environment" or "No variables" not in dr.whos(as_string=True):
         return choice
     try:
-        core = ctypes.CDLL(str(next(Path(dr.__file__).parent.glob("libdrjit-core.*"))))
+        core = ctypes.CDLL(str(next(Path(str(dr.__file__)).parent.glob("libdrjit-core.*"))))
         stop, start = core[_STOP], core[_START]
     except (AttributeError, OSError, StopIteration):
         return choice
