@@ -134,9 +134,4 @@ class Run:
                 )
 
 
-def block_error_db(settings: TraceSettings) -> float:
-    """Error that a block of pulses may have against tracing every one: the tolerance, or what the gridding allows."""
-    return least_error_db(settings.gridding_width, settings.tolerance_db)
-
-
-__all__ = ["Ready", "Run", "block_error_db"]
+__all__ = ["Ready", "Run"]
