@@ -4,7 +4,7 @@
 many are within 0.5 and 1 dB of the reference in mean level, how many are off by more than 3 dB without a warning, the
 errors of peak, position and coherence, and the ten worst with the command that repeats each.
 
-``--lines FILE`` appends every scene to a file as soon as it is done and leaves out those that the file holds already, so
+``--lines FILE`` appends every scene to a file as soon as it is done and leaves out those that it holds already, so
 that a long run (``--jobs 2 --count 300``) can be cut off and go on; ``--summary FILE ...`` prints the table of files.
 
 Topics: ``diffuse`` against the energy of the lit area, ``metal`` and ``metal_coarse`` (rays far apart, as in a large
