@@ -206,7 +206,7 @@ def physical_optics(draw: Draw, position: F64, frequency: F64) -> C128:
 
 
 def polygon_optics(corner: F64, antenna: F64, wavenumber: float) -> complex:
-    """Square root of the RCS of one plane polygon (n, 3) in a plane wave, m; :func:`physical_optics` without the cuts."""
+    """Square root of the RCS of one plane polygon (n, 3) in a plane wave, m."""
     middle = corner.mean(axis=0)
     normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
     normal /= np.linalg.norm(normal)

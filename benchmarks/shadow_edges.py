@@ -32,7 +32,10 @@ def rectangle(size: tuple[float, float], turn_deg: float, middle: F64) -> F64:
     """(4, 3) corners, m, of a rectangle that faces +z, turned about it."""
     a = np.radians(turn_deg)
     x = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size
-    return np.column_stack([x @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]), np.zeros(4)]) + middle
+    return (
+        np.column_stack([x @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]), np.zeros(4)])
+        + middle
+    )
 
 
 def clipped(subject: F64, clip: F64) -> F64:
@@ -72,7 +75,9 @@ def measure(spacing: float, scenes: int, looks: int) -> tuple[float, float]:
         shift = np.array([*rng.uniform(-20, 20, 2), rng.uniform(10, 40)]) * wavelength
         other = rectangle(tuple(rng.uniform(15, 40, 2) * wavelength), rng.uniform(0, 90), shift)
         away, around = np.radians(rng.uniform(1, 25, looks)), rng.uniform(0, 2 * np.pi, looks)
-        direction = np.column_stack([np.sin(away) * np.cos(around), np.sin(away) * np.sin(around), np.cos(away)])
+        direction = np.column_stack(
+            [np.sin(away) * np.cos(around), np.sin(away) * np.sin(around), np.cos(away)]
+        )
         vertices = np.concatenate([plate, other])
         geometry = Geometry(
             vertices,
@@ -112,7 +117,9 @@ def measure(spacing: float, scenes: int, looks: int) -> tuple[float, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scenes", type=int, default=12)
     parser.add_argument("--looks", type=int, default=40, help="of each scene")
     args = parser.parse_args()

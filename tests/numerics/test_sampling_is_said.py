@@ -215,7 +215,10 @@ def test_few_strong_echoes_outside_the_window_count_more_than_many_weak_ones() -
 
 def test_wide_rays_over_bodies_that_shade_each_other_are_said(scene_file) -> None:
     path = scene_file(size=1.0)
-    second = '<shape type="cube" id="other"><ref id="metal"/><transform name="to_world"><translate x="3"/></transform></shape>'
+    second = (
+        '<shape type="cube" id="other"><ref id="metal"/>'
+        '<transform name="to_world"><translate x="3"/></transform></shape>'
+    )
     path.write_text(path.read_text().replace("</scene>", second + "</scene>"))
     wide = {"sar_path.ray_spacing": "0.15"}  # 4.8 wavelengths
     (text,) = said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path, parameters=wide)))

@@ -32,11 +32,11 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
         )
     wavelength, scene = sampling.scene.radar.waveform.wavelength, sampling.scene
     affordable = sampling.window.area <= FINE_RAYS * sampling.fine_spacing**2
-    several = len(scene.geometry.mesh_names) > 1 or sampling.flags.multi_bounce
+    several = len(scene.geometry.mesh_names) > 1
     if sampling.flags.coherent and several and affordable and coherent > WIDE_TUBE * wavelength:
         yield (
-            f"ray_spacing = {coherent:g} m is {coherent / wavelength:.1f} wavelengths: what bodies return that shade or "
-            f"mirror each other may be several dB off; leave it out, or set it to {sampling.fine_spacing:.2g} m, which "
+            f"ray_spacing = {coherent:g} m is {coherent / wavelength:.1f} wavelengths: what bodies return that shade "
+            f"or mirror each other may be several dB off; leave it out, or set it to {sampling.fine_spacing:.2g} m, which "
             "is few rays here"
         )
     wanted = sampling.footprint_spacing
