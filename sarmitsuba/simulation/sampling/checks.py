@@ -36,8 +36,8 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
     if sampling.flags.coherent and several and affordable and coherent > WIDE_TUBE * wavelength:
         yield (
             f"ray_spacing = {coherent:g} m is {coherent / wavelength:.1f} wavelengths: what bodies return that shade "
-            f"or mirror each other may be several dB off; leave it out, or set it to {sampling.fine_spacing:.2g} m, which "
-            "is few rays here"
+            f"or mirror each other may be several dB off; leave it out, or set it to {sampling.fine_spacing:.2g} m, "
+            "which is few rays here"
         )
     wanted = sampling.footprint_spacing
     if spacings.diffuse > 1.5 * wanted:
