@@ -190,7 +190,7 @@ class SamplingPlan:
             settings.gridding_width,
             settings.tolerance_db,
             extra_slant_range=self.extra_slant_range,
-            max_length=max(1, min(LONGEST_BLOCK, int(self._steady_pulses))),
+            max_length=max(1, int(min(LONGEST_BLOCK, self._steady_pulses))),
         )
 
     @property
