@@ -10,13 +10,18 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.errors import BackendError
 
 if TYPE_CHECKING:
     import drjit as dr
     import mitsuba as mi
+
+    Array = TypeVar("Array")
 
 LLVM_PACKAGE = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"  # read by Dr.Jit when it is first imported
@@ -389,10 +394,29 @@ def arrays() -> ModuleType:
     return importlib.import_module("drjit.llvm")
 
 
+# bytes; a multiple of what the widest vector of a processor loads at once: 16 or 32 float64
+_ALIGNMENT = 256
+
+
+def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Array":
+    """Copy a NumPy array, flattened, into a Dr.Jit array of ``array_type``; the items' types must agree.
+
+    Dr.Jit takes a NumPy array's memory as it is, and whether its address is aligned enters the kernel: the same
+    code would now and then be compiled again.
+    """
+    flat = np.ascontiguousarray(values).reshape(-1)
+    memory = np.empty(flat.nbytes + _ALIGNMENT, dtype=np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
+    aligned = memory[start : start + flat.nbytes].view(flat.dtype)
+    aligned[...] = flat
+    return array_type(aligned)  # type: ignore[call-arg]
+
+
 __all__ = [
     "Backend",
     "LlvmChoice",
     "arrays",
+    "device_array",
     "dr",
     "ensure_backend",
     "find_llvm",

@@ -11,7 +11,6 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
