@@ -31,7 +31,7 @@ def make_scene() -> Scene:
         Waveform(1e10, 1e8, 1e-6),
         Antenna(),
         Pointing(triad[:, 0].copy(), triad[:, 1].copy(), triad[:, 2].copy()),
-        ReceiveWindow(np.full(n, 7e3), 1.2, 16),
+        ReceiveWindow(np.full(n, 7.0615e3), 1.2, 16),
     )
     settings = TraceSettings(seed=3, keep_orders=True)
     asked = ImageRequest(extent_azimuth=20.0, extent_range=20.0)
