@@ -56,7 +56,8 @@ class Console:
         line = " ".join(text.split())
         if line not in self.warnings and line not in self.notes:
             self.notes.append(line)
-            self.say(f"note: {line}")
+            if not self.quiet:
+                self._line(f"note: {line}", sys.stderr)
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
         """Draw the progress bar of a stage. Library stages call this to report progress."""
