@@ -6,7 +6,6 @@ import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
-from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 
@@ -62,19 +61,6 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
             f"{np.degrees(radar.antenna.elevation_beamwidth):.3g} deg); aim at it or widen the beam"
         )
     return seen
-
-
-def holds_image(radar: Radar, image: ImageRequest) -> bool:
-    """Whether the receive window of every pulse holds the slant ranges of the whole image.
-
-    Echoes that such a window misses lie at no range of the image.
-    """
-    origin = np.array([image.center_x, image.center_y, image.height])
-    half = 0.5 * np.array([image.extent_azimuth, image.extent_range, 0.0])
-    axes = np.stack([radar.track.along, radar.across, np.array([0.0, 0.0, 1.0])])
-    near, far = Box(origin, axes, -half, half).slant_ranges(radar.track.position)
-    start = radar.window.start_range
-    return bool((start <= near).all() and (start + radar.window.extent >= far).all())
 
 
 def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: bool) -> list[str]:
@@ -183,4 +169,4 @@ def _span(box: Box, axis: int) -> str:
     return f"{box.low[axis]:.6g} to {box.high[axis]:.6g} m"
 
 
-__all__ = ["ambiguities", "check_coverage", "holds_image"]
+__all__ = ["ambiguities", "check_coverage"]

@@ -8,7 +8,6 @@ import pytest
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import ExtensionError, RadarError, SarmitsubaWarning
 from sarmitsuba.radar.builder import build_radar
-from sarmitsuba.radar.coverage import holds_image
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.mode import MODES, AimGeometry
@@ -319,11 +318,3 @@ def test_one_aperture_for_all_keeps_its_track() -> None:
     )  # tol: a pulse
     both, _, _ = build(film=film, azimuth_resolution=1.0, n_pulses=600, **BEAM)
     assert both.track.n_pulses == 600 and np.linalg.norm(np.ptp(both.track.position, axis=0)) > 450.0
-
-
-def test_an_automatic_window_holds_the_image_and_a_given_one_may_not() -> None:
-    radar, image, _ = build(film={"image_extent_azimuth": 300.0, "image_extent_range": 200.0})
-    assert holds_image(radar, image)
-    with pytest.warns(SarmitsubaWarning, match="cuts the image"):
-        short, image, _ = build(film={"image_extent_range": 200.0, "far_range": 10_020.0})
-    assert not holds_image(short, image)
