@@ -12,10 +12,10 @@ LIMITS = """## What the closed forms leave out, and so does the simulator
 
 - Edge diffraction, surface and creeping waves: physical optics and geometrical optics, both here and there. The
   exceptions are the sphere, which is also compared with the exact Mie series, and the three scenes of 6 wavelengths
-  whose exact scattering is stored. They show where physical optics ends: at glints and at double bounces of flat
-  parts it holds; 20 dB and more below them, where edges and corners are all there is, it loses most of the return;
-  VV is worse than HH, since waves run along edges and walls in VV; between curved and flat metal a wavelength or
-  two apart it holds in the mean only; and the cross-polar return of metal corners is its own, not theirs.
+  whose exact scattering is stored. They show where physical optics ends. Glints and double bounces of flat parts
+  hold. A box off its glints, where edges and corners are all there is, returns far more than is simulated. Between
+  plates VV is worse than HH. Between curved and flat metal a wavelength or two apart the mean power holds, single
+  directions do not. The cross-polar return of metal with flat faces is an artefact of physical optics, not theirs.
 - Diffuse scattering between two diffuse surfaces, and a diffuse scatterer seen out through one chain of mirrors and
   back through another longer one (the five-bounce return of a bridge).
 - Roughness that casts shadows on itself, and multiple scattering on one rough surface.

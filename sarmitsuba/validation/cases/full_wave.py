@@ -52,8 +52,8 @@ def scene(name: str, quick: bool = False) -> Case:
         topic="full_wave",
         title=given.title,
         formula="electric field integral equation, Rao-Wilton-Glisson functions, mirror images for the ground",
-        source="bempp-cl (Betcke and Scroggs 2021), stored by `benchmarks/full_wave.py`, which says how fine and how "
-        "well converged; a sphere solved in the same way is within 0.1 dB of the Mie series",
+        source="bempp-cl (Betcke and Scroggs 2021), stored in `sarmitsuba/validation/full_wave.json` with mesh, "
+        f"convergence and effort; `{full_wave.REMAKE}` solves it again",
         x_label="angle (deg)",
         y_label="RCS (dB over a square wavelength)",
         comparisons=comparisons,
@@ -66,13 +66,14 @@ def _where_it_ends(exact: full_wave.C128, got: full_wave.C128) -> str:
     """The figures of all directions in words."""
     both = [full_wave.bands(exact[:, i], got[:, i]) for i, _ in CO_POLAR]
     text = [
-        f"{h.near:g} to {h.far:g} dB below the peak {h.mean_db:+.1f} / {v.mean_db:+.1f} dB "
+        f"{h.near:g} to {h.far:g} dB below the peak: {h.mean_db:+.1f} / {v.mean_db:+.1f} dB "
         f"(rms {h.rms_db:.1f} / {v.rms_db:.1f})"
         for h, v in zip(*both, strict=True)
     ]
     cross = 10.0 * np.log10(np.sum(np.abs(got[:, 1]) ** 2) / np.sum(np.abs(exact[:, 1]) ** 2))
     return (
-        "All cuts together, mean power over the exact one, HH / VV, and rms difference of the levels: "
+        "All cuts together, mean power over the exact one, HH / VV, and rms difference of the levels, by the exact "
+        "level (which sorts filled nulls into the lowest class): "
         f"{'; '.join(text)}. Cross-polar power over all directions {cross:+.1f} dB."
     )
 
