@@ -35,8 +35,11 @@ SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
 SHORTEST = 8
-# a block's error that is so little above what is wanted is let pass, dB: a seam does not tell it better
+# a block's error that is so little above a wanted one is let pass, dB: a seam does not tell it better
 LEEWAY_DB = 1.0
+# nothing wanted, blocks stay as geometry allows them up to this error above that of the rays, dB: half of it costs twice
+# the time, and shadows that move in steps of less than a cell do not change what an image shows
+WORTH_DB = 8.0
 
 
 def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
@@ -105,9 +108,8 @@ class Blocks:
     def settle(self) -> TraceStatistics:
         """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
 
-        Blocks are too long where their error is above the tolerance and above that of the sampling with rays, or too
-        near the wanted error of the run. Both errors fall about as one over the work, so equal ones are the least for
-        the time.
+        Blocks are too long where their error is above the tolerance and far above that of the sampling with rays, or,
+        in a run with a wanted error, above or near that one.
         """
         if self.interval == 1:
             return TraceStatistics()
@@ -227,9 +229,9 @@ class Blocks:
         rays = self._ray_errors()
         excess: float = 0.0
         for channel, value in error.items():
-            wanted = rays[channel]
+            wanted = rays[channel] + WORTH_DB
             if settings.target_error_db < 0.0:
-                wanted = min(wanted, settings.target_error_db - BELOW_TARGET_DB)
+                wanted = settings.target_error_db - BELOW_TARGET_DB
             excess = max(excess, value - max(wanted, settings.tolerance_db))
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval

@@ -32,9 +32,8 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     printed = capsys.readouterr()
     # what it takes and does comes first
     assert printed.out.splitlines()[:2] == ["expected: little", "plan: max_depth 2"]
-    assert "note: a note" in printed.out.splitlines()
     assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
-    assert printed.err.splitlines() == ["warning: the beam misses a corner"]
+    assert printed.err.splitlines() == ["note: a note", "warning: the beam misses a corner"]
     record = json.loads((out / "parameters.json").read_text())
     assert record["seed"] == 9
     assert record["settings"]["method"] == "raw"
