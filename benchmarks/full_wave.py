@@ -143,12 +143,12 @@ def run(quick: bool, reference: Path = scenes.STORED) -> harness.Report:
         "directions; rms is of the levels' difference, direction by direction. Recompute the reference with "
         f"`{scenes.REMAKE}`: {_effort(reference)}.",
     )
-    exact, every = scenes.stored(reference), 5 if quick else 1
+    exact, pick = scenes.stored(reference), slice(None, None, 5 if quick else 1)
     bands, sectors = [], []
     figure, ax = harness.new_figure()
     for name, scene in scenes.SCENES.items():
-        want = {cut: exact[name][cut.name][::every] for cut in scene.cuts}
-        got = {cut: scenes.simulated(name, cut, every) for cut in scene.cuts}
+        want = {cut: exact[name][cut.name][pick] for cut in scene.cuts}
+        got = {cut: scenes.simulated(name, cut, pick) for cut in scene.cuts}
         whole = [np.concatenate([*part.values()]) for part in (want, got)]
         for i, channel in ((0, "HH"), (2, "VV")):
             found = scenes.bands(whole[0][:, i], whole[1][:, i])
@@ -163,7 +163,7 @@ def run(quick: bool, reference: Path = scenes.STORED) -> harness.Report:
                 label=f"{name}, {channel}",
             )
         for cut in scene.cuts:
-            sectors += _sectors(name, cut, cut.angle[::every], want[cut], got[cut])
+            sectors += _sectors(name, cut, cut.angle[pick], want[cut], got[cut])
         top = [scenes.bands(whole[0][:, i], whole[1][:, i])[0] for i in (0, 2)]
         report.claim(
             f"{name}: mean power within 3 dB of the peak, worse of HH and VV",

@@ -28,6 +28,7 @@ BELOW_PEAK = (0.0, 3.0, 10.0, 20.0, 30.0, 80.0)
 REMAKE = "python benchmarks/full_wave.py --compute FILE"
 STORED = Path(__file__).parent / "full_wave.json"
 WAVELENGTH = 1.0
+ALL = slice(None)
 # the ground that stands for an infinite one reaches this far beyond what the bodies shade or mirror; turned, so that
 # its rim sends nothing back where the bodies are looked at squarely
 GROUND_MARGIN = 8.0
@@ -152,20 +153,20 @@ def ground(lowest: float) -> targets.Mesh:
     return targets.parallelogram(-0.5 * (a + b), a, b)
 
 
-def simulated(name: str, cut: Cut, every: int = 1) -> C128:
+def simulated(name: str, cut: Cut, pick: slice = ALL) -> C128:
     """Return the simulator's amplitudes with its automatic settings, less those of the bare ground.
 
     Parameters
     ----------
     name : of the scene
     cut : directions
-    every : only every so many of them
+    pick : which of them
 
     Returns
     -------
     (n, 3) complex128 : of ``CHANNELS``, root of the radar cross section in metres, phase referred to the origin
     """
-    looks = cut.looks[::every]
+    looks = cut.looks[pick]
     elevation = np.arcsin(looks[:, 2])
     out = np.empty((looks.shape[0], len(CHANNELS)), dtype=np.complex128)
     # shadows that differ by less than a factor of two share a ground

@@ -87,6 +87,7 @@ def test_bands_are_of_the_exact_level() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # the packages' own, of names that they take from elsewhere
 def test_the_solver_meets_the_mie_series(solver: ModuleType) -> None:
     """Sphere with and without a sheet inside; splitting by symmetry and mirror images against the plain problem."""
     bare, lined, split = (value for _, value in solver.check())
