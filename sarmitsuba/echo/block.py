@@ -242,7 +242,18 @@ def choose_block_length(
         starts = np.unique(np.linspace(0, n_pulses - length, min(-(-n_pulses // length), 24)).astype(int))
         order = np.argsort(-np.abs(starts - 0.5 * (n_pulses - length)))  # the outermost fail first
         if all(
-            _holds(radar, int(s), length, reference, box, extra_slant_range, budget, width, max_cells)
+            # a block reaches up to the first pulse of the next one
+            _holds(
+                radar,
+                int(s),
+                min(length + 1, n_pulses - int(s)),
+                reference,
+                box,
+                extra_slant_range,
+                budget,
+                width,
+                max_cells,
+            )
             for s in starts[order]
         ):
             return length

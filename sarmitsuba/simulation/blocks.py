@@ -37,7 +37,7 @@ BELOW_TARGET_DB = 3.0
 SHORTEST = 8
 # a block's error that is so little above a wanted one is let pass, dB: a seam does not tell it better
 LEEWAY_DB = 1.0
-# nothing wanted, blocks stay as geometry allows them up to this error above that of the rays, dB: half of it costs twice
+# nothing wanted, blocks stay as the track allows them up to this error above that of the rays, dB: half of it costs twice
 # the time, and shadows that move in steps of less than a cell do not change what an image shows
 WORTH_DB = 8.0
 
@@ -79,8 +79,8 @@ class Blocks:
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
-        if self.automatic and self.interval > 1:
-            self.interval = min(self.interval, -(-n // 2))  # two blocks at least: a seam tells their error
+        if self.automatic and 1 < self.interval and n < 2 * self.interval:
+            self.interval = self._fitting(-(-n // 2))  # two blocks at least: a seam tells their error
         self._cut()
 
     def _cut(self) -> None:
@@ -236,7 +236,12 @@ class Blocks:
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
         length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
-        return min(length, self.interval)
+        return self._fitting(length)
+
+    def _fitting(self, length: int) -> int:
+        """The longest block up to a length that suits the track; as before where none does."""
+        fitting = self.tracer.sampling.block_length(length)
+        return min(fitting, self.interval) if fitting > 1 else self.interval
 
     def _ray_errors(self) -> dict[str, float]:
         """Error of each channel by the sampling with rays, in the middle of the track, dB."""

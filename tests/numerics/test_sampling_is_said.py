@@ -119,6 +119,7 @@ def test_contributions_outside_the_window_are_said(scene_file, row, method: str)
     """
     parameters = {
         "range_film.far_range": "4996",
+        "radar.aim_z": "0",
         "sar_path.ray_spacing": "0.2",
         "sar_path.method": method,
         "sar_path.coherent": "off",
