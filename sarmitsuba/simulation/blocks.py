@@ -37,7 +37,7 @@ BELOW_TARGET_DB = 3.0
 SHORTEST = 8
 # a block's error that is so little above a wanted one is let pass, dB: a seam does not tell it better
 LEEWAY_DB = 1.0
-# nothing wanted, blocks stay as the track allows them up to this error above that of the rays, dB: half of it costs twice
+# nothing wanted, blocks stay as the track allows up to this error above that of the rays, dB: half of it costs twice
 # the time, and shadows that move in steps of less than a cell do not change what an image shows
 WORTH_DB = 8.0
 
