@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.frequency_domain import Band, RangeLaw, focus_rows, slant_grid
-from sarmitsuba.focusing.migration import (
+from sarmitsuba.focusing.frequency_domain.geometry import slant_grid
+from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
     Treatment,
@@ -17,7 +17,8 @@ from sarmitsuba.focusing.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.stretching import ChirpZ, VirtualChirp
+from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ, VirtualChirp
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -73,9 +74,9 @@ class ChirpScaling(Focuser):
     (Cumming & Wong 2005, chapter 7; Raney et al. 1994). Then bulk migration correction and secondary range compression
     by a phase in the two-dimensional spectrum, azimuth compression and the residual phase
     :math:`-\kappa C (1 + C) u^2 / 2` in the range-Doppler domain. The data come range compressed: they get a virtual
-    chirp (:class:`sarmitsuba.focusing.stretching.VirtualChirp`), as long as the factor needs, and the bulk phase, which
-    does not depend on range, is taken first; the scaled chirp is compressed by its own rate :math:`\kappa (1 + C)`. The
-    pixels' spacing comes from a chirp-z transform.
+    chirp, as long as the factor needs (``VirtualChirp``), and the bulk phase, which does not depend on range, is taken
+    first; the scaled chirp is compressed by its own rate :math:`\kappa (1 + C)`. The pixels' spacing comes from a
+    chirp-z transform.
 
     Validity: as range-Doppler's, :math:`\phi \approx \pi B^2 \Delta\rho \tan^2\theta / (2 c f_c \cos\theta)`. Without
     scaling the migration of the reference range is corrected for all, which leaves
@@ -83,7 +84,7 @@ class ChirpScaling(Focuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.focus_rows` ignores, and the change of secondary range
+    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores, and the change of secondary range
     compression with range.
     """
 

@@ -11,9 +11,16 @@ from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.frequency_domain import Band, RangeLaw, focus_rows, track_refusal
-from sarmitsuba.focusing.migration import MAX_PHASE, Migration, Treatment, migration_refusal, plan_migration
-from sarmitsuba.focusing.stretching import WIDTH, ChirpZ, kernel_transform, spread
+from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
+from sarmitsuba.focusing.frequency_domain.migration import (
+    MAX_PHASE,
+    Migration,
+    Treatment,
+    migration_refusal,
+    plan_migration,
+)
+from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent
@@ -93,7 +100,7 @@ def omega_k(
 
     Notes
     -----
-    See :mod:`sarmitsuba.focusing.frequency_domain` for the formula, and ``focus_rows`` there for what it ignores.
+    The formula is in :mod:`sarmitsuba.focusing.frequency_domain.rows`; what it ignores, at ``focus_rows`` there.
     """
     task = FocusTask(raw, grid, parse_window(range_window), parse_window(azimuth_window), progress)
     return OmegaK().focus(task).pixels
@@ -130,7 +137,7 @@ class OmegaK(Focuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.focus_rows` ignores.
+    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores.
     """
 
     name: ClassVar[str] = "omega_k"

@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.frequency_domain import Band, RangeLaw, focus_rows
-from sarmitsuba.focusing.migration import MAX_PHASE, Migration, Treatment, migration_refusal, plan_migration
-from sarmitsuba.focusing.stretching import interpolate, kernel_transform
+from sarmitsuba.focusing.frequency_domain.migration import (
+    MAX_PHASE,
+    Migration,
+    Treatment,
+    migration_refusal,
+    plan_migration,
+)
+from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.stretching import interpolate, kernel_transform
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -73,7 +79,7 @@ class RangeDoppler(Focuser):
 
     Notes
     -----
-    Ignores what :func:`sarmitsuba.focusing.frequency_domain.focus_rows` ignores, and the change of secondary range
+    Ignores what :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows` ignores, and the change of secondary range
     compression with range.
     """
 

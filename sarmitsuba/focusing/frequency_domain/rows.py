@@ -13,7 +13,6 @@ transformed over the track by stationary phase), so that all give the same compl
 """
 
 import os
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,15 +20,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
-from sarmitsuba.errors import DataError, SarmitsubaWarning
-from sarmitsuba.focusing.aperture import aperture_weights, band_weights, direction_gain, look_directions
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.aperture import band_weights
 from sarmitsuba.focusing.focuser import Focused, FocusTask
-from sarmitsuba.focusing.ground import slant_below, slant_ranges, to_ground
+from sarmitsuba.focusing.frequency_domain.geometry import (
+    TrackGeometry,
+    boresight_sine,
+    range_walk,
+    rate_factor,
+    slant_grid,
+    track_geometry,
+    track_period,
+    track_refusal,
+)
+from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
+from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights, sine_weight
+from sarmitsuba.focusing.ground import slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
-from sarmitsuba.focusing.stretching import ChirpZ
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -41,36 +51,6 @@ C64 = NDArray[np.complex64]
 _BATCH = 1 << 18
 # pulses of zeros on either side of the aperture while the pulse rate is raised
 _GUARD = 32
-# largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
-_BAND_FILL = 0.6
-# nodes of the antenna's weight over the band's sines, linear between them
-_NODES = 4097
-
-
-@dataclass(frozen=True, eq=False)
-class TrackGeometry:
-    """Where the data and the image stand along the track's line.
-
-    Parameters
-    ----------
-    x : (n_pulses,) float64, m, pulse positions from the grid's origin
-    spacing : m between pulses
-    x_center, rho_center : m, azimuth and closest-approach range of the image's central pixel
-    range_center : m, slant range from mid-aperture to the central pixel
-    sin_squint : sine of the angle between that line of sight and broadside
-    """
-
-    x: F64
-    spacing: float
-    x_center: float
-    rho_center: float
-    range_center: float
-    sin_squint: float
-
-    @property
-    def cosine(self) -> float:
-        """Cosine of the squint."""
-        return float(np.sqrt(max(1.0 - self.sin_squint**2, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +148,11 @@ def focus_rows(
     own = np.isfinite(radar.half_aperture)
     weights = np.ones(radar.track.n_pulses) if own else task.azimuth_window.aperture(radar.track.n_pulses)
 
-    upsampling = _upsampling(name, radar, grid, geometry)
+    upsampling = rate_factor(name, radar, grid, geometry)
     kc = 4.0 * np.pi / radar.waveform.wavelength
     reach = np.pi * upsampling / (geometry.spacing * kc)
     sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
-    extra = _walk(radar, geometry) + int(
+    extra = range_walk(radar, geometry) + int(
         np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
     )
     plan = plan_spectrum(radar, task.range_window, extra=extra)
@@ -188,7 +168,7 @@ def focus_rows(
         rho=grid.range,
         geometry=geometry,
     )
-    factor = _normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / plan.n_fft)
+    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / plan.n_fft)
     turn = np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
     rows_law = law(band)
     image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
@@ -197,7 +177,7 @@ def focus_rows(
         dense = geometry
         if upsampling > 1:
             spectrum, dense = _densify(spectrum, kc + band.offset, geometry, upsampling)
-        n_x = int(scipy.fft.next_fast_len(int(np.ceil(_period(radar, grid, dense) / dense.spacing))))
+        n_x = int(scipy.fft.next_fast_len(int(np.ceil(track_period(radar, grid, dense) / dense.spacing))))
         spectrum = scipy.fft.fft(spectrum, n=n_x, axis=0, workers=-1, overwrite_x=True)
         columns, first = _map_rows(spectrum, radar, grid, dense, band, rows_law, n_x, task.azimuth_window)
         del spectrum
@@ -207,76 +187,6 @@ def focus_rows(
     if task.grid.kind == "ground":
         image = to_ground(image, grid, slant_ranges(radar, task.grid), kc * geometry.cosine)
     return Focused(image, lambda point: pulse_weights(radar, grid, point, task.azimuth_window))
-
-
-def slant_grid(radar: Radar, grid: ImageGrid) -> ImageGrid:
-    """Where the focusing itself takes place."""
-    return slant_below(radar, grid) if grid.kind == "ground" else grid
-
-
-def track_refusal(radar: Radar, grid: ImageGrid) -> str:
-    """What keeps a frequency-domain focuser from focusing a radar's data on a grid; empty when nothing does."""
-    track = radar.track
-    if track.n_pulses < 8:
-        return f"{track.n_pulses} pulses are too few, at least 8 are needed"
-    if not track.is_straight:
-        return "the track is curved or not uniformly sampled"
-    ground = grid.kind == "ground"
-    relative = track.position - (track.center_position if ground else grid.origin)
-    off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
-    if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
-        return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
-    if ground and slant_ranges(radar, grid).min() <= 0.0:
-        return "the ground grid reaches across the ground track"
-    return ""
-
-
-def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
-    """Where the data and the image stand along the track's line."""
-    track = radar.track
-    spacing = float(np.linalg.norm((track.position[-1] - track.position[0]) / (track.n_pulses - 1)))
-    x = (track.position - grid.origin) @ grid.along
-    x_center = float(grid.azimuth[grid.azimuth.size // 2])
-    rho = float(grid.range[grid.range.size // 2])
-    middle = 0.5 * (x[0] + x[-1])
-    distance = float(np.hypot(x_center - middle, rho))
-    return TrackGeometry(x, spacing, x_center, rho, distance, (x_center - middle) / distance)
-
-
-def _upsampling(name: str, radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> int:
-    """Whole factor on the pulse rate so that the whole image's Doppler band fits with room for its edges' ripple.
-
-    Raising the rate needs the echoes deramped to the image's centre first, which must itself fit the PRF: it does in
-    spotlight geometry, where the aperture, not the image, makes the band. Warns where the image folds all the same.
-    """
-    corners = (
-        replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]]).positions().reshape(4, 3)
-    )
-    step = max(1, radar.track.n_pulses // 256)
-    look = look_directions(radar, corners)[:, ::step]
-    center = np.hypot(geometry.x - geometry.x_center, geometry.rho_center)
-    sin = look @ grid.along
-    own = np.isfinite(radar.half_aperture)
-    # pixels with apertures of their own: the beam's side lobes fold over, as in any stripmap radar
-    seen = direction_gain(radar, slice(None, None, step), look) > (0.05 if own else 0.02)
-    nyquist = np.pi / geometry.spacing / (4.0 * np.pi / radar.waveform.wavelength)  # in sin(angle)
-    band = float(np.abs(sin - geometry.sin_squint)[seen].max(initial=0.0)) / nyquist
-    deramped = sin - ((geometry.x_center - geometry.x) / center)[::step]
-    if own:  # what folds must stay out of the band that is processed, nothing more
-        extent = np.abs(sin - _boresight_sine(radar))[seen].max(initial=0.0) + radar.half_aperture
-        band = 0.5 * float(extent) / nyquist
-        if band < 1.0:
-            return 1
-    if float(np.abs(deramped)[seen].max(initial=0.0)) / nyquist < 0.95:
-        return max(1, int(np.ceil(band / _BAND_FILL)))
-    if band > 1.05:
-        warnings.warn(
-            f"{name}: the image needs a Doppler bandwidth of {band:.2f} times the PRF, and so folds over; "
-            "shrink it in azimuth, raise prf or use focuser backprojection",
-            SarmitsubaWarning,
-            stacklevel=3,
-        )
-    return 1
 
 
 def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
@@ -323,7 +233,7 @@ def _map_rows(
     first = int(np.ceil((center.min() - nyquist) / dkx))
     last = int(np.floor((center.max() + nyquist) / dkx))
     m = np.arange(first, last + 1)
-    weight = _sine_weight(radar, grid, (first * dkx / k.min(), last * dkx / k.min()))
+    weight = sine_weight(radar, grid, (first * dkx / k.min(), last * dkx / k.min()))
     own = np.isfinite(radar.half_aperture)
     out = np.zeros((m.size, grid.range.size), dtype=np.complex64)
 
@@ -341,7 +251,7 @@ def _map_rows(
         if weight is not None:
             gain *= np.interp(sine, *weight)
         if own:
-            gain *= band_weights(sine - _boresight_sine(radar), dkx / k, radar.half_aperture, window)
+            gain *= band_weights(sine - boresight_sine(radar), dkx / k, radar.half_aperture, window)
         gain[~keep] = 0.0
         value = unit_phasor(phase)
         value *= gain
@@ -350,15 +260,6 @@ def _map_rows(
 
     _in_threads(work, m.size, max(1, _BATCH // k.size))
     return out, first
-
-
-def _sine_weight(radar: Radar, grid: ImageGrid, sines: tuple[float, float]) -> tuple[F64, F64] | None:
-    """Matched weight of the pattern at nodes of k_x / k; None where it is 1 throughout."""
-    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
-        return None
-    low, high = min(sines[0], -1e-6), max(sines[1], 1e-6)
-    nodes = np.linspace(max(1.01 * low, -1.0), min(1.01 * high, 1.0), _NODES)
-    return nodes, _filter_gain(radar, grid, nodes)
 
 
 def _densify(spectrum: C64, k: F64, geometry: TrackGeometry, factor: int) -> tuple[C64, TrackGeometry]:
@@ -383,79 +284,6 @@ def _densify(spectrum: C64, k: F64, geometry: TrackGeometry, factor: int) -> tup
     return out, replace(geometry, x=x, spacing=geometry.spacing / factor)
 
 
-def _walk(radar: Radar, geometry: TrackGeometry) -> int:
-    """Samples by which the range to the image's centre moves against the receive window over the aperture."""
-    r = np.hypot(geometry.x - geometry.x_center, geometry.rho_center) - radar.window.start_range
-    return int(np.ceil((r.max() - r.min()) / radar.window.sample_spacing))
-
-
-def _period(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
-    """Length of track, m, over which the azimuth transform must not repeat itself.
-
-    Data, image and the matched filter of full PRF bandwidth, each with its own extent; the filter ties a pixel to the
-    pulses that see it within half the PRF of the centre's Doppler frequency.
-    """
-    k = 4.0 * np.pi / radar.waveform.wavelength
-    edge = np.clip(
-        geometry.sin_squint + np.array([-1.0, 1.0]) * np.pi / (geometry.spacing * k), -0.999, 0.999
-    )
-    reach = grid.range[-1] * np.tan(np.arcsin(edge))  # pixel minus pulse
-    data = geometry.x[[0, -1]]
-    pixels = grid.azimuth[[0, -1]]
-    # farthest that any pixel's filter reaches beyond the farther end of the data
-    low = min(pixels[0] - reach[1], data[0])
-    high = max(pixels[-1] - reach[0], data[1])
-    return float(max(high - data[0], data[1] - low)) + 32.0 * geometry.spacing
-
-
-def _normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
-    """1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero where the data hold nothing."""
-    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
-        total = np.full(grid.shape, window.aperture(radar.track.n_pulses).sum())
-    else:  # smooth: summed at a few nodes, linear between them
-        columns = np.unique(np.linspace(0, grid.range.size - 1, 33).astype(int))
-        rows = np.unique(np.linspace(0, grid.azimuth.size - 1, 65).astype(int))
-        nodes = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns])
-        coarse = np.array(
-            [pulse_weights(radar, grid, line, window).sum(axis=-1) for line in nodes.positions()]
-        )
-        between = np.array([np.interp(np.arange(grid.range.size), columns, line) for line in coarse])
-        total = np.array([np.interp(np.arange(grid.azimuth.size), rows, line) for line in between.T]).T
-    scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
-    # pixels that the receive window does not contain at mid-aperture hold no data
-    start = float(radar.window.start_range[radar.track.center_index])
-    r = np.hypot(grid.azimuth[:, None] - 0.5 * (geometry.x[0] + geometry.x[-1]), grid.range)
-    scale[(r < start) | (r > start + radar.window.extent)] = 0.0
-    return np.asarray(scale / radar.amplitude_constant)
-
-
-def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, azimuth_window: str | Window) -> F64:
-    """Weight w g g_filter of every pulse in the pixel at points (..., 3), giving (..., n_pulses) float64."""
-    weights = aperture_weights(radar, point, azimuth_window)
-    look = look_directions(radar, point)
-    gain = direction_gain(radar, slice(None), look)
-    return np.asarray(weights * gain * _filter_gain(radar, grid, look @ grid.along))
-
-
-def _boresight_sine(radar: Radar) -> float:
-    """Sine of the beam along the flight, the same for all pulses of a straight track's stripmap."""
-    middle = radar.track.center_index
-    return float(radar.pointing.boresight[middle] @ radar.track.along)
-
-
-def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
-    """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
-    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
-        return np.ones_like(sin_angle)
-    drop = float(grid.origin[2] - grid.height)
-    rho = float(grid.range[grid.range.size // 2])
-    broadside = np.sqrt(max(rho**2 - drop**2, 0.0)) * grid.across - np.array([0.0, 0.0, drop])
-    broadside = broadside / np.linalg.norm(broadside)
-    cos_angle = np.sqrt(np.clip(1.0 - sin_angle**2, 0.0, None))
-    look = sin_angle[..., None] * grid.along + cos_angle[..., None] * broadside
-    return direction_gain(radar, radar.track.center_index, look)
-
-
 def _to_azimuth(
     columns: C64, first: int, n_x: int, geometry: TrackGeometry, grid: ImageGrid, out: C64
 ) -> None:
@@ -470,13 +298,4 @@ def _to_azimuth(
     _in_threads(work, columns.shape[1], max(1, _BATCH // sums.n_fft))
 
 
-__all__ = [
-    "Band",
-    "RangeLaw",
-    "TrackGeometry",
-    "focus_rows",
-    "pulse_weights",
-    "slant_grid",
-    "track_geometry",
-    "track_refusal",
-]
+__all__ = ["Band", "RangeLaw", "focus_rows"]
