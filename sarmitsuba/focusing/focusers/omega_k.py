@@ -156,7 +156,12 @@ class OmegaK(Focuser):
         treatment = self._treatment
         if treatment is None:
             return track_refusal(radar, grid)
-        return migration_refusal(radar, grid, treatment, self.bound)
+        refusal = migration_refusal(radar, grid, treatment, self.bound)
+        return (
+            f"{refusal}; stolt=on has no such limit"
+            if refusal and not track_refusal(radar, grid)
+            else refusal
+        )
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
