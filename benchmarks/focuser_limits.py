@@ -48,6 +48,7 @@ FORMS = (
     "chirp_scaling,scaling=no",
 )
 CELLS = 72  # edge of the images of the point table, resolution cells
+CELL = 0.5  # m, azimuth cell where limits are looked for
 CHIP = 48  # pixels about a point that is measured
 SIZE, SIZE_QUICK = 4096, 512  # square that is timed: the size that the limits are promised for
 SECONDS = 6.0  # promised on two cores
@@ -160,30 +161,21 @@ def setting(which: str, value: float) -> tuple[Radar, ImageGrid, Any]:
     swath = value if which == "swath" else 200.0
     bandwidth = 0.01 * value * 9.6e9 if which == "bandwidth" else 300e6
     cell = 0.5 * SPEED_OF_LIGHT / bandwidth
-    samples = int(1.2 * (swath + 80.0 * cell) / cell)
+    samples = int(1.2 * swath / cell) + 100
     radar = ideal_radar(
-        squint_angle=squint, resolution=cell, bandwidth=bandwidth, n_samples=samples, prf_factor=1.4
+        squint_angle=squint, resolution=CELL, bandwidth=bandwidth, n_samples=samples, prf_factor=1.4
     )
     origin = radar.track.center_position
     middle = float(np.hypot(origin[0], origin[2]))
     step = 0.5 * cell * float(np.cos(squint))
-    n = round((0.5 * swath + 26.0 * step) / step)
-    grid = default_grid(
-        radar,
-        {
-            "grid": "slant",
-            "center_x": 0.0,
-            "center_y": 0.0,
-            "height": 0.0,
-            "extent_azimuth": 54.0 * step,
-            "extent_range": 8.0 * step,
-            "spacing_azimuth": step,
-            "spacing_range": step,
-        },
-    )
+    along = 0.5 * CELL * float(np.cos(squint))
+    request = {"center_x": 0.0, "center_y": 0.0, "height": 0.0, "grid": "slant"}
+    extents = {"extent_azimuth": 54.0 * along, "extent_range": 8.0 * step}
+    grid = default_grid(radar, request | extents | {"spacing_azimuth": along, "spacing_range": step})
+    n = round(0.5 * swath / step + 26.0)
     grid = replace(grid, range=middle + step * np.arange(-n, n + 1))
     rho = middle + 0.5 * swath
-    return radar, grid, np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.1 * step, 0.0])
+    return radar, grid, np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.1 * along, 0.0])
 
 
 def limit_of(name: str, which: str, low: float, high: float) -> float:
