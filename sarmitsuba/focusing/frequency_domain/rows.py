@@ -191,10 +191,9 @@ def focus_rows(
 
 def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> None:
     """Call ``work(start, stop)`` for all of ``count`` in blocks, on all cores."""
-    starts = range(0, count, block)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for done in pool.map(lambda start: work(start, min(start + block, count)), starts):
-            assert done is None
+        # taking the results raises what a thread raised
+        list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
 def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, band: Band, weights: F64) -> C64:
