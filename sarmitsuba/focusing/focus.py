@@ -38,8 +38,9 @@ def focus(
     grid : where to focus; default: :func:`default_grid` of ``request``, or of the one that comes with the data
     request : image request for the default grid, or a mapping with what is to change in the data's own, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
-    focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``: straight, level, uniform track,
-        a grid along it), with options if wanted, such as ``backprojection,interpolation=kernel:8``; or a focuser itself
+    focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
+        ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as
+        ``backprojection,interpolation=kernel:8``; or a focuser itself
     range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`

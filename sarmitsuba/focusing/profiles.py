@@ -105,9 +105,9 @@ class ProfilePlan:
         """Profile samples kept per pulse: the valid ones and what the kernel reads beyond them."""
         return self.last + self.width
 
-    def spectrum(self, data: C64) -> C64:
+    def spectrum(self, data: C64, workers: int = -1) -> C64:
         """Weighted spectrum (..., n_fft), FFT order, of samples (..., n_samples); time origin at the first sample."""
-        out = scipy.fft.fft(data, n=self.n_fft, axis=-1, workers=-1)
+        out = scipy.fft.fft(data, n=self.n_fft, axis=-1, workers=workers)
         return np.asarray(out * self.gains.astype(np.float32), dtype=np.complex64)
 
     def profiles(self, data: C64) -> C64:

@@ -1,4 +1,4 @@
-"""Point targets and clutter through both focusers: width, sidelobes, place, phase and calibration."""
+"""Point targets and clutter through the focusers: width, sidelobes, place, phase and calibration."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +21,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
-METHODS = ("backprojection", "omega_k")
+METHODS = ("backprojection", "omega_k", "range_doppler", "chirp_scaling")
 # the point lies off every pixel
 POINT = np.array([3.37, -4.21, 0.0])
 

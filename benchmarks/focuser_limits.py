@@ -1,0 +1,423 @@
+"""Frequency-domain focusers: point targets against backprojection, where each breaks, seconds and memory, noise.
+
+Usage: python benchmarks/focuser_limits.py [--quick] [-o FOLDER]
+
+Phases are against the float64 sum (``backproject_numpy``), widths and side lobes against backprojection with its best
+kernel, whose own error against that sum is stated.
+"""
+
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import harness
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
+from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
+from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
+from sarmitsuba.focusing.frequency_domain.migration import MAX_PHASE
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.focusing.windows import parse_window
+from sarmitsuba.image.metrics import image_error_db, point_target
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.loader.build import build_scene
+from sarmitsuba.progress import silent
+from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.mode import MODES, AimGeometry
+from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.geometry import PointTarget
+
+ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
+# every form, the low-accuracy ones too
+FORMS = (
+    "omega_k",
+    "omega_k,stolt=phase",
+    "omega_k,stolt=off",
+    "range_doppler",
+    "range_doppler,src=centroid",
+    "range_doppler,src=off",
+    "range_doppler,rcmc=no",
+    "chirp_scaling",
+    "chirp_scaling,scaling=no",
+)
+CELLS = 72  # edge of the images of the point table, resolution cells
+CELL = 0.5  # m, azimuth cell where limits are looked for
+CHIP = 48  # pixels about a point that is measured
+SIZE, SIZE_QUICK = 4096, 512  # square that is timed: the size that the limits are promised for
+SECONDS = 6.0  # promised on two cores
+NOISE_PIXELS = 160  # some 6000 cells: the mean power has a sigma of 0.06 dB
+SMEARED = -6.0  # dB: a peak below this part of its height is no longer one
+# what each limit is looked for in: name, unit, range, and what is fixed meanwhile
+SWEEPS = (
+    ("squint", "degrees", 0.0, 50.0, "swath 200 m, bandwidth 3.1 %"),
+    ("swath", "m", 8.0, 4000.0, "squint 5 degrees, bandwidth 3.1 %"),
+    ("bandwidth", "% of carrier", 1.0, 30.0, "swath 200 m, squint 5 degrees"),
+)
+STEPS = 24  # of a bisection
+
+
+def focused(name: str, raw: RawData, grid: ImageGrid) -> Any:
+    """Pixels (n_azimuth, n_range), whatever the phase it leaves."""
+    focuser = parse_focuser(name)
+    if "bound" in focuser.options:
+        focuser = replace(focuser, bound=float("inf"))
+    window = parse_window("rectangular")
+    return focuser.focus(FocusTask(raw, grid, window, window, silent)).pixels[0]
+
+
+@dataclass(frozen=True)
+class Against:
+    """A point against backprojection: width, %, and side lobe, dB, of the worse axis; phase, degrees; peak, dB."""
+
+    irw: float
+    pslr: float
+    phase: float
+    peak: float
+
+
+def compare(pixels: Any, reference: Any, grid: ImageGrid, value: complex, place: tuple[int, int]) -> Against:
+    """Point of an image and of its reference about a pixel, where the exact sum is ``value``."""
+    spacing = (grid.azimuth_spacing, grid.range_spacing)
+    ratio = pixels[place] / value
+    phase, peak = abs(float(np.degrees(np.angle(ratio)))), 20.0 * float(np.log10(abs(ratio)))
+    if peak < SMEARED:  # nothing to measure a width of
+        return Against(float("inf"), float("inf"), phase, peak)
+    one, other = (point_target(data, *spacing, near=place, chip=CHIP) for data in (pixels, reference))
+    axes = [(one.azimuth, other.azimuth), (one.range, other.range)]
+    return Against(
+        max(100.0 * abs(a.irw / b.irw - 1.0) for a, b in axes),
+        max(abs(a.pslr_db - b.pslr_db) for a, b in axes),
+        phase,
+        peak,
+    )
+
+
+def place_of(grid: ImageGrid, point: Any) -> tuple[int, int]:
+    line = point - grid.origin
+    rho = np.hypot(line @ grid.across, line[2])
+    return int(np.abs(grid.azimuth - line @ grid.along).argmin()), int(np.abs(grid.range - rho).argmin())
+
+
+def random_geometry(mode: str, slant_range: float, cell: float, seed: int) -> tuple[Radar, ImageGrid]:
+    """Random heading, squint, look angle and side; slant grid about the aim point."""
+    rng = np.random.default_rng([13, seed, len(mode)])
+    beam: dict[str, Any] = {"pattern": "isotropic"}
+    if mode == "stripmap":
+        beam = {"pattern": "rectangular", "antenna_length": 2.0 * cell, "antenna_height": 0.05}
+    radar = RadarDescription(
+        mode=mode,
+        slant_range=slant_range,
+        look_angle_deg=rng.uniform(25.0, 55.0),
+        heading_deg=rng.uniform(0.0, 360.0),
+        look_side=("left", "right")[rng.integers(2)],
+        squint_angle_deg=rng.uniform(-4.0, 4.0),
+        bandwidth=0.5 * SPEED_OF_LIGHT / cell,
+        azimuth_resolution=cell,
+        speed=7500.0 if slant_range > 1e5 else 100.0,
+        **beam,
+    )
+    film = FilmDescription(
+        image_grid="slant", image_extent_azimuth=CELLS * cell, image_extent_range=CELLS * cell
+    )
+    scene = build_scene(points=[PointTarget("aim", np.zeros(3), 1.0)], radar=radar, film=film)
+    return scene.radar, default_grid(scene.radar, scene.image)
+
+
+def point_rows() -> list[list[Any]]:
+    """Worst of nine points, at centre, edges and corners."""
+    rows = []
+    for seed, (slant_range, cell) in enumerate([(10e3, 1.0), (700e3, 5.0)]):
+        for mode in ("spotlight", "stripmap"):
+            radar, grid = random_geometry(mode, slant_range, cell, seed)
+            at = [np.array([CHIP // 2 + 2, n // 2, n - CHIP // 2 - 3]) for n in grid.shape]
+            nine = replace(
+                grid,
+                azimuth=grid.azimuth[at[0]] + 0.3 * grid.azimuth_spacing,
+                range=grid.range[at[1]] + 0.2 * grid.range_spacing,
+            )
+            points = nine.positions().reshape(-1, 3)
+            raw = ideal_echoes(radar, points)
+            reference = backproject(raw, grid, interpolation="kernel:8", oversampling=4)[0]
+            places = [place_of(grid, point) for point in points]
+            for name in ALGORITHMS:
+                pixels = focused(name, raw, grid)
+                got = [compare(pixels, reference, grid, complex(reference[place]), place) for place in places]
+                worst = [max(getattr(g, key) for g in got) for key in ("irw", "pslr", "phase")]
+                worst.append(image_error_db(pixels, reference))
+                rows.append([mode, f"{slant_range / 1e3:.0f} km", name, *(float(f"{v:.2g}") for v in worst)])
+    return rows
+
+
+def setting(which: str, value: float) -> tuple[Radar, ImageGrid, Any]:
+    """Spotlight radar at 10 km, image, and a point at the image's far edge, with one of the limits' quantities set."""
+    squint = np.radians(value if which == "squint" else 5.0)
+    swath = value if which == "swath" else 200.0
+    bandwidth = 0.01 * value * 9.6e9 if which == "bandwidth" else 300e6
+    cell = 0.5 * SPEED_OF_LIGHT / bandwidth
+    samples = int(1.2 * swath / cell) + 100
+    radar = ideal_radar(
+        squint_angle=squint, resolution=CELL, bandwidth=bandwidth, n_samples=samples, prf_factor=1.4
+    )
+    origin = radar.track.center_position
+    middle = float(np.hypot(origin[0], origin[2]))
+    step = 0.5 * cell * float(np.cos(squint))
+    along = 0.5 * CELL * float(np.cos(squint))
+    request = {"center_x": 0.0, "center_y": 0.0, "height": 0.0, "grid": "slant"}
+    extents = {"extent_azimuth": 54.0 * along, "extent_range": 8.0 * step}
+    grid = default_grid(radar, request | extents | {"spacing_azimuth": along, "spacing_range": step})
+    n = round(0.5 * swath / step + 26.0)
+    grid = replace(grid, range=middle + step * np.arange(-n, n + 1))
+    rho = middle + 0.5 * swath
+    return radar, grid, np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.1 * along, 0.0])
+
+
+def limit_of(name: str, which: str, low: float, high: float) -> float:
+    """Largest value that the focuser takes, by bisection; NaN where it takes all, the lowest where it takes none."""
+    focuser = parse_focuser(name)
+
+    def refuses(value: float) -> bool:
+        radar, grid, _ = setting(which, value)
+        return bool(focuser.refusal(radar, grid))
+
+    if not refuses(high):
+        return float("nan")
+    if refuses(low):
+        return low
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if refuses(middle) else (middle, high)
+    return low
+
+
+def break_rows(quick: bool) -> list[list[Any]]:
+    """The limit of each form, and what a point at the image's edge looks like there and at twice the limit."""
+    rows = []
+    for which, _, low, high, _ in SWEEPS[: 1 if quick else None]:
+        for name in FORMS[1:]:
+            limit = limit_of(name, which, low, high)
+            cells: list[Any] = []
+            for value in (limit, 2.0 * limit):
+                if not low < value <= high:
+                    cells += [float("nan")] * 3
+                    continue
+                radar, grid, point = setting(which, value)
+                raw = ideal_echoes(radar, point)
+                place = place_of(grid, point)
+                chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place)
+                part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
+                inside = (place[0] - chip[0].start, place[1] - chip[1].start)
+                reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
+                exact = backproject_numpy(raw, part.positions()[inside][None])[0, 0]
+                got = compare(focused(name, raw, grid)[chip], reference, part, complex(exact), inside)
+                cells += [float(f"{v:.2g}") for v in (got.irw, got.pslr, got.phase)]
+            shown = f"all to {high:g}" if limit != limit else f"{limit:.3g}" if limit > low else "none"
+            rows.append([which, name, shown, *cells])
+    return rows
+
+
+def theory_rows() -> list[list[Any]]:
+    """Error of a point away from the reference range, and the rms of the residual phase by its leading terms."""
+    rows = []
+    for squint, swath in ((3.0, 100.0), (7.0, 100.0), (12.0, 60.0)):
+        radar, grid, point = setting("squint", squint)
+        away = 0.5 * swath
+        origin = radar.track.center_position
+        rho = float(np.hypot(origin[0], origin[2])) + away
+        point = np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.0, 0.0])
+        raw = ideal_echoes(radar, point)
+        place = place_of(grid, point)
+        chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place)
+        part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
+        reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
+        line = point - radar.track.position
+        theta = np.arcsin(line @ grid.along / np.linalg.norm(line, axis=1))
+        offset = 4.0 * np.pi / SPEED_OF_LIGHT * radar.waveform.bandwidth * np.linspace(-0.5, 0.5, 65)
+        kc = 4.0 * np.pi / radar.waveform.wavelength
+        center = 1.0 / np.cos(np.radians(squint))
+        coupling = -away * np.outer(np.tan(theta) ** 2 / np.cos(theta), offset**2) / (2.0 * kc)
+        migration = away * np.outer(1.0 / np.cos(theta) - center, offset)
+        expected = {
+            "omega_k,stolt=phase": migration + coupling,
+            "chirp_scaling,scaling=no": migration + coupling,
+            "range_doppler": coupling,
+            "chirp_scaling": coupling,
+        }
+        for name, phase in expected.items():
+            error = image_error_db(focused(name, raw, grid)[chip], reference)
+            rows.append([squint, away, name, error, float(10.0 * np.log10(np.mean(phase**2)))])
+    return rows
+
+
+def stripmap(n: int) -> tuple[RawData, ImageGrid]:
+    """Noise in n x n samples of a stripmap radar of 0.5 m cells at 10 km, and an image of n x n pixels."""
+    plain = ideal_radar(slant_range=10e3, resolution=0.5, bandwidth=300e6, n_samples=n)
+    spacing = 0.4
+    center = plain.track.center_position
+    track = Track.straight(center, [0.0, 100.0, 0.0], 100.0 / spacing, n)
+    aim = AimGeometry(np.zeros(3), center, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    sample = plain.window.sample_spacing
+    start = (round(10e3 / sample) - n // 2) * sample
+    radar = replace(
+        plain,
+        mode="stripmap",
+        track=track,
+        pointing=MODES["stripmap"].pointing(track, aim),
+        window=ReceiveWindow(np.full(n, start), sample, n),
+        half_aperture=plain.waveform.wavelength / 2.0,
+    )
+    rng = np.random.default_rng(0)
+    data = rng.standard_normal((1, n, 2 * n), dtype=np.float32).view(np.complex64)
+    middle = np.arange(n) - n // 2
+    grid = ImageGrid(
+        kind="slant",
+        azimuth=0.25 * middle,
+        range=10e3 + 0.25 * middle,
+        origin=center,
+        along=np.array([0.0, 1.0, 0.0]),
+        across=np.array([1.0, 0.0, 0.0]),
+        height=0.0,
+    )
+    return RawData(data, (Layer("VV"),), "compressed", radar), grid
+
+
+def speed_rows(quick: bool) -> list[dict[str, Any]]:
+    raw, grid = stripmap(SIZE_QUICK if quick else SIZE)
+    rows = []
+    for name in ALGORITHMS:
+        runs = []
+        for _ in range(2):
+            start, busy = time.perf_counter(), time.process_time()
+            focused(name, raw, grid)
+            runs.append((time.process_time() - busy, time.perf_counter() - start))
+        tracemalloc.start()
+        focused(name, raw, grid)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        busy, wall = min(runs)
+        rows.append({"name": name, "cpu_s": busy, "wall_s": wall, "peak_bytes": peak, "pixels": grid.shape})
+    return rows
+
+
+def noise_rows() -> list[list[Any]]:
+    """Power of white receiver noise in the pixels, over that of the matched filter's weights, dB."""
+    radar = ideal_radar(resolution=1.0, n_samples=256)
+    spacing = {"spacing_azimuth": 0.45, "spacing_range": 0.45}
+    extent = 0.45 * NOISE_PIXELS
+    grid = default_grid(
+        radar,
+        {"center_x": 0.0, "center_y": 0.0, "height": 0.0, "grid": "slant", **spacing}
+        | {"extent_azimuth": extent, "extent_range": extent},
+    )
+    rng = np.random.default_rng(1)
+    shape = (1, radar.track.n_pulses, 2 * radar.window.n_samples)
+    data = np.sqrt(0.5) * rng.standard_normal(shape, dtype=np.float32)
+    raw = RawData(data.astype(np.float32).view(np.complex64), (Layer("VV"),), "compressed", radar)
+    r = np.linalg.norm(radar.aim_point - radar.track.position, axis=1)
+    share = radar.waveform.bandwidth / radar.window.sampling_rate
+    predicted = share * np.sum(r**4) / (radar.amplitude_constant * r.size) ** 2
+    rows = []
+    for name in ("backprojection", *ALGORITHMS):
+        power = float(np.mean(np.abs(focused(name, raw, grid)) ** 2))
+        rows.append([name, 10.0 * float(np.log10(power / predicted))])
+    return rows
+
+
+def squint_figure(squints: Any, curves: dict[str, list[float]]) -> Any:
+    drawn, axes = harness.new_figure(6.5, 4.2)
+    for name, values in curves.items():
+        axes.plot(squints, values, "o-", ms=3, label=name)
+    axes.set_xlabel("squint, degrees")
+    axes.set_ylabel("error of a point at the swath's edge, dB")
+    axes.set_title("10 km, X band, 0.5 m cells, 200 m of swath")
+    axes.legend(fontsize=7)
+    return drawn
+
+
+def squint_curves(quick: bool) -> tuple[Any, dict[str, list[float]]]:
+    """Error of an edge point against squint, dB, every form."""
+    squints = np.array([0.0, 10.0] if quick else [0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 35.0])
+    curves: dict[str, list[float]] = {name: [] for name in FORMS}
+    for squint in squints:
+        radar, grid, point = setting("squint", float(squint))
+        raw = ideal_echoes(radar, point)
+        place = place_of(grid, point)
+        chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place)
+        part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
+        reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
+        for name in FORMS:
+            curves[name].append(image_error_db(focused(name, raw, grid)[chip], reference))
+    return squints, curves
+
+
+def step(text: str, work: Callable[[], Any]) -> Any:
+    print(f"... {text}", flush=True)
+    return work()
+
+
+@harness.benchmark
+def run(quick: bool) -> harness.Report:
+    points = step("points", point_rows)
+    breaks = step("limits", lambda: break_rows(quick))
+    theory = step("theory", theory_rows)
+    noise = step("noise", noise_rows)
+    speed = step("speed", lambda: speed_rows(quick))
+    squints, curves = step("figure", lambda: squint_curves(quick))
+    factor = ChirpScaling().largest_factor(*setting("squint", 5.0)[:2])
+    report = harness.Report(
+        "focuser_limits",
+        "Frequency-domain focusers",
+        "Omega-K, range-Doppler and chirp scaling against backprojection. Each refuses past a residual phase of "
+        f"{MAX_PHASE:.3g} rad at the image's edges.",
+        data={"speed": speed, "curves": curves},
+    )
+    report.table(
+        "Nine points at centre, edges and corners in random geometries, worst difference to backprojection",
+        ["mode", "range", "method", "IRW, %", "PSLR, dB", "phase, degrees", "image, dB"],
+        points,
+    )
+    fixed = "; ".join(f"{name} ({unit}): {rest}" for name, unit, _, _, rest in SWEEPS)
+    columns = ["quantity", "method", "limit", "IRW, %", "PSLR, dB", "phase", "IRW at 2 x", "PSLR", "phase"]
+    report.table(
+        f"Where each breaks, and a point at the swath's edge there: {fixed}; X band, 10 km", columns, breaks
+    )
+    report.table(
+        "Residual phase: error of a point measured, and by theory",
+        ["squint, degrees", "off the reference range, m", "method", "measured, dB", "theory, dB"],
+        theory,
+    )
+    report.table("Noise in the pixels over the matched filter's", ["method", "dB"], noise)
+    report.table(
+        f"{speed[0]['pixels'][0]} x {speed[0]['pixels'][1]} samples and pixels, stripmap",
+        ["method", "CPU seconds", "wall seconds", "peak of arrays beside data, MB"],
+        [[s["name"], s["cpu_s"], s["wall_s"], s["peak_bytes"] / 2**20] for s in speed],
+    )
+    report.notes.append(f"Largest chirp scaling factor at a squint of 5 degrees: {factor:.3g}.")
+    for key, place, bound, unit in (
+        ("IRW", 3, 2.0, "%"),
+        ("PSLR", 4, 0.5, "dB"),
+        ("phase", 5, 5.0, "degrees"),
+    ):
+        worst = max(row[place] for row in points)
+        report.claim(f"{key} of points against backprojection", worst, bound, at_least=False, unit=unit)
+        at_limit = [row[place] for row in breaks if row[place] == row[place]]
+        report.claim(f"{key} at each limit", max(at_limit), bound, at_least=False, unit=unit)
+    report.claim(
+        "noise against prediction", max(abs(row[1]) for row in noise), 0.3, at_least=False, unit="dB"
+    )
+    for row in speed:
+        report.claim(
+            f"{row['name']}, CPU seconds over two cores", row["cpu_s"] / 2, SECONDS, at_least=False, unit="s"
+        )
+    report.figure("squint", squint_figure(squints, curves))
+    return report
+
+
+if __name__ == "__main__":
+    harness.main(run)

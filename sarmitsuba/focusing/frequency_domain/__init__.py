@@ -1,0 +1,1 @@
+"""What the frequency-domain focusers share; see :mod:`sarmitsuba.focusing.frequency_domain.rows`."""
