@@ -96,7 +96,7 @@ def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:
     return AUTOFOCUSERS[name].with_texts(rest)
 
 
-def autofocus(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, Any]]:
+def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, Any]]:
     """Data with the error taken out that an autofocuser finds in one channel of them, and facts about it.
 
     Parameters
@@ -136,7 +136,9 @@ def correct_ranges(raw: RawData, error: F64) -> RawData:
     n = int(scipy.fft.next_fast_len(window.n_samples + _GUARD))
     kappa = 2.0 * np.pi * scipy.fft.fftfreq(n, window.sample_spacing)
     kc = 4.0 * np.pi / raw.radar.waveform.wavelength
-    turn = np.exp(1j * (np.mod(kc * error, 2.0 * np.pi)[:, None] + np.outer(error, kappa))).astype(np.complex64)
+    turn = np.exp(1j * (np.mod(kc * error, 2.0 * np.pi)[:, None] + np.outer(error, kappa))).astype(
+        np.complex64
+    )
     data = np.empty_like(raw.data)
     for layer, plane in enumerate(raw.data):
         spectrum = scipy.fft.fft(plane, n=n, axis=1, workers=-1) * turn
@@ -155,8 +157,8 @@ __all__ = [
     "AUTOFOCUSERS",
     "AutofocusTask",
     "Autofocuser",
-    "autofocus",
     "correct_ranges",
     "parse_autofocus",
+    "remove_error",
     "without_trend",
 ]

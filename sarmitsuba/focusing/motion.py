@@ -118,7 +118,9 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     through = grid.origin if grid.kind == "slant" else mean
     x = (track.position - through) @ along
     if track.n_pulses < 8 or (np.diff(x) <= 0.0).any():
-        raise DataError("the antenna does not go steadily forward along the grid, or makes fewer than 8 pulses")
+        raise DataError(
+            "the antenna does not go steadily forward along the grid, or makes fewer than 8 pulses"
+        )
     uniform = np.linspace(x[0], x[-1], x.size)
     # the line's own middle is its origin, as a straight track's is its centre position
     origin = through + 0.5 * (x[0] + x[-1]) * along
@@ -135,7 +137,8 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     nearest = np.clip(np.rint(index).astype(int), 0, x.size - 1)
     pointing = Pointing(
         **{
-            name: getattr(radar.pointing, name)[nearest] for name in ("boresight", "azimuth_axis", "elevation_axis")
+            name: getattr(radar.pointing, name)[nearest]
+            for name in ("boresight", "azimuth_axis", "elevation_axis")
         }
     )
     straight = replace(radar, track=flown, pointing=pointing)
@@ -231,9 +234,7 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
         if np.abs(place - np.arange(place.size)).max() > 1e-6:
             moved = _along(moved, place)
         data[layer] = moved * back[:, None]
-    straight = replace(
-        plan.straight, window=ReceiveWindow(u0 + straight_walk, spacing, n_out)
-    )
+    straight = replace(plan.straight, window=ReceiveWindow(u0 + straight_walk, spacing, n_out))
     return replace(raw, data=data, radar=straight)
 
 
@@ -289,7 +290,9 @@ def _along(data: C64, place: F64) -> C64:
     for begin in range(0, data.shape[1], step):
         columns = np.ascontiguousarray(data[:, begin : begin + step].T)
         spectrum = scipy.fft.fft(columns, n=n, axis=1, workers=-1)
-        out[:, begin : begin + step] = _sample(spectrum, np.broadcast_to(place, (columns.shape[0], place.size))).T
+        out[:, begin : begin + step] = _sample(
+            spectrum, np.broadcast_to(place, (columns.shape[0], place.size))
+        ).T
     return out
 
 
