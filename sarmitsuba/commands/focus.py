@@ -104,8 +104,8 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--motion-compensation",
+        choices=("auto", "off"),
         default="auto",
-        metavar="auto|off",
         help="where the focuser needs a straight track and the recorded one is not: auto compensates, off refuses "
         "(default: auto)",
     )

@@ -50,8 +50,8 @@ def focus(
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
     motion_compensation : ``auto`` compensates the recorded track to a straight one where the focuser needs one, see
         :mod:`sarmitsuba.focusing.motion`; ``off``: such a focuser refuses the data
-    autofocus : name in ``AUTOFOCUSERS`` (``phase_gradient``, ``minimum_entropy``, ``maximum_contrast``), with options if
-        wanted, such as ``phase_gradient,rounds=12``; or an autofocuser itself; None or ``none`` trusts the recorded track
+    autofocus : name in ``AUTOFOCUSERS`` (``phase_gradient``, ``minimum_entropy``, ``maximum_contrast``), with options
+        if wanted, such as ``phase_gradient,rounds=12``; or an autofocuser itself; None and ``none``: the recorded track
     progress : called after every batch
 
     Returns

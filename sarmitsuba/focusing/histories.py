@@ -48,8 +48,8 @@ def pulse_contributions(
         base = np.floor(place)
         index = row + base.astype(np.int64)
         value = np.zeros(way.shape, dtype=np.complex64)
-        for k, tap in enumerate(kernel.taps((place - base).astype(np.float32))):
-            value += profiles.ravel()[np.minimum(index + k, profiles.size - 1)] * tap
+        for k, tap in enumerate(kernel.taps(place - base)):
+            value += profiles.ravel()[np.minimum(index + k, profiles.size - 1)] * tap.astype(np.float32)
         weight = matched_weights(radar, point, azimuth_window) * inside * way**2
         out[start : start + step] = value * weight * np.exp(1j * np.mod(wavenumber * way, 2.0 * np.pi))
     return out

@@ -195,8 +195,8 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     Notes
     -----
     Formulas: A. Moreira, Y. Huang, IEEE Trans. Geosci. Remote Sens. 32 (1994), 1029; G. Fornaro, IEEE Trans. Aerosp.
-    Electron. Syst. 35 (1999), 997. Ignores how the excess range varies over the beam (see :func:`residual_phase`) and with terrain
-    off the image plane, the change of :math:`R^{-2}` and of the beam's gain by the displacement.
+    Electron. Syst. 35 (1999), 997. Ignores how the excess range varies over the beam (see :func:`residual_phase`) and
+    with terrain off the image plane, the change of :math:`R^{-2}` and of the beam's gain by the displacement.
     """
     if raw.domain != "compressed":
         raise DataError("motion compensation: the data are not range compressed; call range_compress first")
@@ -273,12 +273,12 @@ def _sample(spectrum: NDArray[np.complexfloating[Any, Any]], place: F64) -> C64:
     fine = scipy.fft.ifft(padded, axis=1, workers=-1)
     at = 2.0 * place
     base = np.floor(at)
-    taps = kernel.taps((at - base).astype(np.float32))
+    taps = kernel.taps(at - base)
     index = base.astype(np.int64) - kernel.lead
     offset = np.arange(rows)[:, None] * (2 * n)
     out = np.zeros(place.shape, dtype=np.complex64)
     for k, tap in enumerate(taps):
-        out += fine.ravel()[offset + (index + k) % (2 * n)] * tap
+        out += fine.ravel()[offset + (index + k) % (2 * n)] * tap.astype(np.float32)
     return out
 
 
@@ -325,8 +325,8 @@ def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: 
     if residual > LARGEST_RESIDUAL:
         raise DataError(
             f"focuser {focuser.name}: motion compensation over {plan.largest_displacement:.3g} m would leave "
-            f"{residual:.3g} rad at the image's edges (bound {LARGEST_RESIDUAL:.2g} rad), because the excess range varies "
-            "over the beam; shrink the image or take focuser backprojection"
+            f"{residual:.3g} rad at the image's edges (bound {LARGEST_RESIDUAL:.2g} rad), because the excess range "
+            "varies over the beam; shrink the image or take focuser backprojection"
         )
     return plan
 

@@ -121,7 +121,8 @@ def _checked(name: str, track: Track, flown: Track) -> Track:
     late = float(np.abs((track.time - track.time[0]) - (flown.time - flown.time[0])).max())
     if late > 1e-6 * max(span, 1e-9) + 1e-9:
         raise RadarError(
-            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; record the same pulses"
+            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; record the "
+            "same pulses"
         )
     return track
 

@@ -26,21 +26,21 @@ _SMALL = 0.05
 class PhaseGradient(Autofocuser):
     r"""Phase gradient autofocus.
 
-    The brightest pixels' phase histories (:func:`sarmitsuba.focusing.histories.pulse_contributions`), low-pass filtered to the
-    width of the blur, give the maximum-likelihood estimate of the error's gradient over the pulses,
+    The brightest pixels' phase histories (:func:`sarmitsuba.focusing.histories.pulse_contributions`), low-pass filtered
+    to the width of the blur, give the maximum-likelihood estimate of the error's gradient over the pulses,
 
     .. math:: \dot\phi_t = \arg \sum_p g_{p,t}^* \, g_{p,t+1} \, e^{-j s_p}
 
     with :math:`s_p` the slope that the point's distance from its blurred peak makes. It is integrated, taken out of the
-    data, and the image is made anew. As histories are followed through the recorded track at each point's own range, any
-    mode, track and focuser will do. Where pixels have apertures of their own (stripmap), every pulse takes the points
-    that it lights; the slopes :math:`s_p` tie neighbouring sub-apertures together.
+    data, and the image is made anew. As histories are followed through the recorded track at each point's own range,
+    any mode, track and focuser will do. Where pixels have apertures of their own (stripmap), every pulse takes the
+    points that it lights; the slopes :math:`s_p` tie neighbouring sub-apertures together.
 
     Notes
     -----
     Source: D. E. Wahl, P. H. Eichel, D. C. Ghiglia, C. V. Jakowatz, IEEE Trans. Aerosp. Electron. Syst. 30 (1994), 827;
-    the estimator: C. V. Jakowatz, D. E. Wahl, J. Opt. Soc. Am. A 10 (1993), 2539. Ignores that the error along the line of
-    sight varies over the scene. A shift of the whole image is not seen and not made.
+    the estimator: C. V. Jakowatz, D. E. Wahl, J. Opt. Soc. Am. A 10 (1993), 2539. Ignores that the error along the line
+    of sight varies over the scene. A shift of the whole image is not seen and not made.
     """
 
     name: ClassVar[str] = "phase_gradient"

@@ -27,12 +27,13 @@ _STEPS = 40
 
 @dataclass(frozen=True)
 class _Sharpness(Autofocuser):
-    r"""The range error is a sum of Legendre polynomials over the pulses, from the second order; it makes the image sharpest.
+    r"""The range error is the sum of Legendre polynomials over the pulses that makes the image sharpest.
 
-    Pixels are sums of every pulse's contribution, :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2`
-    (:func:`sarmitsuba.focusing.histories.pulse_contributions`), along whole azimuth lines at the brightest range columns.
-    The measure's gradient is exact; the search is quasi-Newton (L-BFGS), from low orders to high ones. Sharpness has many
-    local optima once the error passes about a radian, so that the search starts from a few rounds of
+    The orders begin with the second. Pixels are sums of every pulse's contribution,
+    :math:`I_p = |\sum_t b_{pt} e^{j \phi_t}|^2` (:func:`sarmitsuba.focusing.histories.pulse_contributions`), along
+    whole azimuth lines at the brightest range columns. The measure's gradient is exact; the search is quasi-Newton
+    (L-BFGS), from low orders to high ones. Sharpness has many local optima once the error passes about a radian, so
+    that the search starts from a few rounds of
     :class:`sarmitsuba.focusing.autofocusers.phase_gradient.PhaseGradient`; ``start=0`` starts from the recorded track.
 
     Notes

@@ -1,7 +1,7 @@
 """Polar format focusing of spotlight data: every pulse is a line through the image's spectrum."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.fft
@@ -28,8 +28,8 @@ _WIDTH = 6
 LARGEST_PHASE = 0.3
 # pulses at which the curvature is worked out
 _NODES = 33
-# pixels, or (pulse, frequency) samples, worked on at once
-_BATCH = 1 << 20
+# pixels, or cells that samples are spread to, worked on at once
+_BATCH = 1 << 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +100,18 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
 def polar_format(task: FocusTask) -> C64:
     r"""Focus range-compressed data whose pulses all serve all pixels.
 
-    With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance :math:`R_t`, and
-    :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample lies at the
+    With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance
+    :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample lies at the
     wavenumber :math:`k \mathbf u_t`, on a polar raster:
 
     .. math:: I(p) = \frac{1}{K N \sum_t w_t g_t} \sum_{t, k} w_t R_t^2 S_t(k) e^{j k R_t} e^{j k \mathbf u_t \cdot
               \mathbf q(p)}
 
     It is resampled onto a Cartesian raster (type-1 non-uniform FFT, spreading kernel of width 6), transformed, and the
-    image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the aperture
-    of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved wavefronts and leaves their
-    defocusing,
+    image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the
+    aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved wavefronts
+    and
+    leaves their defocusing,
 
     .. math:: \phi \approx \frac{\pi \lambda r^2}{8 \rho_a^2 R}
 
@@ -135,7 +136,9 @@ def polar_format(task: FocusTask) -> C64:
         raise DataError("polar format: the data are not range compressed; call range_compress first")
     polar = _Polar.of(radar, grid)
     lag = radar.window.start_range - polar.distance
-    plan = plan_spectrum(radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing)))
+    plan = plan_spectrum(
+        radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing))
+    )
     used = np.flatnonzero(plan.gains > 0.0)
     offset = 2.0 * np.pi * scipy.fft.fftfreq(plan.n_fft, radar.window.sample_spacing)[used]
     kc = 4.0 * np.pi / radar.waveform.wavelength
@@ -157,10 +160,7 @@ def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _Polar, window: Wind
     """Calibration of every pixel (n_azimuth, n_range), and its place among plane waves (n_pixels, 2), m."""
     rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
     total = np.array(
-        [
-            pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1)
-            for row in rows
-        ]
+        [pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1) for row in rows]
     )
     if rows.size > 1 and columns.size > 1:
         spline = RectBivariateSpline(rows, columns, total, kx=1, ky=1)
@@ -217,7 +217,8 @@ class _Raster:
         half = np.ptp(places, axis=0) / 2.0
         # and its extent half of the raster's
         shape = tuple(
-            2 * scipy.fft.next_fast_len(int(np.ceil(2.0 * h / s)) + 2 * _WIDTH) for h, s in zip(half, step, strict=True)
+            2 * scipy.fft.next_fast_len(int(np.ceil(2.0 * h / s)) + 2 * _WIDTH)
+            for h, s in zip(half, step, strict=True)
         )
         size = np.array(shape)
         spacing = 2.0 * np.pi / (size * step)
@@ -235,7 +236,7 @@ class _Raster:
             carrier=np.exp(1j * np.mod(phase, 2.0 * np.pi)).astype(np.complex64),
         )
 
-    def image(self, samples: C128) -> C64:
+    def image(self, samples: NDArray[np.complexfloating[Any, Any]]) -> C64:
         """Sum of samples times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
         plane = self._spread(samples * self.shift)
         plane *= self.gains[0][:, None] * self.gains[1]
@@ -249,17 +250,19 @@ class _Raster:
         first = [(b.astype(np.int64) - kernel.lead) for b in base]
         return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]
 
-    def _spread(self, samples: C128) -> C128:
+    def _spread(self, samples: NDArray[np.complexfloating[Any, Any]]) -> C128:
         plane = np.zeros(self.shape[0] * self.shape[1], dtype=np.complex128)
-        for start in range(0, samples.size, _BATCH):
-            part = slice(start, start + _BATCH)
+        step = _BATCH // _WIDTH**2
+        for start in range(0, samples.size, step):
+            part = slice(start, start + step)
             first, taps = self._taps(self.cells[:, part])
-            for i, row in enumerate(taps[0]):
-                value, line = samples[part] * row, (first[0] + i) % self.shape[0] * self.shape[1]
-                for j, column in enumerate(taps[1]):
-                    index = line + (first[1] + j) % self.shape[1]
-                    plane.real += np.bincount(index, value.real * column, minlength=plane.size)
-                    plane.imag += np.bincount(index, value.imag * column, minlength=plane.size)
+            line, column = (
+                (cell + np.arange(_WIDTH)[:, None]) % n for cell, n in zip(first, self.shape, strict=True)
+            )
+            index = (line[:, None] * self.shape[1] + column).ravel()
+            weight = np.array(taps[0])[:, None] * np.array(taps[1])
+            plane.real += np.bincount(index, (weight * samples[part].real).ravel(), minlength=plane.size)
+            plane.imag += np.bincount(index, (weight * samples[part].imag).ravel(), minlength=plane.size)
         return plane.reshape(self.shape)
 
     def _read(self, field: C64) -> C64:
@@ -271,7 +274,9 @@ class _Raster:
             for i, row in enumerate(taps[0]):
                 line = (first[0] + i) % self.shape[0] * self.shape[1]
                 for j, column in enumerate(taps[1]):
-                    total += field.ravel()[line + (first[1] + j) % self.shape[1]] * (row * column).astype(np.float32)
+                    total += field.ravel()[line + (first[1] + j) % self.shape[1]] * (row * column).astype(
+                        np.float32
+                    )
             out[part] = total
         return out
 
