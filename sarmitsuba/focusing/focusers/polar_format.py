@@ -101,17 +101,16 @@ def polar_format(task: FocusTask) -> C64:
     r"""Focus range-compressed data whose pulses all serve all pixels.
 
     With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance
-    :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample lies at the
-    wavenumber :math:`k \mathbf u_t`, on a polar raster:
+    :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample
+    lies at the wavenumber :math:`k \mathbf u_t`, on a polar raster:
 
     .. math:: I(p) = \frac{1}{K N \sum_t w_t g_t} \sum_{t, k} w_t R_t^2 S_t(k) e^{j k R_t} e^{j k \mathbf u_t \cdot
               \mathbf q(p)}
 
     It is resampled onto a Cartesian raster (type-1 non-uniform FFT, spreading kernel of width 6), transformed, and the
     image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the
-    aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved wavefronts
-    and
-    leaves their defocusing,
+    aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
+    wavefronts and leaves their defocusing,
 
     .. math:: \phi \approx \frac{\pi \lambda r^2}{8 \rho_a^2 R}
 
