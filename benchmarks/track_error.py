@@ -22,10 +22,10 @@ SEEDS, SEEDS_QUICK = 4, 1
 
 
 def strip_radar() -> Radar:
-    """Stripmap whose beam passes over the pixels, each with its own aperture, of a third of the track."""
+    """Stripmap whose beam passes over the pixels, each with its own aperture, of two fifths of the track."""
     antenna = Antenna("gaussian", 1.0, np.radians(0.6), np.radians(20.0))
     plain = ideal_radar(n_samples=280, mode="stripmap", antenna=antenna)
-    track = Track.straight(plain.track.center_position, plain.track.velocity[0], 130.0, 468)
+    track = Track.straight(plain.track.center_position, plain.track.velocity[0], 130.0, 312)
     aim = AimGeometry(
         np.zeros(3), track.center_position, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
     )

@@ -146,11 +146,20 @@ def correct_ranges(raw: RawData, error: F64) -> RawData:
     return replace(raw, data=data)
 
 
-def without_trend(radar: Radar, error: F64) -> F64:
-    """A range error less its constant and its slope, which only move the image and which no image shows."""
-    time = radar.track.time - radar.track.time.mean()
-    slope = float(time @ error) / float(time @ time)
-    return np.asarray(error - error.mean() - slope * time)
+def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
+    """A range error less its constant and its slope, which only move the image and which no image shows.
+
+    Parameters
+    ----------
+    radar : gives the pulses' times
+    error : (n_pulses,) float64, m
+    weight : (n_pulses,) how much each pulse counts: where nothing is seen, nothing is known of the slope
+    """
+    share = weight / weight.sum()
+    time = radar.track.time - share @ radar.track.time
+    mean = float(share @ error)
+    slope = float((share * time) @ (error - mean)) / float((share * time) @ time)
+    return np.asarray(error - mean - slope * time)
 
 
 __all__ = [

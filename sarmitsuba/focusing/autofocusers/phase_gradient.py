@@ -18,6 +18,8 @@ C64 = NDArray[np.complex64]
 _EDGE, _WIDEN = 0.1, 1.5
 # azimuth rows in which points are looked for apart, where pixels have apertures of their own: per aperture
 _BLOCKS = 4.0
+# part of the best lit pulse's strength below which a pulse says nothing of its error
+_DARK = 1e-3
 # update below which no more rounds are made, rad rms
 _SMALL = 0.05
 
@@ -53,20 +55,20 @@ class PhaseGradient(Autofocuser):
         """See the class."""
         radar = task.raw.radar
         wavenumber = 4.0 * np.pi / radar.waveform.wavelength
-        error = np.zeros(radar.track.n_pulses)
+        error, seen = np.zeros(radar.track.n_pulses), np.ones(radar.track.n_pulses)
         width = np.inf
         for done in range(self.rounds):
             raw = task.corrected(error)
             places = self._bright(task, task.image(error))
             history = pulse_contributions(raw.data[0], radar, places, task.range_window, "rectangular")
             history, width = _low_pass(history, width)
-            phase = _integrated(history)
-            update = without_trend(radar, -phase / wavenumber)
+            phase, seen = _integrated(history)
+            update = without_trend(radar, -phase / wavenumber, seen)
             error = error + update
             task.progress("autofocus", done + 1.0, float(self.rounds), {})
             if wavenumber * np.sqrt(np.mean(update**2)) < _SMALL:
                 break
-        return without_trend(radar, error)
+        return without_trend(radar, error, seen)
 
     def _bright(self, task: AutofocusTask, image: C64) -> F64:
         """Positions (n, 3) of the brightest pixel in every column, and in every block of rows in stripmap."""
@@ -101,8 +103,8 @@ def _low_pass(history: C64, most: float) -> tuple[C64, float]:
     return scipy.fft.ifft(spectrum, axis=1, workers=-1)[:, :n].astype(np.complex64), 0.7 * width
 
 
-def _integrated(history: C64) -> F64:
-    """Phase error (n_pulses,) rad from low-pass histories (n, n_pulses).
+def _integrated(history: C64) -> tuple[F64, F64]:
+    """Phase error (n_pulses,) rad from low-pass histories (n, n_pulses), and how much every pulse sees.
 
     The slopes of the points are those of the weighted least squares over all gradients, of points and pulses together.
     """
@@ -114,7 +116,8 @@ def _integrated(history: C64) -> F64:
     right = (weight * angle).sum(axis=1) - share @ (weight * angle).sum(axis=0)
     slope = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
     gradient = np.angle((step * np.exp(-1j * slope)[:, None]).sum(axis=0))
-    return np.concatenate([[0.0], np.cumsum(gradient)])
+    gradient[lit < _DARK * lit.max()] = 0.0
+    return np.concatenate([[0.0], np.cumsum(gradient)]), np.concatenate([lit[:1], lit])
 
 
 AUTOFOCUSERS.register(PhaseGradient())
