@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import scipy.fft
@@ -96,7 +96,7 @@ def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:
     return AUTOFOCUSERS[name].with_texts(rest)
 
 
-def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, Any]]:
+def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, object]]:
     """Data with the error taken out that an autofocuser finds in one channel of them, and facts about it.
 
     Parameters

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import SarmitsubaWarning
@@ -76,7 +76,7 @@ def focus(
     method = parse_autofocus(autofocus)
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     check_image_fits(grid, len(raw.layers), raw.data.size)
-    corrections: dict[str, Any] = {}
+    corrections: dict[str, object] = {}
     if plan is not None:
         raw = compensate_motion(raw, plan)
         corrections["motion_compensation"] = {

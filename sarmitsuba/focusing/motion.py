@@ -1,7 +1,6 @@
 """Motion compensation: data of a recorded track as a straight, level, uniform track would have recorded them."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -251,7 +250,7 @@ def _rows(plan: Straightening, part: slice) -> Straightening:
     return replace(plan, radar=replace(plan.radar, track=kept), x=plan.x[part])
 
 
-def _sample(spectrum: NDArray[np.complexfloating[Any, Any]], place: F64) -> C64:
+def _sample(spectrum: NDArray[np.complexfloating], place: F64) -> C64:
     """Values of periodic band-limited rows at fractional places.
 
     Parameters

@@ -93,4 +93,5 @@ def test_good_data_are_left_as_they_are() -> None:
     task = AutofocusTask(raw, grid, parse_focuser("omega_k"), window, window)
     wavelength = radar.waveform.wavelength
     for method in AUTOFOCUSERS:
-        assert 4.0 * np.pi / wavelength * np.abs(method.estimate(task)).max() < 0.2  # tol: rad, of side lobes
+        # tol: rad rms; the measures of sharpness win a little by lower side lobes
+        assert 4.0 * np.pi / wavelength * np.std(method.estimate(task)) < 0.1

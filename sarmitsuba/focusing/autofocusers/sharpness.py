@@ -73,7 +73,7 @@ class _Sharpness(Autofocuser):
             )
             found = result.x
             task.progress("autofocus", done + 1.0, float(len(levels)), {})
-        seen = np.sum(np.abs(rows) ** 2, axis=0, dtype=np.float64)
+        seen = np.asarray(np.sum(np.abs(rows) ** 2, axis=0, dtype=np.float64))
         return without_trend(radar, error + basis[:, : found.size] @ found / wavenumber, seen)
 
     def _lines(self, task: AutofocusTask, image: C64) -> F64:

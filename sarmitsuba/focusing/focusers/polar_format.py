@@ -1,7 +1,7 @@
 """Polar format focusing of spotlight data: every pulse is a line through the image's spectrum."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import scipy.fft
@@ -235,7 +235,7 @@ class _Raster:
             carrier=np.exp(1j * np.mod(phase, 2.0 * np.pi)).astype(np.complex64),
         )
 
-    def image(self, samples: NDArray[np.complexfloating[Any, Any]]) -> C64:
+    def image(self, samples: NDArray[np.complexfloating]) -> C64:
         """Sum of samples times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
         plane = self._spread(samples * self.shift)
         plane *= self.gains[0][:, None] * self.gains[1]
@@ -249,7 +249,7 @@ class _Raster:
         first = [(b.astype(np.int64) - kernel.lead) for b in base]
         return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]
 
-    def _spread(self, samples: NDArray[np.complexfloating[Any, Any]]) -> C128:
+    def _spread(self, samples: NDArray[np.complexfloating]) -> C128:
         plane = np.zeros(self.shape[0] * self.shape[1], dtype=np.complex128)
         step = _BATCH // _WIDTH**2
         for start in range(0, samples.size, step):
