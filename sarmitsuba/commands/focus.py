@@ -103,6 +103,21 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         help="how to focus (default: backprojection). ",
     )
     parser.add_argument(
+        "--motion-compensation",
+        choices=("auto", "off"),
+        default="auto",
+        help="where the focuser needs a straight track and the recorded one is not: auto compensates, off refuses "
+        "(default: auto)",
+    )
+    parser.add_argument(
+        "--autofocus",
+        action=_Listing,
+        entries=_autofocusers,
+        default="none",
+        metavar="NAME[,OPTION=VALUE...]",
+        help="estimate the track's error from the data (default: none). ",
+    )
+    parser.add_argument(
         "--window",
         action=_Listing,
         entries=_windows,
@@ -131,6 +146,10 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
         from sarmitsuba.focusing.focuser import parse_focuser
 
         parse_focuser(args.focuser)
+    if args.autofocus != "none":
+        from sarmitsuba.focusing.autofocus import parse_autofocus
+
+        parse_autofocus(args.autofocus)
     if args.window != _WINDOW:
         from sarmitsuba.focusing.windows import parse_window
 
@@ -141,6 +160,12 @@ def _focusers() -> str:
     from sarmitsuba.focusing.focuser import FOCUSERS
 
     return " ".join(f"{focuser.name}: {focuser.help}." for focuser in FOCUSERS)
+
+
+def _autofocusers() -> str:
+    from sarmitsuba.focusing.autofocus import AUTOFOCUSERS
+
+    return " ".join(f"{entry.name}: {entry.help}." for entry in AUTOFOCUSERS)
 
 
 def _formats() -> str:
@@ -202,9 +227,13 @@ def _mark_of(path: Path) -> str:
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError where the image cannot be focused as asked, before any work goes into its data."""
     from sarmitsuba.focusing import default_grid
-    from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
+    from sarmitsuba.focusing.focuser import parse_focuser
+    from sarmitsuba.focusing.motion import needs_compensation
 
-    check_focuser(parse_focuser(args.focuser), radar, default_grid(radar, request))
+    radar = radar.as_recorded()
+    needs_compensation(
+        parse_focuser(args.focuser), radar, default_grid(radar, request), args.motion_compensation
+    )
 
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
@@ -251,9 +280,16 @@ def focus_into(
             focuser=args.focuser,
             range_window=args.window,
             azimuth_window=args.window,
+            motion_compensation=args.motion_compensation,
+            autofocus=args.autofocus,
             progress=console.progress,
         )
-    record["focus"] = {"method": args.focuser, "window": args.window}
+    record["focus"] = {
+        "method": args.focuser,
+        "window": args.window,
+        "motion_compensation": args.motion_compensation,
+        "autofocus": args.autofocus,
+    }
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
 from sarmitsuba.registry import late
 
 
@@ -75,9 +76,10 @@ class RawData:
         ``chirped``: LFM echoes at baseband; sample i of pulse t is at the fast time
         ``2 start_range[t] / c - pulse_width / 2 + i / sampling_rate`` and
         ``n_fast = n_samples + ceil(pulse_width * sampling_rate)``.
-    radar : the radar that recorded it
+    radar : the radar that recorded it, with the track as recorded
     metadata : JSON-able facts: parameters, versions, seed, timings, warnings
     request : image to focus from them where nothing else is asked for, in the frame of ``radar``
+    flown : the true track, in the frame of ``radar``, where it is not the recorded one; no focuser looks at it
 
     Notes
     -----
@@ -90,10 +92,15 @@ class RawData:
     radar: Radar
     metadata: Mapping[str, Any] = field(default_factory=dict)
     request: ImageRequest | None = None
+    flown: Track | None = None
 
     def __post_init__(self) -> None:
         if self.data.ndim != 3 or self.data.shape[0] != len(self.layers):
             raise DataError(f"raw data: shape {self.data.shape} does not match {len(self.layers)} layers")
+        if self.flown is not None and self.flown.n_pulses != self.radar.track.n_pulses:
+            raise DataError(
+                f"raw data: {self.flown.n_pulses} pulses flown and {self.radar.track.n_pulses} recorded do not match"
+            )
         if self.data.shape[1] != self.radar.track.n_pulses:
             raise DataError(
                 f"raw data: {self.data.shape[1]} pulses in the data, {self.radar.track.n_pulses} in the track"

@@ -1,5 +1,6 @@
 """Focusing: raw data in, calibrated complex image out."""
 
+from sarmitsuba.focusing.autofocus import AUTOFOCUSERS, Autofocuser, AutofocusTask
 from sarmitsuba.focusing.focus import focus
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.grid import default_grid, image_request
@@ -7,8 +8,11 @@ from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import WINDOWS, WindowFamily, WindowParameter
 
 __all__ = [
+    "AUTOFOCUSERS",
     "FOCUSERS",
     "WINDOWS",
+    "AutofocusTask",
+    "Autofocuser",
     "FocusTask",
     "Focused",
     "Focuser",

@@ -2,15 +2,18 @@
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.aperture import incidence_angle
+from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
-from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
+from sarmitsuba.focusing.focuser import Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
+from sarmitsuba.focusing.motion import compensate_motion, needs_compensation, residual_phase
 from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
@@ -28,6 +31,8 @@ def focus(
     range_window: str | Window = "rectangular",
     azimuth_window: str | Window = "rectangular",
     compression: Literal["flat", "matched"] = "flat",
+    motion_compensation: str = "auto",
+    autofocus: str | Autofocuser | None = None,
     progress: Progress = silent,
 ) -> SarImage:
     """Focus raw data into a calibrated image; layers stay apart.
@@ -44,6 +49,10 @@ def focus(
     range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
+    motion_compensation : ``auto`` compensates the recorded track to a straight one where the focuser needs one, see
+        :mod:`sarmitsuba.focusing.motion`; ``off``: such a focuser refuses the data
+    autofocus : name in ``AUTOFOCUSERS`` (``phase_gradient``, ``minimum_entropy``, ``maximum_contrast``), with options
+        if wanted, such as ``phase_gradient,rounds=12``; or an autofocuser itself; None and ``none``: the recorded track
     progress : called after every batch
 
     Returns
@@ -53,7 +62,7 @@ def focus(
     Raises
     ------
     ExtensionError
-        There is no such focuser.
+        There is no such focuser or autofocuser.
     DataError
         Unknown window, or data or a grid that the focuser refuses.
     ResourceError
@@ -65,8 +74,20 @@ def focus(
     if grid is None:
         grid = default_grid(raw, request)
     grid = grid.in_frame(raw.radar.offset)
-    check_focuser(focuser, raw.radar, grid)
+    method = parse_autofocus(autofocus)
+    plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     check_image_fits(grid, len(raw.layers), raw.data.size)
+    corrections: dict[str, object] = {}
+    if plan is not None:
+        raw = compensate_motion(raw, plan)
+        corrections["motion_compensation"] = {
+            "largest_displacement": plan.largest_displacement,
+            "residual_phase": residual_phase(plan, grid),
+        }
+    if method is not None:
+        one = replace(raw, data=raw.total()[None], layers=(Layer(raw.channels[0]),))
+        task = AutofocusTask(one, grid, focuser, range_window, azimuth_window, progress)
+        raw, corrections["autofocus"] = remove_error(raw, method, task)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
 
     middle = grid.positions_on_line(grid.azimuth.size // 2)
@@ -82,6 +103,7 @@ def focus(
         "azimuth_window": str(azimuth_window),
         **focuser.options,
         **cells.facts,
+        **corrections,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
         "range_compression": raw.metadata.get("range_compression", "none"),
     }

@@ -1,16 +1,16 @@
 """What a focuser is: it says what it can focus, and makes the pixels and the facts that calibrate them."""
 
-import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress
@@ -19,7 +19,6 @@ from sarmitsuba.registry import Registry
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
-OptionValue = str | int | float | bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +56,9 @@ class Focused:
     pulse_weights: Callable[[F64], F64]
 
 
-def option(default: Any, doc: str) -> Any:
-    """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help."""
-    return dataclasses.field(default=default, metadata={"doc": doc})
-
-
 @dataclass(frozen=True)
-class Focuser(ABC):
-    """A way to focus: a frozen dataclass whose fields are its options, each with a default; see :func:`option`.
+class Focuser(WithOptions, ABC):
+    """A way to focus: a frozen dataclass whose fields are its options, each with a default.
 
     One with all defaults is registered in ``FOCUSERS``; ``Backprojection(interpolation="linear")`` is another.
 
@@ -74,6 +68,7 @@ class Focuser(ABC):
     title : what it is for, one line
     """
 
+    kind: ClassVar[str] = "focuser"
     name: ClassVar[str]
     title: ClassVar[str]
 
@@ -85,44 +80,6 @@ class Focuser(ABC):
     def focus(self, task: FocusTask) -> Focused:
         """Focus; ``refusal`` has been asked before."""
 
-    @property
-    def options(self) -> dict[str, OptionValue]:
-        """Options by name, with their values."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-
-    def with_options(self, texts: Mapping[str, str]) -> "Focuser":
-        """A copy with options read from text.
-
-        Raises
-        ------
-        DataError
-            Unknown option, or a value of the wrong type.
-        """
-        values: dict[str, OptionValue] = {}
-        for name, text in texts.items():
-            if name not in self.options:
-                takes = ", ".join(self.options) or "none"
-                raise DataError(f"focuser {self.name}: option {name!r} is unknown; it takes {takes}")
-            kind = type(self.options[name])
-            try:
-                values[name] = _BOOLEANS[text.lower()] if kind is bool else kind(text)
-            except (KeyError, ValueError):
-                raise DataError(
-                    f"focuser {self.name}: {name} = {text!r} is not of type {kind.__name__}"
-                ) from None
-        return dataclasses.replace(self, **values)
-
-    @property
-    def help(self) -> str:
-        """Title and options, for help texts."""
-        options = [
-            f"{field.name}={field.default} ({field.metadata.get('doc', '')})"
-            for field in dataclasses.fields(self)
-        ]
-        return "; options ".join([self.title, ", ".join(options)]) if options else self.title
-
-
-_BOOLEANS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers")
 
@@ -140,8 +97,7 @@ def parse_focuser(text: str | Focuser) -> Focuser:
     if isinstance(text, Focuser):
         return text
     name, *rest = text.strip().split(",")
-    pairs = [item.partition("=") for item in rest]
-    return FOCUSERS[name].with_options({key.strip(): value.strip() for key, _, value in pairs})
+    return FOCUSERS[name].with_texts(rest)
 
 
 def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:

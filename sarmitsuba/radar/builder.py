@@ -23,6 +23,7 @@ from sarmitsuba.radar.image_request import ImageRequest, build_image_request, im
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
@@ -104,6 +105,7 @@ def build_radar(
         losses=float(power_from_db(s.losses_db)),
         half_aperture=half_aperture,
         offset=shift,
+        recorded=recorded_track(given, track, shift),
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)

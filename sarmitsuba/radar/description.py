@@ -90,6 +90,59 @@ class RadarDescription:
         "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and "
         "azimuth_resolution",
     )
+    recorded_track_file: str = described(
+        "",
+        "CSV as track_file, of the same pulses: the positions that the focuser is told, where they are not those "
+        "flown; echoes are those of the track flown",
+    )
+    track_offset_along: float = described(
+        0.0,
+        "constant error of the recorded positions, along the track; echoes are those of the track flown",
+        "m",
+        -1e4,
+        1e4,
+    )
+    track_offset_across: float = described(
+        0.0,
+        "constant error of the recorded positions, to the right of the track; echoes are those of the track flown",
+        "m",
+        -1e4,
+        1e4,
+    )
+    track_offset_up: float = described(
+        0.0,
+        "constant error of the recorded positions, upwards; echoes are those of the track flown",
+        "m",
+        -1e4,
+        1e4,
+    )
+    track_drift_along: float = described(
+        0.0,
+        "growth of the recorded positions' error over time, along the track; 0 at mid-aperture",
+        "m/s",
+        -1e3,
+        1e3,
+    )
+    track_drift_across: float = described(
+        0.0,
+        "growth of the recorded positions' error over time, to the right of the track; 0 at mid-aperture",
+        "m/s",
+        -1e3,
+        1e3,
+    )
+    track_drift_up: float = described(
+        0.0, "growth of the recorded positions' error over time, upwards; 0 at mid-aperture", "m/s", -1e3, 1e3
+    )
+    track_jitter: float = described(
+        0.0, "random error of the recorded positions, rms along each axis", "m", 0.0, 1e3
+    )
+    track_jitter_corner: float = described(
+        0.1, "corner f_c of the jitter's power spectrum 1 / (1 + (f / f_c)^slope)", "Hz", 1e-6, 1e6
+    )
+    track_jitter_slope: float = described(
+        4.0, "exponent of the jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
+    )
+    track_jitter_seed: int = described(0, "seed of the jitter", "", 0, 2**31 - 1)
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
@@ -257,7 +310,7 @@ class RadarInput:
     sensor, film : what is asked for
     sensor_given, film_given : names that were given, the others have their defaults
     where, film_where : start of every error
-    folder : that a relative ``track_file`` is read from
+    folder : that relative track files are read from
     track : antenna positions in the frame of the geometry, in place of a ``track_file``
     """
 

@@ -56,6 +56,7 @@ class Radar:
     half_aperture : half the synthetic aperture of every pixel, in sines: pulses serve a pixel while the sine of its
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
+    recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
     """
 
     mode: str
@@ -72,6 +73,7 @@ class Radar:
     losses: float = 1.0
     half_aperture: float = np.inf
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    recorded: Track | None = None
 
     def __repr__(self) -> str:
         wave = f"{self.waveform.center_frequency / 1e9:.4g} GHz, {self.waveform.bandwidth / 1e6:.4g} MHz"
@@ -110,12 +112,21 @@ class Radar:
         right = np.array([a[1], -a[0], 0.0])
         return right if self.look_side == "right" else -right
 
+    def as_recorded(self) -> "Radar":
+        """The radar that the focuser is told; beam and receive window stay as they were."""
+        return self if self.recorded is None else replace(self, track=self.recorded, recorded=None)
+
     def in_file_frame(self) -> "Radar":
         """The same radar with positions in the frame of the user's file."""
         if not self.offset.any():
             return self
-        track = replace(self.track, position=self.track.position + self.offset)
-        return replace(self, track=track, aim_point=self.aim_point + self.offset, offset=np.zeros(3))
+        track, recorded = (
+            None if one is None else replace(one, position=one.position + self.offset)
+            for one in (self.track, self.recorded)
+        )
+        assert track is not None
+        aim = self.aim_point + self.offset
+        return replace(self, track=track, recorded=recorded, aim_point=aim, offset=np.zeros(3))
 
 
 __all__ = ["Radar", "ReceiveWindow"]

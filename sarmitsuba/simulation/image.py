@@ -52,6 +52,11 @@ class Imager:
         range_window: str = "rectangular",
         azimuth_window: str = "rectangular",
     ) -> None:
+        if run.scene.radar.recorded is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that a recorded track has no effect; "
+                "take method raw or leave the track's errors out"
+            )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
         self.grid = grid.in_frame(run.scene.radar.offset)

@@ -94,7 +94,8 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         plan = plan.with_key_pulses(
             run.report.key_pulse_interval, run.report.block_error_db, settings.key_pulse_interval > 0
         )
-    raw = RawData(data, layers, "compressed", radar, request=scene.image)
+    flown = radar.track if radar.recorded is not None else None
+    raw = RawData(data, layers, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
     if plan.on("noise"):
         raw = add_noise(raw, seed=settings.seed)
         run.timer.lap("noise")

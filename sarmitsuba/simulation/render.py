@@ -87,7 +87,7 @@ def render(
     with run.timer.stage("focus"):
         image = focus(
             raw,
-            grid or default_grid(scene.radar, scene.image),
+            grid or default_grid(scene.radar.as_recorded(), scene.image),
             focuser=focuser,
             range_window=range_window,
             azimuth_window=azimuth_window,

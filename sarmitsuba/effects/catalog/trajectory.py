@@ -43,7 +43,7 @@ class Trajectory(Effect):
         time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
         velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)
         straight = Track(time, position, np.broadcast_to(velocity, position.shape).copy())
-        return replace(scene, radar=replace(scene.radar, track=straight))
+        return replace(scene, radar=replace(scene.radar, track=straight, recorded=None))
 
 
 def _fit(track: Track) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ object in memory is made of; the sums are written beside them and not read back.
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -109,8 +109,11 @@ def write_raw(path: Path | str, raw: RawData) -> None:
 
     def fill(file: h5py.File) -> None:
         radar = raw.radar.in_file_frame()
-        groups.write_fields(file.create_group("radar"), radar, leave_out=("track", "offset"))
+        groups.write_fields(file.create_group("radar"), radar, leave_out=("track", "offset", "recorded"))
         groups.write_fields(file.create_group("track"), radar.track)
+        if raw.flown is not None:
+            flown = replace(raw.flown, position=raw.flown.position + raw.radar.offset)
+            groups.write_fields(file.create_group("flown_track"), flown)
         if raw.request is not None:
             asked = raw.request.moved(raw.radar.offset)
             groups.write_fields(file.create_group("image_request"), asked)
@@ -155,7 +158,9 @@ def read_raw(path: Path | str) -> RawData:
 
     def load(file: h5py.File) -> RawData:
         track = groups.read_fields(groups.group_of(file, "track"), Track)
-        radar = groups.read_fields(groups.group_of(file, "radar"), Radar, track=track, offset=np.zeros(3))
+        radar = groups.read_fields(
+            groups.group_of(file, "radar"), Radar, track=track, offset=np.zeros(3), recorded=None
+        )
         pulses = (track.n_pulses, 3)
         _check_shape("radar", {"aim_point": (3,)}, radar)
         _check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
@@ -169,7 +174,10 @@ def read_raw(path: Path | str) -> RawData:
             raise DataError(f"{domain} echoes of {data.shape[2]} samples do not match /radar/window")
         asked = groups.has(file, "image_request")
         request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
-        return RawData(data, layers, domain, radar, _read_metadata(file), request)  # type: ignore[arg-type]
+        apart = groups.has(file, "flown_track")
+        flown = groups.read_fields(groups.group_of(file, "flown_track"), Track) if apart else None
+        metadata = _read_metadata(file)
+        return RawData(data, layers, domain, radar, metadata, request, flown)  # type: ignore[arg-type]
 
     return _read(path, "raw data", "raw data", load)
 

@@ -236,7 +236,11 @@ def refine(
     mark = fingerprint(scene)
     passes = Passes.load(file, mark) if file else Passes(mark)
     focuser = _Focuser(
-        scene, passes, grid or default_grid(scene.radar, scene.image), range_window, azimuth_window
+        scene,
+        passes,
+        grid or default_grid(scene.radar.as_recorded(), scene.image),
+        range_window,
+        azimuth_window,
     )
     plan = plan_scene(scene, clock=clock)
     spacings = SamplingPlan.of(scene, plan.flags).spacings if scene.geometry.n_faces else None
@@ -319,7 +323,11 @@ class _Focuser:
         passes = self.passes
         assert passes.data is not None
         scene = self.scene
-        return RawData(passes.data, passes.layers, "compressed", scene.radar, passes.metadata, scene.image)
+        radar = scene.radar
+        flown = radar.track if radar.recorded is not None else None
+        return RawData(
+            passes.data, passes.layers, "compressed", radar.as_recorded(), passes.metadata, scene.image, flown
+        )
 
     def focus(self, raw: RawData) -> SarImage:
         return focus(raw, self.grid, range_window=self.range_window, azimuth_window=self.azimuth_window)

@@ -15,6 +15,7 @@ def middle_pulses(radar: Radar, n: int) -> Radar:
     return replace(
         radar,
         track=radar.track.slice(start, start + n),
+        recorded=radar.recorded and radar.recorded.slice(start, start + n),
         pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
         window=replace(radar.window, start_range=radar.window.start_range[pick]),
     )

@@ -1,0 +1,173 @@
+"""Autofocus: the track's error along the line of sight, estimated from the data themselves, pulse by pulse."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.focuser import Focuser, FocusTask
+from sarmitsuba.focusing.options import WithOptions
+from sarmitsuba.focusing.windows import Window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.registry import Registry
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# zeros beyond the end of a pulse while it is moved
+_GUARD = 64
+
+
+@dataclass(frozen=True, eq=False)
+class AutofocusTask:
+    """What an autofocuser works on: one channel of range-compressed data, and how an image comes of them.
+
+    Parameters
+    ----------
+    raw : one layer, range compressed
+    grid : pixels
+    focuser : makes the images
+    range_window, azimuth_window : of the image
+    progress : called after every round
+    """
+
+    raw: RawData
+    grid: ImageGrid
+    focuser: Focuser
+    range_window: Window
+    azimuth_window: Window
+    progress: Progress = silent
+
+    def corrected(self, error: F64) -> RawData:
+        """The data with a range error (n_pulses,), m, taken out."""
+        return correct_ranges(self.raw, error)
+
+    def image(self, error: F64) -> C64:
+        """(n_azimuth, n_range) complex64 image of the data with a range error (n_pulses,), m, taken out."""
+        raw = self.corrected(error)
+        task = FocusTask(raw, self.grid, self.range_window, self.azimuth_window, silent)
+        return np.asarray(self.focuser.focus(task).pixels[0])
+
+
+@dataclass(frozen=True)
+class Autofocuser(WithOptions, ABC):
+    """A way to find a track's error: a frozen dataclass whose fields are its options; registered in ``AUTOFOCUSERS``.
+
+    Attributes
+    ----------
+    name : what users write
+    title : what it is for, one line
+    """
+
+    kind: ClassVar[str] = "autofocus"
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def estimate(self, task: AutofocusTask) -> F64:
+        """Range error of every pulse, (n_pulses,) float64, m: true less recorded range to the scene."""
+
+
+AUTOFOCUSERS: Registry[Autofocuser] = Registry("autofocus", "sarmitsuba.focusing.autofocusers")
+
+
+def parse_autofocus(text: str | Autofocuser | None) -> Autofocuser | None:
+    """Read an autofocuser from its name and options, such as ``phase_gradient,rounds=6``; None and ``none``: none.
+
+    Raises
+    ------
+    ExtensionError
+        There is no autofocuser of that name.
+    DataError
+        Unknown option, or a value of the wrong type.
+    """
+    if text is None or isinstance(text, Autofocuser):
+        return text
+    name, *rest = text.strip().split(",")
+    if name == "none" and not rest:
+        return None
+    return AUTOFOCUSERS[name].with_texts(rest)
+
+
+def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tuple[RawData, dict[str, object]]:
+    """Data with the error taken out that an autofocuser finds in one channel of them, and facts about it.
+
+    Parameters
+    ----------
+    raw : range compressed, all layers
+    method : the autofocuser
+    task : of the first channel of the same data
+
+    Raises
+    ------
+    DataError
+        There are fewer than 16 pulses, or only zeros.
+    """
+    if raw.radar.track.n_pulses < 16:
+        raise DataError(f"autofocus: {raw.radar.track.n_pulses} pulses are too few, at least 16 are needed")
+    if not np.any(task.raw.data):
+        raise DataError("autofocus: the data hold nothing but zeros")
+    error = method.estimate(task)
+    facts = {
+        "method": method.name,
+        **method.options,
+        "range_error_rms": float(np.sqrt(np.mean(error**2))),
+        "range_error_peak": float(np.abs(error).max()),
+    }
+    return correct_ranges(raw, error), facts
+
+
+def correct_ranges(raw: RawData, error: F64) -> RawData:
+    r"""Data whose echoes are nearer by a range error: the spectra times :math:`e^{j (k_c + \kappa) e_t}`.
+
+    Parameters
+    ----------
+    raw : range compressed
+    error : (n_pulses,) float64, m
+    """
+    window = raw.radar.window
+    n = int(scipy.fft.next_fast_len(window.n_samples + _GUARD))
+    kappa = 2.0 * np.pi * scipy.fft.fftfreq(n, window.sample_spacing)
+    kc = 4.0 * np.pi / raw.radar.waveform.wavelength
+    turn = np.exp(1j * (np.mod(kc * error, 2.0 * np.pi)[:, None] + np.outer(error, kappa))).astype(
+        np.complex64
+    )
+    data = np.empty_like(raw.data)
+    for layer, plane in enumerate(raw.data):
+        spectrum = scipy.fft.fft(plane, n=n, axis=1, workers=-1) * turn
+        data[layer] = scipy.fft.ifft(spectrum, axis=1, workers=-1)[:, : window.n_samples]
+    return replace(raw, data=data)
+
+
+def without_trend(radar: Radar, error: F64, weight: F64) -> F64:
+    """A range error less its constant and its slope, which only move the image and which no image shows.
+
+    Parameters
+    ----------
+    radar : gives the pulses' times
+    error : (n_pulses,) float64, m
+    weight : (n_pulses,) how much each pulse counts: where nothing is seen, nothing is known of the slope
+    """
+    share = weight / weight.sum()
+    time = radar.track.time - share @ radar.track.time
+    mean = float(share @ error)
+    slope = float((share * time) @ (error - mean)) / float((share * time) @ time)
+    return np.asarray(error - mean - slope * time)
+
+
+__all__ = [
+    "AUTOFOCUSERS",
+    "AutofocusTask",
+    "Autofocuser",
+    "correct_ranges",
+    "parse_autofocus",
+    "remove_error",
+    "without_trend",
+]

@@ -1,0 +1,308 @@
+"""Polar format focusing of spotlight data: every pulse is a line through the image's spectrum."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.fft
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from sarmitsuba.echo.gridding import spreading_kernel
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
+from sarmitsuba.focusing.profiles import plan_spectrum
+from sarmitsuba.focusing.windows import Window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+C128 = NDArray[np.complex128]
+
+# taps of both kernels, polar samples onto the wavenumber grid and image onto the pixels; rms error of each, dB, is
+# spreading_kernel(6).error_db
+_WIDTH = 6
+# largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
+LARGEST_PHASE = 0.3
+# pulses at which the curvature is worked out
+_NODES = 33
+# pixels, or cells that samples are spread to, worked on at once
+_BATCH = 1 << 21
+
+
+@dataclass(frozen=True, eq=False)
+class _Polar:
+    """Lines of sight to the image's centre, and the plane wave that stands in for each.
+
+    Parameters
+    ----------
+    center : (3,) float64, m; the image's central pixel
+    axes : (2, 3) float64, along and across, horizontal
+    distance : (n_pulses,) float64, m, antenna to centre
+    slope : (n_pulses, 2) float64, growth of range per metre along the axes
+    nodes : pulses at which curvature is worked out
+    """
+
+    center: F64
+    axes: F64
+    distance: F64
+    slope: F64
+    nodes: NDArray[np.int64]
+
+    @staticmethod
+    def of(radar: Radar, grid: ImageGrid) -> "_Polar":
+        rows, columns = grid.shape
+        center = grid.positions_on_line(rows // 2)[columns // 2]
+        way = center - radar.track.position
+        distance = np.linalg.norm(way, axis=1)
+        axes = np.array([grid.along, grid.across])
+        nodes = np.unique(np.linspace(0, distance.size - 1, _NODES).round().astype(np.int64))
+        return _Polar(center, axes, distance, way @ axes.T / distance[:, None], nodes)
+
+    def differences(self, radar: Radar, points: F64) -> F64:
+        """Ranges of points (n, 3) less that of the centre at the nodes, (n, n_nodes), m."""
+        way = np.linalg.norm(points[:, None] - radar.track.position[self.nodes], axis=-1)
+        return np.asarray(way - self.distance[self.nodes])
+
+    def places(self, differences: F64) -> F64:
+        """(n, 2) m: where plane waves put points, by least squares over the aperture."""
+        return np.asarray(differences @ np.linalg.pinv(self.slope[self.nodes]).T)
+
+    def residual(self, radar: Radar, points: F64) -> float:
+        """Largest range that plane waves leave at any node, m."""
+        differences = self.differences(radar, points)
+        return float(np.abs(differences - self.places(differences) @ self.slope[self.nodes].T).max())
+
+
+def refusal(radar: Radar, grid: ImageGrid) -> str:
+    """What keeps polar format from focusing a radar's data on a grid; empty when nothing does."""
+    if radar.track.n_pulses < 8:
+        return f"{radar.track.n_pulses} pulses are too few, at least 8 are needed"
+    if np.isfinite(radar.half_aperture):
+        return "every pixel has an aperture of its own (stripmap), and polar format takes one for all"
+    polar = _Polar.of(radar, grid)
+    if np.linalg.matrix_rank(polar.slope, tol=1e-6) < 2:
+        return "the aperture does not turn about the image"
+    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
+    points = np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
+    phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
+    if phase > LARGEST_PHASE:
+        radius = float(np.linalg.norm(points - polar.center, axis=1).max())
+        return (
+            f"the wavefront's curvature leaves {phase:.3g} rad at {radius:.4g} m from the image's centre (bound "
+            f"{LARGEST_PHASE:g} rad, about {radius * np.sqrt(LARGEST_PHASE / phase):.3g} m)"
+        )
+    return ""
+
+
+def polar_format(task: FocusTask) -> C64:
+    r"""Focus range-compressed data whose pulses all serve all pixels.
+
+    With :math:`k = 4 \pi (f_c + f) / c`, S the spectrum of pulse t about the image's centre at the distance
+    :math:`R_t`, and :math:`\mathbf u_t` the growth of range per metre along and across the image plane, every sample
+    lies at the wavenumber :math:`k \mathbf u_t`, on a polar raster:
+
+    .. math:: I(p) = \frac{1}{K N \sum_t w_t g_t} \sum_{t, k} w_t R_t^2 S_t(k) e^{j k R_t} e^{j k \mathbf u_t \cdot
+              \mathbf q(p)}
+
+    It is resampled onto a Cartesian raster (type-1 non-uniform FFT, spreading kernel of width 6), transformed, and the
+    image resampled to the places :math:`\mathbf q(p)` at which plane waves put the pixels: the least squares over the
+    aperture of :math:`|p - A_t| - R_t = \mathbf u_t \cdot \mathbf q`. That undoes the distortion by curved
+    wavefronts and leaves their defocusing,
+
+    .. math:: \phi \approx \frac{\pi \lambda r^2}{8 \rho_a^2 R}
+
+    at the distance r from the centre for an azimuth cell :math:`\rho_a`; the focuser refuses images at whose edges the
+    exact value passes ``LARGEST_PHASE``. The phase is that of backprojection.
+
+    Returns
+    -------
+    (n_layers, n_azimuth, n_range) complex64, m (square root of RCS)
+
+    Notes
+    -----
+    Source: W. G. Carrara, R. S. Goodman, R. M. Majewski, Spotlight Synthetic Aperture Radar (1995), chapters 3 and 4;
+    their limit :math:`r < \rho_a \sqrt{2 R / \lambda}` is :math:`\phi < \pi / 4`. The defocusing by curvature that is
+    left is ignored, and so is the change over the aperture of a pixel's :math:`R^2` against the centre's. The antenna
+    pattern is compensated at each pixel, not used as a weight. Pixels that the receive window does not hold at
+    mid-aperture are zero.
+    """
+    raw, grid = task.raw, task.grid
+    radar = raw.radar
+    if raw.domain != "compressed":
+        raise DataError("polar format: the data are not range compressed; call range_compress first")
+    polar = _Polar.of(radar, grid)
+    lag = radar.window.start_range - polar.distance
+    plan = plan_spectrum(
+        radar, task.range_window, extra=int(np.ceil(np.ptp(lag) / radar.window.sample_spacing))
+    )
+    used = np.flatnonzero(plan.gains > 0.0)
+    offset = 2.0 * np.pi * scipy.fft.fftfreq(plan.n_fft, radar.window.sample_spacing)[used]
+    kc = 4.0 * np.pi / radar.waveform.wavelength
+    weight = task.azimuth_window.aperture(radar.track.n_pulses) * polar.distance**2 / plan.n_fft
+    turn = weight * np.exp(1j * np.mod(kc * polar.distance, 2.0 * np.pi))
+    turn = turn[:, None] * np.exp(-1j * np.outer(lag, offset))
+
+    scale, places = _scale_and_places(radar, grid, polar, task.azimuth_window)
+    raster = _Raster.of((kc + offset) * polar.slope[:, :, None], places)
+    image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
+    for layer in range(len(raw.layers)):
+        spectrum = plan.spectrum(raw.data[layer])[:, used] * turn
+        image[layer] = raster.image(spectrum.ravel()).reshape(grid.shape) * scale
+        task.progress("focus", layer + 1.0, float(len(raw.layers)), {})
+    return image
+
+
+def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _Polar, window: Window) -> tuple[F64, F64]:
+    """Calibration of every pixel (n_azimuth, n_range), and its place among plane waves (n_pixels, 2), m."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, 17).round().astype(int)) for n in grid.shape)
+    total = np.array(
+        [pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1) for row in rows]
+    )
+    if rows.size > 1 and columns.size > 1:
+        spline = RectBivariateSpline(rows, columns, total, kx=1, ky=1)
+        total = spline(np.arange(grid.shape[0]), np.arange(grid.shape[1]))
+    else:
+        total = np.broadcast_to(total.mean(), grid.shape)
+    middle = radar.track.center_index
+    start = float(radar.window.start_range[middle])
+    scale = np.empty(grid.shape)
+    places = np.empty((*grid.shape, 2))
+    for row in range(grid.shape[0]):
+        points = grid.positions_on_line(row)
+        places[row] = polar.places(polar.differences(radar, points))
+        way = np.linalg.norm(points - radar.track.position[middle], axis=1)
+        held = (way >= start) & (way <= start + radar.window.extent)
+        scale[row] = held * (way / polar.distance[middle]) ** 2
+    lit = total > 1e-6 * total.max()
+    scale *= np.divide(1.0, total, out=np.zeros(grid.shape), where=lit) / radar.amplitude_constant
+    return scale, places.reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Raster:
+    """Cartesian raster between samples anywhere in the wavenumber plane and pixels anywhere in the image plane.
+
+    Parameters
+    ----------
+    shape : cells along and across
+    middle : (2,) rad/m, wavenumber of the raster's middle
+    cells : (2, n_samples) float64, of every sample
+    pixels : (2, n_pixels) float64, of every pixel, in cells of the image
+    offset : (2,) m, image's middle
+    gains : of the raster's rows and of its columns, and of the image's: kernels divided out
+    carrier : (n_pixels,) complex64
+    """
+
+    shape: tuple[int, int]
+    cells: F64
+    pixels: F64
+    shift: C64
+    gains: tuple[F64, F64]
+    deapodise: tuple[F64, F64]
+    carrier: C64
+
+    @staticmethod
+    def of(wavenumber: F64, places: F64) -> "_Raster":
+        """Raster for wavenumbers (n_pulses, 2, n_frequencies), rad/m, and places (n_pixels, 2), m."""
+        kernel = spreading_kernel(_WIDTH)
+        k = np.moveaxis(wavenumber, 1, 0).reshape(2, -1)
+        low, high = k.min(axis=1), k.max(axis=1)
+        middle = 0.5 * (low + high)
+        offset = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        step = np.pi / np.maximum(high - low, 1e-12)  # the image's band is half of what its cells hold
+        half = np.ptp(places, axis=0) / 2.0
+        # and its extent half of the raster's
+        shape = tuple(
+            2 * scipy.fft.next_fast_len(int(np.ceil(2.0 * h / s)) + 2 * _WIDTH)
+            for h, s in zip(half, step, strict=True)
+        )
+        size = np.array(shape)
+        spacing = 2.0 * np.pi / (size * step)
+        away = (places - offset) / step
+        phase = places @ middle
+        nodes = [scipy.fft.fftfreq(n) for n in shape]
+        gains = [np.where(np.abs(nu) <= 0.3, kernel.inverse_transform(nu), 0.0) for nu in nodes]
+        return _Raster(
+            shape=(shape[0], shape[1]),
+            cells=(k - middle[:, None]) / spacing[:, None],
+            pixels=away.T,
+            shift=np.exp(1j * np.mod(offset @ (k - middle[:, None]), 2.0 * np.pi)).astype(np.complex64),
+            gains=(gains[0], gains[1]),
+            deapodise=(gains[0] * shape[0], gains[1] * shape[1]),
+            carrier=np.exp(1j * np.mod(phase, 2.0 * np.pi)).astype(np.complex64),
+        )
+
+    def image(self, samples: NDArray[np.complexfloating]) -> C64:
+        """Sum of samples times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
+        plane = self._spread(samples * self.shift)
+        plane *= self.gains[0][:, None] * self.gains[1]
+        field = scipy.fft.ifft2(plane.astype(np.complex64), workers=-1, overwrite_x=True)
+        field *= (self.deapodise[0][:, None] * self.deapodise[1]).astype(np.float32)
+        return self._read(np.ascontiguousarray(field)) * self.carrier
+
+    def _taps(self, cells: F64) -> tuple[list[NDArray[np.int64]], list[list[F64]]]:
+        kernel = spreading_kernel(_WIDTH)
+        base = np.floor(cells)
+        first = [(b.astype(np.int64) - kernel.lead) for b in base]
+        return first, [kernel.taps(cell - b) for cell, b in zip(cells, base, strict=True)]
+
+    def _spread(self, samples: NDArray[np.complexfloating]) -> C128:
+        plane = np.zeros(self.shape[0] * self.shape[1], dtype=np.complex128)
+        step = _BATCH // _WIDTH**2
+        for start in range(0, samples.size, step):
+            part = slice(start, start + step)
+            first, taps = self._taps(self.cells[:, part])
+            line, column = (
+                (cell + np.arange(_WIDTH)[:, None]) % n for cell, n in zip(first, self.shape, strict=True)
+            )
+            index = (line[:, None] * self.shape[1] + column).ravel()
+            weight = np.array(taps[0])[:, None] * np.array(taps[1])
+            plane.real += np.bincount(index, (weight * samples[part].real).ravel(), minlength=plane.size)
+            plane.imag += np.bincount(index, (weight * samples[part].imag).ravel(), minlength=plane.size)
+        return plane.reshape(self.shape)
+
+    def _read(self, field: C64) -> C64:
+        out = np.empty(self.pixels.shape[1], dtype=np.complex64)
+        for start in range(0, out.size, _BATCH):
+            part = slice(start, start + _BATCH)
+            first, taps = self._taps(self.pixels[:, part])
+            total = np.zeros(taps[0][0].size, dtype=np.complex64)
+            for i, row in enumerate(taps[0]):
+                line = (first[0] + i) % self.shape[0] * self.shape[1]
+                for j, column in enumerate(taps[1]):
+                    total += field.ravel()[line + (first[1] + j) % self.shape[1]] * (row * column).astype(
+                        np.float32
+                    )
+            out[part] = total
+        return out
+
+
+def pulse_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
+    """Weight w g of every pulse in polar format's pixel at points (..., 3), giving (..., n_pulses) float64."""
+    gain = direction_gain(radar, slice(None), look_directions(radar, point))
+    return np.asarray(aperture_weights(radar, point, azimuth_window) * gain)
+
+
+@dataclass(frozen=True)
+class PolarFormat(Focuser):
+    """Polar format, see :func:`polar_format`: spotlight, any track, images small enough for plane waves."""
+
+    name: ClassVar[str] = "polar_format"
+    title: ClassVar[str] = "spotlight of small scenes, any track; plane waves about the image's centre"
+
+    def refusal(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        return refusal(radar, grid)
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus."""
+        radar = task.raw.radar
+        return Focused(polar_format(task), lambda point: pulse_weights(radar, point, task.azimuth_window))
+
+
+FOCUSERS.register(PolarFormat())
+
+__all__ = ["LARGEST_PHASE", "PolarFormat", "polar_format", "pulse_weights", "refusal"]

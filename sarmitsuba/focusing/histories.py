@@ -1,0 +1,58 @@
+"""What every pulse adds to chosen pixels: the rows that backprojection sums, kept apart."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.profiles import plan_profiles
+from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# (point, pulse) pairs worked on at once
+_BATCH = 1 << 19
+
+
+def pulse_contributions(
+    data: C64, radar: Radar, points: F64, range_window: str | Window, azimuth_window: str | Window
+) -> C64:
+    r"""Terms of backprojection's sum, :math:`b_{pt} = w_t g_t^2 R_t^2 s_t(R_t) e^{j k_c R_t}`, :math:`R_t = |p - A_t|`.
+
+    Parameters
+    ----------
+    data : (n_pulses, n_samples) complex64, range compressed
+    radar : gives track, window, antenna and waveform
+    points : (n, 3) float64, m, scene frame
+    range_window, azimuth_window : as in ``backproject``
+
+    Returns
+    -------
+    (n, n_pulses) complex64, with one factor of the beam's gain more than the pixel, which weights the rim of the beam
+    down; zero for pulses that do not light the point or whose window does not hold it
+    """
+    plan = plan_profiles(radar, parse_window(range_window), interpolation="kernel:4")
+    kernel = plan.kernel
+    profiles = plan.profiles(data)
+    row = np.arange(radar.track.n_pulses) * plan.n_stored
+    wavenumber = 4.0 * np.pi / radar.waveform.wavelength
+    out = np.empty((points.shape[0], radar.track.n_pulses), dtype=np.complex64)
+    step = max(1, _BATCH // radar.track.n_pulses)
+    for start in range(0, points.shape[0], step):
+        point = points[start : start + step]
+        way = np.linalg.norm(point[:, None] - radar.track.position, axis=-1)
+        place = (way - radar.window.start_range) / plan.step
+        inside = (place >= 0.0) & (place <= plan.last)
+        place = np.where(inside, place, 0.0)
+        base = np.floor(place)
+        index = row + base.astype(np.int64)
+        value = np.zeros(way.shape, dtype=np.complex64)
+        for k, tap in enumerate(kernel.taps(place - base)):
+            value += profiles.ravel()[np.minimum(index + k, profiles.size - 1)] * tap.astype(np.float32)
+        weight = matched_weights(radar, point, azimuth_window) * inside * way**2
+        out[start : start + step] = value * weight * np.exp(1j * np.mod(wavenumber * way, 2.0 * np.pi))
+    return out
+
+
+__all__ = ["pulse_contributions"]

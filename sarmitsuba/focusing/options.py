@@ -1,0 +1,77 @@
+"""Options of focusers and autofocusers: the fields of a frozen dataclass, each with a default and a line of help."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from sarmitsuba.errors import DataError
+
+OptionValue = str | int | float | bool
+
+
+def option(default: Any, doc: str) -> Any:
+    """Field of a focuser's dataclass: an option of type str, int, float or bool, with its one line of help."""
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
+@dataclass(frozen=True)
+class WithOptions:
+    """A frozen dataclass whose fields are its options, see :func:`option`.
+
+    Attributes
+    ----------
+    kind : what it is, for messages
+    name : what users write
+    title : what it is for, one line
+    """
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    @property
+    def options(self) -> dict[str, OptionValue]:
+        """Options by name, with their values."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def with_options(self, texts: Mapping[str, str]) -> Self:
+        """A copy with options read from text.
+
+        Raises
+        ------
+        DataError
+            Unknown option, or a value of the wrong type.
+        """
+        values: dict[str, OptionValue] = {}
+        for name, text in texts.items():
+            if name not in self.options:
+                takes = ", ".join(self.options) or "none"
+                raise DataError(f"{self.kind} {self.name}: option {name!r} is unknown; it takes {takes}")
+            kind = type(self.options[name])
+            try:
+                values[name] = _BOOLEANS[text.lower()] if kind is bool else kind(text)
+            except (KeyError, ValueError):
+                raise DataError(
+                    f"{self.kind} {self.name}: {name} = {text!r} is not of type {kind.__name__}"
+                ) from None
+        return dataclasses.replace(self, **values)
+
+    def with_texts(self, texts: Iterable[str]) -> Self:
+        """A copy with options read from texts such as ``interpolation=kernel:8``; raises as :meth:`with_options`."""
+        pairs = [item.partition("=") for item in texts]
+        return self.with_options({key.strip(): value.strip() for key, _, value in pairs})
+
+    @property
+    def help(self) -> str:
+        """Title and options, for help texts."""
+        options = [
+            f"{field.name}={field.default} ({field.metadata.get('doc', '')})"
+            for field in dataclasses.fields(self)
+        ]
+        return "; options ".join([self.title, ", ".join(options)]) if options else self.title
+
+
+_BOOLEANS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+__all__ = ["OptionValue", "WithOptions", "option"]

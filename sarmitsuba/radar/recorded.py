@@ -1,0 +1,130 @@
+"""The track that the focuser is told, where it is not the one flown: read from a file, or made by an error model."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.mode import right_of
+from sarmitsuba.radar.track import Track
+
+F64 = NDArray[np.float64]
+
+_ERRORS = ("track_offset", "track_drift", "track_jitter")
+_JITTER_PARTS = ("track_jitter_corner", "track_jitter_slope", "track_jitter_seed")
+
+
+@dataclass(frozen=True)
+class TrackError:
+    r"""Recorded less flown position, along the track, across it to the right, and up.
+
+    .. math:: d(t) = o + v (t - t_0) + j(t), \quad S_j(f) \propto \frac{1}{1 + (f / f_c)^q}
+
+    Parameters
+    ----------
+    offset : m, along each axis
+    drift : m/s, along each axis, from the middle of the track
+    jitter : m rms over the track, along each axis
+    corner : Hz, f_c of the jitter's power spectrum
+    slope : q; 2 is a Gauss-Markov process
+    seed : of the jitter
+
+    Notes
+    -----
+    Ignores errors of time and of attitude.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    jitter: float = 0.0
+    corner: float = 0.1
+    slope: float = 4.0
+    seed: int = 0
+
+    def recorded(self, track: Track) -> Track:
+        """The track as it is recorded."""
+        time = track.time - 0.5 * (track.time[0] + track.time[-1])
+        error = np.asarray(self.offset) + time[:, None] * np.asarray(self.drift)
+        if self.jitter > 0.0:
+            error = error + self._jitter(track.time)
+        axes = np.array([track.along, right_of(track.along), [0.0, 0.0, 1.0]])
+        return Track.from_samples(track.time, track.position + error @ axes)
+
+    def _jitter(self, time: F64) -> F64:
+        """(n_pulses, 3) m; rms over the track as asked for, mean zero."""
+        rng = np.random.default_rng(self.seed)
+        n = 2 * time.size  # twice the track, so that its ends are not alike
+        step = (time[-1] - time[0]) / max(time.size - 1, 1)
+        frequency = np.fft.rfftfreq(n, step)
+        level = np.sqrt(1.0 / (1.0 + (frequency / self.corner) ** self.slope))
+        noise = rng.standard_normal((3, 2, frequency.size)) * level
+        series = np.fft.irfft(noise[:, 0] + 1j * noise[:, 1], n, axis=-1)[:, : time.size].T
+        series = series - series.mean(axis=0)
+        return np.asarray(self.jitter * series / np.maximum(np.sqrt(np.mean(series**2, axis=0)), 1e-300))
+
+
+def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None:
+    """Recorded track of a description in the scene frame; None where it is the one flown.
+
+    Parameters
+    ----------
+    given : the description
+    flown : the true track, scene frame
+    offset : (3,) float64, m; scene frame = file frame - offset
+
+    Raises
+    ------
+    RadarError
+        The file cannot be read or does not fit the flown track's pulses, or parameters contradict each other.
+    """
+    s = given.sensor
+    errors = {name for name in given.sensor_given if name.startswith(_ERRORS)}
+    if s.recorded_track_file:
+        if errors:
+            raise RadarError(
+                f"{given.where}: {sorted(errors)[0]} has no effect beside recorded_track_file; leave one of them out"
+            )
+        path = Path(s.recorded_track_file)
+        track = Track.from_csv(path if path.is_absolute() else given.folder / path)
+        return _checked(s.recorded_track_file, replace(track, position=track.position - offset), flown)
+    if errors & set(_JITTER_PARTS) and s.track_jitter == 0.0:
+        raise RadarError(
+            f"{given.where}: {sorted(errors & set(_JITTER_PARTS))[0]} has no effect without track_jitter; set "
+            "track_jitter above 0 or leave it out"
+        )
+    model = TrackError(
+        (s.track_offset_along, s.track_offset_across, s.track_offset_up),
+        (s.track_drift_along, s.track_drift_across, s.track_drift_up),
+        s.track_jitter,
+        s.track_jitter_corner,
+        s.track_jitter_slope,
+        s.track_jitter_seed,
+    )
+    if not (any(model.offset) or any(model.drift) or model.jitter):
+        return None
+    if flown.n_pulses < 2:
+        raise RadarError(
+            f"{given.where}: a track of 1 pulse has no error model; leave {sorted(errors)[0]} out"
+        )
+    return model.recorded(flown)
+
+
+def _checked(name: str, track: Track, flown: Track) -> Track:
+    if track.n_pulses != flown.n_pulses:
+        raise RadarError(
+            f"{name}: {track.n_pulses} pulses are recorded and {flown.n_pulses} flown; give one line per pulse"
+        )
+    span = float(flown.time[-1] - flown.time[0])
+    late = float(np.abs((track.time - track.time[0]) - (flown.time - flown.time[0])).max())
+    if late > 1e-6 * max(span, 1e-9) + 1e-9:
+        raise RadarError(
+            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; record the "
+            "same pulses"
+        )
+    return track
+
+
+__all__ = ["TrackError", "recorded_track"]
