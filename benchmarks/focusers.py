@@ -6,14 +6,17 @@ Errors are against the exact float64 sum
 (``backproject_numpy``: trigonometric interpolation, no kernel), never against another setting of the same code.
 """
 
+import importlib
 import statistics
 import time
+from collections.abc import Callable
 from typing import Any
 
 import harness
 import numpy as np
 
 from sarmitsuba.backend import ensure_backend
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
@@ -122,6 +125,102 @@ def backprojection_table(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
+def fastsar_table(quick: bool) -> list[dict[str, Any]]:
+    """Backprojection beside the PyPI package fastsar (MIT): paired runs over the same geometry, CPU seconds.
+
+    Each takes band-filling noise in its own form, and each is compared with the exact sum over its own data. fastsar
+    is no dependency of the package: where it is absent the table says so.
+    """
+    try:
+        fastsar: Any = importlib.import_module("fastsar")
+    except ImportError:
+        return []
+    shape = (801, 661) if not quick else (401, 331)
+    radar = ideal_radar(slant_range=10e3, resolution=0.7071, bandwidth=300e6, n_samples=512)
+    spacing, n_frequencies = 0.25, 512
+    azimuth, ground = (spacing * (np.arange(n) - n // 2) for n in shape)
+    along, across = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    grid = ImageGrid("ground", azimuth, ground, np.zeros(3), along, across)
+    antenna, raw = radar.track.position, band_noise(radar)
+    rng = np.random.default_rng(2)
+    step = radar.waveform.bandwidth / n_frequencies
+    first = radar.waveform.center_frequency - 0.5 * radar.waveform.bandwidth
+    history = rng.standard_normal((2, len(antenna), n_frequencies))
+    history = (history[0] + 1j * history[1]).astype(np.complex64)
+    pick = rng.integers(0, shape[0] * shape[1], EXACT_PIXELS)
+    points = grid.positions().reshape(-1, 3)[pick]
+    exact = {
+        "sarmitsuba": backproject_numpy(raw, points)[0],
+        "fastsar": np.zeros(EXACT_PIXELS, np.complex128),
+    }
+    frequency, reference = first + step * np.arange(n_frequencies), np.linalg.norm(antenna, axis=1)
+    for pulse, position, ref in zip(history, antenna, reference, strict=True):
+        r = np.linalg.norm(points - position, axis=1) - ref
+        exact["fastsar"] += np.exp(4j * np.pi / SPEED_OF_LIGHT * np.outer(r, frequency)) @ pulse
+
+    def ours(interpolation: str, oversampling: int) -> Callable[[], Any]:
+        return lambda: backproject(raw, grid, interpolation=interpolation, oversampling=oversampling)[0]
+
+    def theirs(interpolation: str) -> Callable[[], Any]:
+        corner = azimuth[0] * along + ground[0] * across
+        former = fastsar.ExactFormer(
+            antenna,
+            first,
+            step,
+            n_frequencies,
+            *shape,
+            spacing,
+            spacing,
+            along,
+            across,
+            backend="cpu",
+            window=False,
+            interp=interpolation,
+            center=corner + 0.5 * spacing * (shape[0] * along + shape[1] * across),
+        )
+        return lambda: former(history)
+
+    runs = {
+        ("sarmitsuba", "linear"): ours("linear", 8),
+        ("fastsar", "linear"): theirs("linear"),
+        ("sarmitsuba", "kernel:4"): ours("kernel:4", 2),
+        ("sarmitsuba", "kernel"): ours("kernel", 2),
+        ("fastsar", "cubic"): theirs("cubic"),
+    }
+    images = {key: run() for key, run in runs.items()}  # compiles
+    seconds: dict[Any, list[float]] = {key: [] for key in runs}
+    for _ in range(ROUNDS_QUICK if quick else ROUNDS):
+        for key, run in runs.items():
+            start = time.process_time()
+            run()
+            seconds[key].append(time.process_time() - start)
+    rows = []
+    for (program, interpolation), image in images.items():
+        other = "linear" if interpolation == "linear" else "cubic"
+        pairs = zip(seconds["fastsar", other], seconds[program, interpolation], strict=True)
+        value, truth = image.reshape(-1)[pick], exact[program]
+        value = value * (
+            np.vdot(value, truth) / np.vdot(value, value)
+        )  # programs scale their images differently
+        rows.append(
+            {
+                "program": program,
+                "interpolation": interpolation,
+                "gpps": shape[0]
+                * shape[1]
+                * len(antenna)
+                / statistics.median(seconds[program, interpolation])
+                / 1e9,
+                "ratio": statistics.median(a / b for a, b in pairs),
+                "beside": other,
+                "error_db": image_error_db(value, truth),
+                "pixels": list(shape),
+                "pulses": len(antenna),
+            }
+        )
+    return rows
+
+
 def method_table(quick: bool) -> list[dict[str, Any]]:
     """All focusers on the same slant grid: seconds, and difference between their images."""
     pixels = PIXELS_QUICK if quick else PIXELS
@@ -193,13 +292,13 @@ def rows_of(rows: list[dict[str, Any]], columns: dict[str, str]) -> list[list[st
 def run(quick: bool) -> harness.Report:
     variant = ensure_backend().variant
     speed, methods, quality = backprojection_table(quick), method_table(quick), quality_table()
-    first = speed[0]
+    first, beside = speed[0], fastsar_table(quick)
     report = harness.Report(
         "focusers",
         "Focusers",
         f"Backprojection by interpolation, omega-K beside it, and point targets through both; {variant}. Errors are "
         "against the exact float64 sum over band-limited noise.",
-        data={"backprojection": speed, "methods": methods, "point_target": quality},
+        data={"backprojection": speed, "methods": methods, "point_target": quality, "fastsar": beside},
     )
     tables = (
         (
@@ -246,6 +345,25 @@ def run(quick: bool) -> harness.Report:
             },
         ),
     )
+    if beside:
+        shape = " x ".join(map(str, beside[0]["pixels"]))
+        caption = (
+            f"Beside fastsar: {shape} pixels, {beside[0]['pulses']} pulses, processor seconds of all threads"
+        )
+        columns = {
+            "program": "program",
+            "interpolation": "interpolation",
+            "G pixel-pulses per CPU second": "gpps:.3f",
+            "times the rate of fastsar": "ratio:.2f",
+            "with": "beside",
+            "error, dB": "error_db:.1f",
+        }
+        tables += ((caption, beside, columns),)
+        for row in (beside[0], beside[3]):
+            text = f"rate of {row['interpolation']} over that of fastsar's {row['beside']}, at lower error"
+            report.claim(text, row["ratio"], 1.1, at_least=True)
+    else:
+        report.notes.append("fastsar is not installed (pip install fastsar): no comparison with it.")
     for caption, rows, columns in tables:
         report.table(caption, list(columns), rows_of(rows, columns))
     report.figure("interpolation", figure(speed))

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from sarmitsuba.backend import dr
 from sarmitsuba.echo.gridding import SpreadingKernel
 from sarmitsuba.radar.antenna import Antenna
+
+if TYPE_CHECKING:
+    Complex = tuple[dr.ArrayBase, dr.ArrayBase]
 
 TWO_PI = 6.283185307179586
 PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first sample in profile samples
@@ -24,14 +30,16 @@ class PulseBatch:
     Parameters
     ----------
     n_pulses, n_stored, n_plane : UInt32 opaque: pulses, stored samples per pulse, samples per layer
+    last : Int32 opaque: last valid position, profile samples
     positions : float64, ``PULSE_STRIDE`` per pulse
     axes : float32, ``AXES_STRIDE`` per pulse
-    profiles : float32, [layer, pulse, sample, 4] as :meth:`ProfilePlan.paired` makes them
+    profiles : complex64 as uint64, [layer, pulse, sample] as :meth:`ProfilePlan.profiles` makes them
     """
 
     n_pulses: dr.ArrayBase
     n_stored: dr.ArrayBase
     n_plane: dr.ArrayBase
+    last: dr.ArrayBase
     positions: dr.ArrayBase
     axes: dr.ArrayBase
     profiles: dr.ArrayBase
@@ -45,13 +53,11 @@ class Scales:
     ----------
     per_metre : profile samples per m of slant range
     turns_per_metre : turns of the carrier's phase per m of slant range, 2 fc / c
-    last : last valid position, profile samples
     inverse_square : 1 / R_0^2, 1 / m^2
     """
 
     per_metre: dr.ArrayBase
     turns_per_metre: dr.ArrayBase
-    last: dr.ArrayBase
     inverse_square: dr.ArrayBase
 
 
@@ -68,15 +74,18 @@ class ApertureBand:
     half: dr.ArrayBase
     window: dr.ArrayBase
 
-    def weight(self, types: ModuleType, offset: dr.ArrayBase, step: dr.ArrayBase) -> dr.ArrayBase:
-        """Weight of a pulse whose sine is ``offset`` from the band's centre, ``step`` from the next pulse's."""
-        share = dr.clip((self.half - dr.abs(offset)) / step + 0.5, 0.0, 1.0)
+    def share(self, offset: dr.ArrayBase, per_step: dr.ArrayBase) -> dr.ArrayBase:
+        """Part of a pulse within the band: its sine is ``offset`` from the centre, the next 1 / ``per_step`` on."""
+        return dr.clip(dr.fma(self.half - dr.abs(offset), per_step, 0.5), 0.0, 1.0)
+
+    def shape(self, types: ModuleType, offset: dr.ArrayBase) -> dr.ArrayBase:
+        """The window ``offset`` from the band's centre; its ends go on straight, without a kink."""
         last = len(self.window) - 1
-        x = dr.clip(0.5 * offset / self.half + 0.5, 0.0, 1.0) * float(last)
-        node = dr.minimum(types.UInt32(x), last - 1)
+        x = dr.clip(dr.fma(offset, 0.5 / self.half, 0.5), -0.25, 1.25) * float(last)
+        node = types.UInt32(dr.clip(x, 0.0, last - 1.0))
         low = dr.gather(types.Float32, self.window, node)
         high = dr.gather(types.Float32, self.window, node + 1)
-        return share * dr.fma(high - low, x - types.Float32(node), low)
+        return dr.fma(high - low, x - types.Float32(node), low)
 
 
 @dataclass(frozen=True)
@@ -103,16 +112,245 @@ class Beam:
         return self.antenna.normalised(sin_azimuth, sin_elevation, self.per_width, dr)
 
 
+@dataclass(frozen=True)
+class Line:
+    """Pixels of one lane: equally spaced, so that their ranges and echoes follow from a few.
+
+    Parameters
+    ----------
+    n_pixels : in the lane; the range is expanded about pixel ``n_pixels // 2``
+    n_nodes : places where the profiles are interpolated; the pixels' values are the polynomial through them (or those
+        values, where there are as many nodes as pixels)
+    step : from one pixel to the next, x, y, z, m, float64 opaque
+    checked : whether a pixel may leave the receive window; else no sample is tested
+    """
+
+    n_pixels: int
+    n_nodes: int
+    step: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
+    checked: bool
+
+    @property
+    def places(self) -> list[int]:
+        """Places of the pixels from the middle one, in steps."""
+        return list(range(-(self.n_pixels // 2), self.n_pixels - self.n_pixels // 2))
+
+    @property
+    def bends(self) -> tuple[int, ...]:
+        """Places where the weights are evaluated, which are parabolas in between."""
+        return (0,) if self.n_pixels == 1 else (0, -(self.n_pixels // 2), self.n_pixels // 2)
+
+    @property
+    def direct(self) -> bool:
+        """Whether the profiles are interpolated at every pixel."""
+        return self.n_nodes >= self.n_pixels
+
+    @property
+    def nodes(self) -> list[float]:
+        """Places where the profiles are interpolated: Chebyshev's points."""
+        if self.direct:
+            return [float(place) for place in self.places]
+        x = np.cos(np.pi * (np.arange(self.n_nodes) + 0.5) / self.n_nodes)
+        return [float(v) for v in 0.5 * self.n_pixels * x]
+
+    def mix(self, place: int) -> tuple[list[float], list[float]]:
+        """Weights of the sums and of the differences of opposite nodes in the polynomial's value at a place.
+
+        Nodes j and k - 1 - j are opposite; a middle one counts as a sum. Places m and -m take the same weights, the
+        differences' with the other sign.
+        """
+        nodes, k = np.array(self.nodes), self.n_nodes
+        lagrange = [
+            float(np.prod((place - np.delete(nodes, j)) / (nodes[j] - np.delete(nodes, j)))) for j in range(k)
+        ]
+        even = [0.5 * (lagrange[j] + lagrange[k - 1 - j]) for j in range((k + 1) // 2)]
+        odd = [0.5 * (lagrange[j] - lagrange[k - 1 - j]) for j in range(k // 2)]
+        if k % 2:
+            even[-1] = lagrange[k // 2]
+        return even, odd
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One pulse's line of sight to the middle of every lane's pixels.
+
+    Parameters
+    ----------
+    line : pixels of the lane
+    delta : x, y, z from antenna to pixel, float64, m
+    square, distance, inverse : of its length, float64
+    slope : m of range per pixel, float64
+    bend : m of range per pixel squared, float32
+    """
+
+    line: Line
+    delta: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
+    square: dr.ArrayBase
+    distance: dr.ArrayBase
+    inverse: dr.ArrayBase
+    slope: dr.ArrayBase
+    bend: dr.ArrayBase
+
+    @classmethod
+    def of(cls, types: ModuleType, line: Line, delta: tuple[dr.ArrayBase, ...]) -> Sight:
+        """Range and its expansion."""
+        dx, dy, dz = delta
+        sx, sy, sz = line.step
+        square = dr.fma(dx, dx, dr.fma(dy, dy, dz * dz))
+        distance = dr.sqrt(square)
+        inverse = dr.rcp(distance)
+        slope = dr.fma(dx, sx, dr.fma(dy, sy, dz * sz)) * inverse
+        step = dr.fma(sx, sx, dr.fma(sy, sy, sz * sz))
+        bend = types.Float32(0.5 * dr.fma(-slope, slope, step) * inverse)
+        return cls(line, (dx, dy, dz), square, distance, inverse, slope, bend)
+
+    def direction(self, types: ModuleType, place: int) -> tuple[dr.ArrayBase, ...]:
+        """Unit vector, float32, to the pixel ``place`` steps from the middle one."""
+        d = [
+            types.Float32(dr.fma(float(place), s, v)) for v, s in zip(self.delta, self.line.step, strict=True)
+        ]
+        scale = dr.rsqrt(dr.fma(d[0], d[0], dr.fma(d[1], d[1], d[2] * d[2])))
+        return tuple(v * scale for v in d)
+
+    def middle_phasor(self, types: ModuleType, scales: Scales, weight: dr.ArrayBase) -> Complex:
+        r""":math:`w (R^2 / R_0^2) e^{+j 4 \pi f_c R / c}` of the middle pixel."""
+        gain = weight * types.Float32(self.square * scales.inverse_square)
+        return scaled(gain, cis(types, self.distance * scales.turns_per_metre))
+
+    def bends(self, types: ModuleType, scales: Scales) -> list[Complex]:
+        """What turns the middle pixel's phasor into that of a node, less the phase linear in the place."""
+        Float = types.Float32
+        tilt = Float(2.0 * self.slope * self.inverse)
+        curve = dr.fma(2.0 * self.bend, Float(self.inverse), 0.25 * tilt * tilt)
+        turns = self.bend * Float(scales.turns_per_metre)
+        out = []
+        for x in self.line.nodes:
+            # to third order in the place: -slope bend x^3 / R
+            sin, cos = dr.sincos(turns * dr.fma(-0.5 * TWO_PI * x**3, tilt, TWO_PI * x * x))
+            out.append(scaled(dr.fma(x, dr.fma(x, curve, tilt), 1.0), (cos, sin)))
+        return out
+
+    def powers(self, types: ModuleType, scales: Scales) -> list[Complex]:
+        """Phasors of the phase linear in the place, of the places 0 ... ``n_pixels // 2``."""
+        out = [(types.Float32(1.0), types.Float32(0.0)), cis(types, self.slope * scales.turns_per_metre)]
+        for m in range(2, self.line.n_pixels // 2 + 1):
+            out.append(times(out[m // 2], out[m - m // 2]))
+        return out
+
+    def phasors(self, types: ModuleType, scales: Scales, weight: dr.ArrayBase) -> dict[int, Complex]:
+        r"""Of every pixel of the lane, :math:`w (R^2 / R_0^2) e^{+j 4 \pi f_c R / c}` by its place.
+
+        Phase and log magnitude are parabolas in the place, so the ratio of neighbours changes by a constant factor:
+        outwards from the middle, two complex products per pixel.
+        """
+        Float = types.Float32
+        out = {0: self.middle_phasor(types, scales, weight)}
+        if self.line.n_pixels == 1:
+            return out
+        odd = cis(types, self.slope * scales.turns_per_metre)
+        even = cis(types, types.Float64(self.bend) * scales.turns_per_metre)
+        # ln R^2 = ln R_0^2 + 2 a m + (2 bend / R - a^2) m^2, a = slope / R
+        a = Float(self.slope * self.inverse)
+        curve = dr.fma(2.0 * self.bend, Float(self.inverse), -a * a)
+        change = scaled(dr.fma(2.0 * curve, 1.0 + curve, 1.0), times(even, even))
+        for sign in (1, -1):
+            power = dr.fma(2.0 * sign, a, curve)
+            ratio = scaled(dr.fma(power, dr.fma(0.5, power, 1.0), 1.0), times((odd[0], sign * odd[1]), even))
+            value = out[0]
+            for place in self.line.places[::sign]:
+                if place * sign > 0:
+                    value = times(value, ratio)
+                    ratio = times(ratio, change)
+                    out[place] = value
+        return out
+
+
+def cis(types: ModuleType, turns: dr.ArrayBase) -> Complex:
+    """Cosine and sine of float64 turns, which are reduced before they are rounded to float32."""
+    sin, cos = dr.sincos(types.Float32(turns - dr.round(turns)) * TWO_PI)
+    return cos, sin
+
+
+def times(a: Complex, b: Complex) -> Complex:
+    """Product of complex numbers."""
+    return dr.fma(a[0], b[0], -(a[1] * b[1])), dr.fma(a[0], b[1], a[1] * b[0])
+
+
+def scaled(factor: dr.ArrayBase, a: Complex) -> Complex:
+    """A complex number times a real one."""
+    return factor * a[0], factor * a[1]
+
+
+def parabola(line: Line, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]:
+    """Values at all pixels of a line of a function known at its nodes."""
+    if line.n_pixels == 1:
+        return values
+    middle, low, high = values
+    half = line.n_pixels // 2
+    slope = (high - low) * (0.5 / half)
+    bend = (high + low - 2.0 * middle) * (0.5 / half**2)
+    return [dr.fma(float(m), dr.fma(float(m), bend, slope), middle) for m in line.places]
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """What a pulse counts for in a pixel: antenna pattern and aperture band.
+
+    Parameters
+    ----------
+    beam : None for an isotropic antenna, whose gain is 1
+    band : None where every pulse serves every pixel
+    """
+
+    beam: Beam | None
+    band: ApertureBand | None
+
+    @property
+    def uniform(self) -> bool:
+        """Whether a pulse counts the same for all pixels that it reaches."""
+        return self.beam is None and self.band is None
+
+    def of_line(
+        self, types: ModuleType, sight: Sight, axes: dr.ArrayBase, t: dr.ArrayBase
+    ) -> tuple[list[dr.ArrayBase], list[dr.ArrayBase]]:
+        """Band's weight w and the antenna's amplitude g in every pixel of the lane; both vary slowly."""
+        line = sight.line
+        w, g = ([types.Float32(1.0)] * line.n_pixels for _ in range(2))
+        if self.uniform:
+            return w, g
+        azimuth, elevation, boresight, forward = (dr.gather(types.Array4f, axes, 4 * t + i) for i in range(4))
+        directions = [sight.direction(types, place) for place in line.bends]
+        if self.band is not None:
+            sines = [dot(u, forward) - forward[3] for u in directions]
+            middle = sines[0] + forward[3]
+            per_step = dr.rcp(elevation[3] * types.Float32(sight.inverse) * (1.0 - middle * middle))
+            shares = [self.band.share(sine, per_step) for sine in parabola(line, sines)]
+            shape = parabola(line, [self.band.shape(types, sine) for sine in sines])
+            w = [share * value for share, value in zip(shares, shape, strict=True)]
+        if self.beam is not None:
+            gains = []
+            for u in directions:
+                amplitude = self.beam.two_way_amplitude(dot(u, azimuth), dot(u, elevation))
+                gains.append(dr.select(dot(u, boresight) > 0.0, amplitude, 0.0))
+            g = parabola(line, gains)
+        return w, g
+
+
+def dot(u: tuple[dr.ArrayBase, ...], v: dr.ArrayBase) -> dr.ArrayBase:
+    """Scalar product with the first three entries of ``v``."""
+    return dr.fma(u[0], v[0], dr.fma(u[1], v[1], u[2] * v[2]))
+
+
 def accumulate(
     types: ModuleType,
     state: list[dr.ArrayBase],
-    pixels: list[tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]],
+    middle: tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase],
+    line: Line,
     pulses: PulseBatch,
     scales: Scales,
     kernel: SpreadingKernel,
     n_layers: int,
-    beam: Beam | None,
-    band: ApertureBand | None,
+    weighting: Weighting,
 ) -> list[dr.ArrayBase]:
     r"""Add the pulses of one batch to every pixel.
 
@@ -123,82 +361,63 @@ def accumulate(
     ----------
     types : array types, see :func:`sarmitsuba.backend.arrays`
     state : per pixel of a lane: (re, im) per layer, then the weight; float32 arrays of one entry per lane
-    pixels : x, y, z of each pixel of a lane, float64, m
+    middle : x, y, z of the pixel about which the lane's others are expanded, float64, m
+    line : pixels of a lane
     pulses, scales : see there
     kernel : interpolation kernel of even width
     n_layers : layers in this batch
-    beam : None for an isotropic antenna, whose weight is 1
-    band : None where every pulse serves every pixel
+    weighting : antenna and aperture
 
     Notes
     -----
-    Range and phase in turns are float64, only the reduced phase is float32. The antenna's position is loaded once for
-    all pixels of a lane. Samples outside the receive window count neither in the image nor in the weight.
+    The middle pixel's range and phase in turns are float64, once per lane and pulse; the others' range is a parabola in
+    their place, with an error that :func:`sarmitsuba.focusing.pixel_lines.plan_line` bounds. Samples outside the
+    receive window count neither in the image nor in the weight.
     """
-    Float, UInt32 = types.Float32, types.UInt32
-    axes = pulses.axes
+    Float, UInt32, Int32 = types.Float32, types.UInt32, types.Int32
     stride = 2 * n_layers + 1
+    sums_weights = line.checked or not weighting.uniform
 
     def body(t: dr.ArrayBase, *old: dr.ArrayBase) -> tuple[dr.ArrayBase, ...]:
         acc = list(old)
         ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
-        azimuth = dr.gather(types.Array4f, axes, 4 * t)
-        weight = azimuth[3]
-        if beam is not None or band is not None:
-            elevation = dr.gather(types.Array4f, axes, 4 * t + 1)
-            boresight = dr.gather(types.Array4f, axes, 4 * t + 2)
-        if band is not None:
-            forward = dr.gather(types.Array4f, axes, 4 * t + 3)
-        row = t * pulses.n_stored
-        for i, (x, y, z) in enumerate(pixels):
-            # range and carrier phase
-            dx, dy, dz = x - ax, y - ay, z - az
-            square = dr.fma(dx, dx, dr.fma(dy, dy, dz * dz))
-            r = dr.sqrt(square)
-            turns = r * scales.turns_per_metre
-            sin, cos = dr.sincos(Float(turns - dr.round(turns)) * TWO_PI)
-
-            # weights
-            position = dr.fma(r, scales.per_metre, -start)
-            valid = (position >= 0.0) & (position <= scales.last)
-            inside = dr.select(valid, position, 0.0)
-            used = dr.select(valid, weight, 0.0)
-            gain = Float(square * scales.inverse_square)
-            if beam is not None or band is not None:
-                inverse = Float(dr.rcp(r))
-                ux, uy, uz = Float(dx) * inverse, Float(dy) * inverse, Float(dz) * inverse
-            if band is not None:
-                sine = ux * forward[0] + uy * forward[1] + uz * forward[2]
-                step = elevation[3] * inverse * (1.0 - sine * sine)
-                used *= band.weight(types, sine - forward[3], step)
-            if beam is not None:
-                sa = ux * azimuth[0] + uy * azimuth[1] + uz * azimuth[2]
-                se = ux * elevation[0] + uy * elevation[1] + uz * elevation[2]
-                ahead = ux * boresight[0] + uy * boresight[1] + uz * boresight[2] > 0.0
-                g = dr.select(ahead, beam.two_way_amplitude(sa, se), 0.0)
-                gain *= used * g
-                used *= g * g
-            else:
-                gain *= used
-            sin *= gain
-            cos *= gain
-            acc[i * stride + stride - 1] += used
-
-            # interpolate every layer at this range and add
-            floor = dr.floor(inside)
-            taps = kernel.taps(Float(inside - floor), dr)
-            first = row + UInt32(floor)
-            for layer in range(n_layers):
-                re, im = Float(0.0), Float(0.0)
-                for k in range(0, kernel.width, 2):
-                    pair = dr.gather(types.Array4f, pulses.profiles, first + k)
-                    re = dr.fma(taps[k], pair[0], dr.fma(taps[k + 1], pair[2], re))
-                    im = dr.fma(taps[k], pair[1], dr.fma(taps[k + 1], pair[3], im))
+        sight = Sight.of(types, line, (middle[0] - ax, middle[1] - ay, middle[2] - az))
+        pulse_weight = dr.gather(types.Float32, pulses.axes, t * AXES_STRIDE + 3)
+        weights, gains = weighting.of_line(types, sight, pulses.axes, t)
+        position = dr.fma(sight.distance, scales.per_metre, -start)
+        whole = dr.floor(position)
+        base, fraction = Int32(whole), Float(position - whole)
+        per_step = Float(sight.slope * scales.per_metre)
+        per_square = sight.bend * Float(scales.per_metre)
+        row = Int32(t * pulses.n_stored)
+        at_nodes, valid = [], []
+        for place in line.nodes:
+            x = dr.fma(place, dr.fma(place, per_square, per_step), fraction)
+            floor = dr.floor(x)
+            sample = base + Int32(floor)
+            if line.checked:
+                valid.append((sample >= 0) & (sample < pulses.last))
+                sample = dr.select(valid[-1], sample, 0)
+            at_nodes.append(
+                interpolate(types, pulses, UInt32(row + sample), kernel.taps(x - floor, dr), n_layers)
+            )
+        if line.direct:
+            phasors = sight.phasors(types, scales, pulse_weight)
+            parts = [(at_nodes[i], phasors[place]) for i, place in enumerate(line.places)]
+        else:
+            parts = between_nodes(types, sight, scales, pulse_weight, at_nodes)
+        for i, (values, factor) in enumerate(parts):
+            if sums_weights:
+                amplitude, power = weights[i] * gains[i], weights[i] * gains[i] * gains[i]
+                if line.checked:
+                    amplitude, power = (dr.select(valid[i], value, 0.0) for value in (amplitude, power))
+                last = i * stride + stride - 1
+                acc[last] = dr.fma(pulse_weight, power, acc[last])
+                factor = scaled(amplitude, factor)
+            for layer, (re, im) in enumerate(values):
                 j = i * stride + 2 * layer
-                acc[j] = dr.fma(re, cos, dr.fma(-im, sin, acc[j]))
-                acc[j + 1] = dr.fma(re, sin, dr.fma(im, cos, acc[j + 1]))
-                if layer + 1 < n_layers:
-                    first += pulses.n_plane
+                acc[j] = dr.fma(re, factor[0], dr.fma(-im, factor[1], acc[j]))
+                acc[j + 1] = dr.fma(re, factor[1], dr.fma(im, factor[0], acc[j + 1]))
         return (t + 1, *acc)
 
     out = dr.while_loop(
@@ -207,4 +426,71 @@ def accumulate(
     return list(out[1:])
 
 
-__all__ = ["AXES_STRIDE", "PULSE_STRIDE", "ApertureBand", "PulseBatch", "Scales", "accumulate"]
+def interpolate(
+    types: ModuleType, pulses: PulseBatch, first: dr.ArrayBase, taps: list[dr.ArrayBase], n_layers: int
+) -> list[Complex]:
+    """Profiles of all layers from the samples ``first`` ... weighted with ``taps``."""
+    out = []
+    for _ in range(n_layers):
+        re, im = types.Float32(0.0), types.Float32(0.0)
+        for k, tap in enumerate(taps):
+            # complex64 as one 8-byte word: one load
+            word = dr.gather(types.UInt64, pulses.profiles, first + k)
+            re = dr.fma(tap, dr.reinterpret_array(types.Float32, types.UInt32(word)), re)
+            im = dr.fma(tap, dr.reinterpret_array(types.Float32, types.UInt32(word >> 32)), im)
+        out.append((re, im))
+        first = first + pulses.n_plane
+    return out
+
+
+def between_nodes(
+    types: ModuleType, sight: Sight, scales: Scales, weight: dr.ArrayBase, at_nodes: list[list[Complex]]
+) -> list[tuple[list[Complex], Complex]]:
+    """Of every pixel of the lane: values of all layers, and the phasor by which they are to be multiplied.
+
+    All but the phase linear in the place goes into the nodes' values; the polynomial through them then serves the
+    pixels, whose phasors are powers of one number.
+    """
+    line = sight.line
+    middle = sight.middle_phasor(types, scales, weight)
+    factors = [times(middle, bend) for bend in sight.bends(types, scales)]
+    layers = []  # sums and differences of opposite nodes
+    k = line.n_nodes
+    for layer in range(len(at_nodes[0])):
+        values = [times(node[layer], factor) for node, factor in zip(at_nodes, factors, strict=True)]
+        pairs = [(values[j], values[k - 1 - j]) for j in range(k // 2)]
+        sums = [(a[0] + b[0], a[1] + b[1]) for a, b in pairs] + values[k // 2 : (k + 1) // 2]
+        layers.append((sums, [(a[0] - b[0], a[1] - b[1]) for a, b in pairs]))
+    powers = sight.powers(types, scales)
+    out = {}
+    for m in range(line.n_pixels // 2 + 1):
+        even, odd = line.mix(m)
+        cos, sin = powers[m]
+        symmetric = [weighted_sum(even, sums) for sums, _ in layers]
+        skew = [weighted_sum(odd, differences) for _, differences in layers]
+        pairs = list(zip(symmetric, skew, strict=True))
+        out[m] = [(e[0] + o[0], e[1] + o[1]) for e, o in pairs], (cos, sin)
+        if m:
+            out[-m] = [(e[0] - o[0], e[1] - o[1]) for e, o in pairs], (cos, -sin)
+    return [out[place] for place in line.places]
+
+
+def weighted_sum(weights: list[float], values: list[Complex]) -> Complex:
+    """Sum of complex numbers, weighted with literals; zero where there are none."""
+    re, im = 0.0, 0.0
+    for weight, value in zip(weights, values, strict=True):
+        re, im = dr.fma(weight, value[0], re), dr.fma(weight, value[1], im)
+    return re, im
+
+
+__all__ = [
+    "AXES_STRIDE",
+    "PULSE_STRIDE",
+    "ApertureBand",
+    "Beam",
+    "Line",
+    "PulseBatch",
+    "Scales",
+    "Weighting",
+    "accumulate",
+]

@@ -91,6 +91,13 @@ class ProfilePlan:
         return self.gains.size
 
     @property
+    def kernel_error(self) -> float:
+        """Amplitude of the interpolation's strongest image, that of the band's edge, relative to the signal."""
+        edge = float(np.abs(scipy.fft.fftfreq(self.n_fft)[self.gains > 0.0]).max()) / self.oversampling
+        inside, image = np.abs(self.kernel.transform([edge, 1.0 - edge]))
+        return float(image / inside)
+
+    @property
     def step(self) -> float:
         """Spacing of the profile's samples, m of slant range."""
         return self.sample_spacing / self.oversampling
@@ -113,29 +120,18 @@ class ProfilePlan:
     def profiles(self, data: C64) -> C64:
         """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample."""
         spectrum = self.spectrum(data)
+        spectrum *= np.float32(1.0 / self.n_fft)
         n, n_up = self.n_fft, self.n_fft * self.oversampling
         padded = np.zeros((*data.shape[:-1], n_up), dtype=np.complex64)
         half = n // 2
         padded[..., : n - half] = spectrum[..., : n - half]
         padded[..., n_up - half :] = spectrum[..., n - half :]
-        padded *= np.float32(self.oversampling)
-        fine = scipy.fft.ifft(padded, axis=-1, workers=-1, overwrite_x=True)
+        fine = scipy.fft.ifft(padded, axis=-1, workers=-1, overwrite_x=True, norm="forward")
         lead = self.kernel.lead
         body = fine[..., : self.n_stored - lead]
         return (
             np.concatenate([fine[..., n_up - lead :], body], axis=-1) if lead else np.ascontiguousarray(body)
         )
-
-    def paired(self, data: C64) -> NDArray[np.float32]:
-        """Profiles (..., n_stored, 4) float32 with each sample next to its follower: re, im, re, im.
-
-        One aligned 16-byte load then fetches two taps.
-        """
-        fine = self.profiles(data)
-        out = np.zeros((*fine.shape, 2), dtype=np.complex64)
-        out[..., 0] = fine
-        out[..., :-1, 1] = fine[..., 1:]
-        return out.view(np.float32)
 
 
 def plan_profiles(

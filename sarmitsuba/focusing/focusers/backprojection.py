@@ -19,11 +19,14 @@ from sarmitsuba.focusing.backprojection_kernel import (
     PULSE_STRIDE,
     ApertureBand,
     Beam,
+    Line,
     PulseBatch,
     Scales,
+    Weighting,
     accumulate,
 )
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
+from sarmitsuba.focusing.pixel_lines import PixelLines, grid_lines, point_lines
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_profiles, plan_spectrum
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -35,20 +38,10 @@ C64 = NDArray[np.complex64]
 
 # layers that share one pass over the geometry; more would spill registers
 _MAX_LAYERS = 4
-# pixels of one lane, by layers in the pass: they share the load of the antenna's position
-_PIXELS_PER_LANE = {1: 4, 2: 2, 3: 2, 4: 1}
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
 # nodes of the azimuth window over a pixel's own aperture
 _WINDOW_NODES = 1025
-
-
-@dataclass(frozen=True, eq=False)
-class _Tile:
-    """Pixels of one launch: where they go in the flat image, and how to make their positions."""
-
-    index: NDArray[np.int64]  # (pixels per lane, lanes), -1 for padding
-    positions: F64  # (pixels per lane, lanes, 3)
 
 
 class _Meter:
@@ -73,7 +66,7 @@ def backproject(
     interpolation: str = "kernel",
     oversampling: int = 0,
     progress: Progress = silent,
-    batch_bytes: int = 12 << 20,
+    batch_bytes: int = 4 << 20,
     tile_pixels: int = 1 << 20,
 ) -> C64:
     r"""Focus range-compressed data by summing every pulse at every pixel's own range.
@@ -116,48 +109,56 @@ def backproject(
     window, n_pulses = parse_window(azimuth_window), raw.radar.track.n_pulses
     own = np.isfinite(raw.radar.half_aperture)
     weights = np.ones(n_pulses) if own else window.aperture(n_pulses)
-    band = _band(types, raw.radar, window) if own else None
+    weighting = Weighting(
+        beam=None if raw.radar.antenna.pattern == "isotropic" else Beam.of(types, raw.radar.antenna),
+        band=_band(types, raw.radar, window) if own else None,
+    )
     shape = target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
     n_layers = len(raw.layers)
     image = np.empty((n_layers, int(np.prod(shape))), dtype=np.complex64)
     meter = _Meter(progress, float(image.size) * n_pulses)
     for start in range(0, n_layers, _MAX_LAYERS):
         layers = slice(start, min(start + _MAX_LAYERS, n_layers))
-        for tile in _tiles(target, _PIXELS_PER_LANE[layers.stop - layers.start], tile_pixels):
-            _focus_tile(types, raw, layers, plan, weights, band, tile, image, meter, batch_bytes)
+        if isinstance(target, ImageGrid):
+            launches = grid_lines(raw.radar, plan, target, tile_pixels)
+        else:
+            launches = point_lines(target, tile_pixels)
+        for lines in launches:
+            _focus_lines(types, raw, layers, plan, weights, weighting, lines, image, meter, batch_bytes)
     return image.reshape(n_layers, *shape)
 
 
-def _focus_tile(
+def _focus_lines(
     types: ModuleType,
     raw: RawData,
     layers: slice,
     plan: ProfilePlan,
     weights: F64,
-    band: ApertureBand | None,
-    tile: _Tile,
+    weighting: Weighting,
+    lines: PixelLines,
     image: C64,
     meter: _Meter,
     batch_bytes: int,
 ) -> None:
-    """Sum all pulses for one tile and store its calibrated pixels in ``image``."""
+    """Sum all pulses for one launch and store its calibrated pixels in ``image``."""
     radar = raw.radar
     n_layers = layers.stop - layers.start
     stride = 2 * n_layers + 1
-    per_lane, lanes = tile.index.shape
-    pixels = [
-        tuple(device_array(types.Float64, tile.positions[i, :, axis]) for axis in range(3))
-        for i in range(per_lane)
-    ]
-    reference = float(np.linalg.norm(tile.positions[0, lanes // 2] - radar.track.center_position))
-    beam = None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna)
+    per_line, lanes = lines.index.shape
+    middle = tuple(device_array(types.Float64, lines.middle[:, axis]) for axis in range(3))
+    line = Line(
+        n_pixels=per_line,
+        n_nodes=lines.n_nodes,
+        step=tuple(dr.opaque(types.Float64, float(s)) for s in lines.step),
+        checked=lines.checked,
+    )
+    reference = float(np.linalg.norm(lines.middle[lanes // 2] - radar.track.center_position))
     scales = Scales(
         per_metre=dr.opaque(types.Float64, 1.0 / plan.step),
         turns_per_metre=dr.opaque(types.Float64, 2.0 * radar.waveform.center_frequency / SPEED_OF_LIGHT),
-        last=dr.opaque(types.Float64, float(plan.last)),
         inverse_square=dr.opaque(types.Float64, 1.0 / reference**2),
     )
-    state = [dr.zeros(types.Float32, lanes) for _ in range(per_lane * stride)]
+    state = [dr.zeros(types.Float32, lanes) for _ in range(per_line * stride)]
     dr.make_opaque(state)  # else the first batch has a kernel of its own
     for batch in _batches(radar.track.n_pulses, plan, n_layers, batch_bytes):
         n = batch.stop - batch.start
@@ -165,30 +166,33 @@ def _focus_tile(
             n_pulses=dr.opaque(types.UInt32, n),
             n_stored=dr.opaque(types.UInt32, plan.n_stored),
             n_plane=dr.opaque(types.UInt32, n * plan.n_stored),
+            last=dr.opaque(types.Int32, plan.last),
             positions=device_array(types.Float64, _pulse_table(radar, plan, batch)),
             axes=device_array(types.Float32, _axes_table(radar, weights, batch)),
-            profiles=device_array(types.Float32, plan.paired(raw.data[layers, batch])),
+            profiles=device_array(types.UInt64, plan.profiles(raw.data[layers, batch]).view(np.uint64)),
         )
-        state = accumulate(types, state, pixels, pulses, scales, plan.kernel, n_layers, beam, band)
+        state = accumulate(types, state, middle, line, pulses, scales, plan.kernel, n_layers, weighting)
         dr.eval(state)
         dr.sync_thread()
-        meter.add(float(np.count_nonzero(tile.index >= 0)) * n * n_layers)
+        meter.add(float(np.count_nonzero(lines.index >= 0)) * n * n_layers)
 
     scale = reference**2 / radar.amplitude_constant
-    dark = _DARK * weights.sum()
-    for i in range(per_lane):
-        keep = tile.index[i] >= 0
-        weight = state[i * stride + stride - 1].numpy().astype(np.float64)
+    whole = float(weights.sum())
+    for i in range(per_line):
+        keep = lines.index[i] >= 0
+        weight = np.full(lanes, whole)
+        if line.checked or not weighting.uniform:
+            weight = state[i * stride + stride - 1].numpy().astype(np.float64)
         with np.errstate(divide="ignore"):
-            factor = np.where(weight > dark, scale / weight, 0.0)[keep]
+            factor = np.where(weight > _DARK * whole, scale / weight, 0.0)[keep]
         for layer in range(n_layers):
             re, im = (state[i * stride + 2 * layer + part].numpy()[keep] for part in (0, 1))
-            image[layers.start + layer, tile.index[i][keep]] = (re + 1j * im) * factor
+            image[layers.start + layer, lines.index[i][keep]] = (re + 1j * im) * factor
 
 
 def _batches(n_pulses: int, plan: ProfilePlan, n_layers: int, batch_bytes: int) -> Iterator[slice]:
     """Slices of pulses whose profiles fit the batch size."""
-    size = max(8, batch_bytes // (16 * plan.n_stored * n_layers))
+    size = max(8, batch_bytes // (8 * plan.n_stored * n_layers))
     for start in range(0, n_pulses, size):
         yield slice(start, min(start + size, n_pulses))
 
@@ -213,36 +217,6 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     table[:, 8:11] = radar.pointing.boresight[batch]
     table[:, 12:15], table[:, 15], table[:, 7] = (part[batch] for part in flight(radar))
     return table.ravel()
-
-
-def _tiles(target: ImageGrid | ArrayLike, per_lane: int, tile_pixels: int) -> Iterator[_Tile]:
-    """Cut the pixels into launches; the pixels of one lane are azimuth neighbours, lanes run along range."""
-    if isinstance(target, ImageGrid):
-        n_azimuth, n_range = target.shape
-        across = target.across_distance()
-        flat = target.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, target.height])
-        rows = max(per_lane, tile_pixels // n_range // per_lane * per_lane)
-        for start in range(0, n_azimuth, rows):
-            row = np.arange(start, min(start + rows, n_azimuth))
-            padded = np.concatenate([row, np.full(-row.size % per_lane, -1)]).reshape(-1, per_lane)
-            index = padded[:, :, None] * n_range + np.arange(n_range)
-            index[padded < 0] = -1
-            along = target.azimuth[padded]
-            position = (
-                flat + along[:, :, None, None] * target.along + across[None, None, :, None] * target.across
-            )
-            yield _Tile(
-                index.transpose(1, 0, 2).reshape(per_lane, -1),
-                position.transpose(1, 0, 2, 3).reshape(per_lane, -1, 3),
-            )
-        return
-    points = np.asarray(target, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise DataError(f"backprojection: points have the shape {points.shape}, (n, 3) is needed")
-    for start in range(0, points.shape[0], tile_pixels):
-        pick = np.arange(start, min(start + tile_pixels, points.shape[0]))
-        padded = np.concatenate([pick, np.full(-pick.size % per_lane, -1)]).reshape(-1, per_lane).T
-        yield _Tile(padded, points[padded])
 
 
 def backproject_numpy(
