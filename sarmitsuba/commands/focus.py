@@ -1,6 +1,7 @@
 """Focus saved raw data into a calibrated complex image."""
 
 import argparse
+import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,9 +57,30 @@ class _Listing(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+class _Pair(argparse.Action):
+    """Stores two numbers; one stands for both."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[object] | None,
+        option_string: str | None = None,
+    ) -> None:
+        given = list(values or ())
+        if len(given) > 2:
+            parser.error(f"argument {option_string}: expected 1 or 2 numbers, azimuth and range")
+        setattr(namespace, self.dest, given if len(given) == 2 else 2 * given)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("raw", metavar="RAW", help="raw data written by `render` (raw.h5)")
+    parser.add_argument(
+        "raw",
+        metavar="RAW",
+        help="raw data written by `render` (raw.h5), or phase histories from elsewhere: a MATLAB file or a folder of "
+        "them (docs/files.md)",
+    )
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(
         "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
@@ -78,17 +100,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument("--height", type=float, metavar="Z", help="height of the image plane, m")
     image.add_argument(
         "--extent",
-        nargs=2,
+        nargs="+",
+        action=_Pair,
         type=float,
-        metavar=("AZIMUTH", "RANGE"),
-        help="size of the image on the ground, m",
+        metavar="M",
+        help="size of the image on the ground in azimuth and range, m; one number is for both",
     )
     image.add_argument(
         "--spacing",
-        nargs=2,
+        nargs="+",
+        action=_Pair,
         type=float,
-        metavar=("AZIMUTH", "RANGE"),
-        help="pixel spacing, m; 0 = half a cell",
+        metavar="M",
+        help="pixel spacing in azimuth and range, m, one number for both; 0 = half a cell",
     )
 
 
@@ -194,9 +218,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _mark_of(path: Path) -> str:
-    """Mark of raw data that carry none: the file as it is."""
-    status = path.stat()
-    return f"{path.resolve()} {status.st_size} {status.st_mtime_ns}"
+    """Mark of raw data that carry none: the file, or the files in the folder, as they are."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    facts = ((file.name, file.stat()) for file in files)
+    state = hashlib.sha256(
+        "".join(f"{name} {status.st_size} {status.st_mtime_ns}\n" for name, status in facts).encode()
+    )
+    return f"{path.resolve()} {state.hexdigest()}"
 
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
