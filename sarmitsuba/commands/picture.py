@@ -69,8 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook, save
 
-    given = Path(args.image)
-    source = _image_in(given) if given.is_dir() else given
+    source = image_file(Path(args.image))
     image = read_image(source)
     options = PictureOptions(
         channel=args.channel,
@@ -92,15 +91,17 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _image_in(folder: Path) -> Path:
-    """The image file that ``render`` or ``focus`` wrote into a folder."""
+def image_file(given: Path) -> Path:
+    """The image file that ``render`` or ``focus`` wrote into a folder; a file is taken as it is."""
     from sarmitsuba.io import FORMATS
 
+    if not given.is_dir():
+        return given
     names = [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
-    found = [folder / name for name in names if (folder / name).is_file()]
+    found = [given / name for name in names if (given / name).is_file()]
     if not found:
-        raise DataError(f"{folder}: there is no image in it; one of {', '.join(names)} is needed")
+        raise DataError(f"{given}: there is no image in it; one of {', '.join(names)} is needed")
     return found[0]
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "run"]
+__all__ = ["HELP", "NAME", "add_arguments", "image_file", "run"]

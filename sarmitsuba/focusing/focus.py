@@ -4,12 +4,14 @@ import warnings
 from collections.abc import Mapping
 from typing import Literal
 
+import numpy as np
+
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.aperture import incidence_angle
+from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
-from sarmitsuba.focusing.focuser import Focuser, FocusTask, check_focuser, parse_focuser
+from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, check_focuser, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.range_compression import range_compress
@@ -17,6 +19,8 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.link_budget import snr
+from sarmitsuba.radar.radar import Radar
 
 
 def focus(
@@ -83,6 +87,7 @@ def focus(
         **cells.facts,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
         "range_compression": raw.metadata.get("range_compression", "none"),
+        **_of_the_radar(raw.radar, grid, focused, cells.center),
     }
     return SarImage(
         data=focused.pixels,
@@ -94,6 +99,30 @@ def focus(
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},
     )
+
+
+def _of_the_radar(radar: Radar, grid: ImageGrid, focused: Focused, azimuth_cell: float) -> dict[str, float]:
+    r"""What the image's quality is judged by: squint of pixels that have apertures of their own, and noise.
+
+    Noise-equivalent sigma0 at the image's centre, for a weight w of every pulse there and N_e = (sum w)^2 / sum w^2:
+
+    .. math:: \sigma^0_{ne} = \frac{1}{\mathrm{SNR}(1 m^2, R, N_e)} \frac{\sin\theta}{\delta_a \delta_r}
+    """
+    facts: dict[str, float] = {}
+    middle = radar.track.center_index
+    if radar.mode_law.own_apertures and (
+        np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
+    ):
+        facts["squint_sine"] = float(flight(radar)[1][middle])
+    if radar.noise_temperature > 0.0:
+        point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
+        weights = focused.pulse_weights(point)
+        nearest = radar.track.position[int(np.argmax(weights))]
+        distance = float(np.linalg.norm(point - nearest))
+        pulses = float(weights.sum() ** 2 / np.sum(weights**2))
+        area = azimuth_cell * radar.waveform.range_cell / float(np.sin(incidence_angle(radar, point)))
+        facts["nesz"] = 1.0 / (snr(radar, 1.0, distance, 1) * pulses * area)
+    return facts
 
 
 __all__ = ["focus"]

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -51,7 +50,7 @@ class PhaseHistory:
     source : name for messages
     """
 
-    samples: NDArray[np.complexfloating[Any, Any]]
+    samples: NDArray[np.number]
     frequency: F64
     position: F64
     reference_range: F64
