@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # a window against side lobes: those of a city's corners would cross the whole picture without one
 _FOCUSER, _WINDOW = "backprojection", "taylor"
+# every focuser; their comparison, and the reference's image as that of the run
+_ALL, COMPARISON = "all", "focusers.png"
 
 NAME = "focus"
 HELP = "focus saved raw data into an image"
@@ -124,7 +126,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         entries=_focusers,
         default=_FOCUSER,
         metavar="NAME[,OPTION=VALUE...]",
-        help="how to focus (default: backprojection). ",
+        help="how to focus (default: backprojection). all: every one of them, side by side in focusers.png. ",
     )
     parser.add_argument(
         "--window",
@@ -151,7 +153,7 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
     from sarmitsuba.commands.results import Formats
 
     Formats.parse(args.format)
-    if args.focuser != _FOCUSER:
+    if args.focuser not in (_FOCUSER, _ALL):
         from sarmitsuba.focusing.focuser import parse_focuser
 
         parse_focuser(args.focuser)
@@ -162,9 +164,9 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
 
 
 def _focusers() -> str:
-    from sarmitsuba.focusing.focuser import FOCUSERS
+    from sarmitsuba.focusing.focuser import FOCUSERS, Auto
 
-    return " ".join(f"{focuser.name}: {focuser.help}." for focuser in FOCUSERS)
+    return " ".join(f"{focuser.name}: {focuser.help}." for focuser in (Auto(), *FOCUSERS))
 
 
 def _formats() -> str:
@@ -196,6 +198,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
         mark = str(raw.metadata.get(results.MARK) or _mark_of(Path(args.raw)))
+        if args.focuser == _ALL:
+            names += (COMPARISON,)
         folder.check(mark, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
         folder.clear(mark, keep=[Path(args.raw)])
@@ -232,7 +236,9 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 
-    check_focuser(parse_focuser(args.focuser), radar, default_grid(radar, request))
+    grid = default_grid(radar, request)
+    if args.focuser != _ALL:
+        check_focuser(parse_focuser(args.focuser), radar, grid)
 
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
@@ -272,6 +278,8 @@ def focus_into(
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import focus
 
+    if args.focuser == _ALL:
+        return _compare(folder, raw, args, console, watch, record, request)
     with watch.stage("focus"):
         image = focus(
             raw,
@@ -281,11 +289,53 @@ def focus_into(
             azimuth_window=args.window,
             progress=console.progress,
         )
-    record["focus"] = {"method": args.focuser, "window": args.window}
+    record["focus"] = {"method": image.metadata["focus"]["method"], "window": args.window}
+    chosen = image.metadata["focus"].get("chosen")
+    if chosen:
+        record["focus"] = {**image.metadata["focus"], "window": args.window}
+        console.say(f"focuser: {chosen}")
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 
+def _compare(
+    folder: "OutputFolder",
+    raw: "RawData",
+    args: argparse.Namespace,
+    console: Console,
+    watch: StageTimer,
+    record: dict[str, object],
+    request: "ImageRequest | None",
+) -> Path:
+    """Focus with every focuser and draw them side by side; the reference's image is that of the run."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.focusing.comparison import compare_focusers
+    from sarmitsuba.view.focusers import focusers_figure
+    from sarmitsuba.view.quicklook import save
+
+    with watch.stage("focus"):
+        found = compare_focusers(
+            raw, default_grid(raw, request), window=args.window, progress=console.progress
+        )
+    for result in found:
+        facts = f"refused: {result.refusal}"
+        if result is found[0]:
+            facts = f"{result.seconds:.2f} s, the reference"
+        elif result.image is not None:
+            facts = f"{result.seconds:.2f} s, error {result.error_db:.1f} dB, coherence {result.coherence:.6f}"
+        console.say(f"{result.name}: {facts}")
+    record["focus"] = {"method": found[0].name, "window": args.window}
+    record["focusers"] = [result.as_dict() for result in found]
+    image = found[0].image
+    assert image is not None
+    results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
+    with folder.writing(COMPARISON) as path:
+        save(focusers_figure(found), path)
+    return path
+
+
 __all__ = [
+    "COMPARISON",
     "HELP",
     "NAME",
     "add_arguments",

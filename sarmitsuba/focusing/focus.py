@@ -43,7 +43,8 @@ def focus(
     request : image request for the default grid, or a mapping with what is to change in the data's own, such as
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``: straight, level, uniform track,
-        a grid along it), with options if wanted, such as ``backprojection,interpolation=kernel:8``; or a focuser itself
+        a grid along it), with options if wanted, such as ``backprojection,interpolation=kernel:8``; ``auto``, the
+        cheapest with the wanted error, as in ``auto,error=-60``; or a focuser itself
     range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
@@ -69,6 +70,7 @@ def focus(
         grid = default_grid(raw, request)
     grid = grid.in_frame(raw.radar.offset)
     check_focuser(focuser, raw.radar, grid)
+    focuser, chosen = focuser.resolved(raw.radar, grid)
     check_image_fits(grid, len(raw.layers), raw.data.size)
     focused = focuser.focus(FocusTask(raw, grid, range_window, azimuth_window, progress))
 
@@ -81,6 +83,7 @@ def focus(
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     facts = {
         "method": focuser.name,
+        **({"chosen": chosen} if chosen else {}),
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),
         **focuser.options,

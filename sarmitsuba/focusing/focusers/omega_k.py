@@ -12,6 +12,7 @@ from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import aperture_weights, band_weights, direction_gain, look_directions
+from sarmitsuba.focusing.azimuth_band import SAMPLE_SECONDS, azimuth_fits
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.ground import slant_below, slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import plan_spectrum
@@ -398,6 +399,14 @@ class OmegaK(Focuser):
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it cannot focus this radar's data on this grid; empty when it can."""
         return _refusal(radar, grid)
+
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """Of the stationary phase of the track's transform, for apertures from 50 pulses."""
+        return -65.0 if azimuth_fits(radar, grid) and radar.track.n_pulses >= 50 else float("nan")
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """Transforms and the mapping of every sample of the data."""
+        return SAMPLE_SECONDS * radar.track.n_pulses * radar.window.n_samples
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
