@@ -322,7 +322,9 @@ def _compare(
         if result is found[0]:
             facts = f"{result.seconds:.2f} s, the reference"
         elif result.image is not None:
-            facts = f"{result.seconds:.2f} s, error {result.error_db:.1f} dB, coherence {result.coherence:.6f}"
+            facts = (
+                f"{result.seconds:.2f} s, error {result.error_db:.1f} dB, coherence {result.coherence:.6f}"
+            )
         console.say(f"{result.name}: {facts}")
     record["focus"] = {"method": found[0].name, "window": args.window}
     record["focusers"] = [result.as_dict() for result in found]

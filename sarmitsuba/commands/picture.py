@@ -56,6 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixels averaged into one (multi-look)",
     )
     parser.add_argument(
+        "--spectral-looks",
+        nargs=2,
+        type=int,
+        default=(1, 1),
+        metavar=("AZIMUTH", "RANGE"),
+        help="parts of the spectrum (sub-apertures, sub-bands) whose powers are averaged (multi-look)",
+    )
+    parser.add_argument(
         "--order", type=int, metavar="N", help="one bounce number alone, where they were kept apart"
     )
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
@@ -79,6 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         colour_map=args.colour_map,
         looks=tuple(args.looks),
         order=args.order,
+        spectral_looks=tuple(args.spectral_looks),
     )
     figure = quicklook(image, options, title=args.title)
     if args.output:

@@ -143,8 +143,8 @@ def measure_area(
 def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, ...]:
     """The evenest and the darkest square of 24 cells, as ``even`` and ``dark``; none in a smaller image.
 
-    Even is where the means of pieces of 6 cells vary least, which says little about the speckle inside them, so that
-    ENL is hardly biased by the choice.
+    Even is where the means of pieces of 6 cells vary least, in the brighter half of the image. That says little about
+    the speckle inside them, so that ENL is hardly biased by the choice.
     """
     grid, sigma0 = image.grid, image.sigma0(channel)
     cells = grid_cells(image, grid.range.size // 2)
@@ -156,6 +156,7 @@ def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, 
     kept = sigma0[: rows * piece[0], : columns * piece[1]]
     means = kept.reshape(rows, piece[0], columns, piece[1]).mean(axis=(1, 3))
     n = round(_EDGE / _PIECE)
+    middle = float(np.median(means))
     best: dict[str, tuple[float, tuple[slice, slice]]] = {}
     for block in windows_over((rows, columns), n):
         part = means[block]
@@ -163,6 +164,8 @@ def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, 
         if not level > 0.0:
             continue
         for name, score in (("even", float(part.std()) / level), ("dark", level)):
+            if name == "even" and level < middle:
+                continue
             if name not in best or score < best[name][0]:
                 best[name] = (score, block)
     return tuple(

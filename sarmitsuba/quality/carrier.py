@@ -12,6 +12,23 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 F64 = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Lobes:
+    """How the impulse response of a point lies on the grid.
+
+    Parameters
+    ----------
+    azimuth, range : unit vectors (azimuth, range), grid metres, along the lobes
+    slope : change of slant range per metre of the grid, along its steepest ascent
+    skew : sine of the angle between the edges of the spectrum, 1 where the lobes are perpendicular
+    """
+
+    azimuth: tuple[float, float]
+    range: tuple[float, float]
+    slope: float
+    skew: float
+
+
 @dataclass(frozen=True, eq=False)
 class Carrier:
     r"""Distance D whose phase :math:`e^{j 4 \pi D / \lambda}` every pixel of an image carries.
@@ -79,15 +96,37 @@ class Carrier:
         axes = self.grid.azimuth[rows, None], self.grid.range[None, columns]
         return np.asarray(data[rows, columns] * self.phasor(*axes).conj())
 
-    def direction(self, azimuth: float, range: float) -> tuple[float, float]:
-        """Unit vector (azimuth, range), grid metres, along which D grows: that of the range lobes."""
-        step = 1e-3 * max(self.grid.azimuth_spacing, self.grid.range_spacing)
+    def lobes(self, azimuth: float, range: float) -> "Lobes":
+        r"""Directions of the side lobes of a point at grid coordinates.
+
+        The spectrum of a point is about a parallelogram: one pair of edges along the line of sight's slope
+        :math:`\nabla D`, the other along that slope's change over the aperture. Lobes are across the edges.
+        """
+        x, rho = (float(v) for v in self._cylinder(azimuth, range))
+        shift = 0.0  # along the track, to the middle of the point's own aperture
+        if self.squint_sine is not None:
+            shift = x - rho * self.squint_sine / float(np.sqrt(1.0 - self.squint_sine**2))
+        step = 1e-3 * rho
+        slopes = [self._slope(azimuth, range, shift + s) for s in (-step, 0.0, step)]
+        turn = slopes[2] - slopes[0]
+        length = float(np.linalg.norm(slopes[1]))
+        u, v = slopes[1] / length, turn / np.linalg.norm(turn)
+        skew = float(u[0] * v[1] - u[1] * v[0])
+        # the azimuth lobe points forward, the range lobe away from the radar
+        across = np.array([u[1], -u[0]]) * np.copysign(1.0, u[1])
+        away = np.array([v[1], -v[0]]) * np.copysign(1.0, skew)
+        return Lobes(
+            (float(across[0]), float(across[1])), (float(away[0]), float(away[1])), length, abs(skew)
+        )
+
+    def _slope(self, azimuth: float, range: float, shift: float) -> F64:
+        """Gradient of the distance from an antenna ``shift`` m along the track from mid-aperture, (azimuth, range)."""
+        step = 0.5
         a = azimuth + step * np.array([1.0, -1.0, 0.0, 0.0])
         r = range + step * np.array([0.0, 0.0, 1.0, -1.0])
-        d = self.distance(a, r)
-        slope = np.array([d[0] - d[1], d[2] - d[3]])
-        u, v = (slope / np.linalg.norm(slope)).tolist()
-        return float(u), float(v)
+        x, rho = self._cylinder(a, r)
+        d = np.hypot(x - shift, rho)
+        return np.array([d[0] - d[1], d[2] - d[3]]) / (2.0 * step)
 
     def chip_about(self, data: NDArray[np.complex64], azimuth: float, range: float, half: int = 32) -> Chip:
         """Piece of the image about grid coordinates, without its carrier, ``half`` pixels to every side."""
@@ -143,4 +182,4 @@ class Carrier:
         return x, np.hypot(r + float(shift @ grid.across), float(self.center[2] - grid.height))
 
 
-__all__ = ["Carrier"]
+__all__ = ["Carrier", "Lobes"]

@@ -173,15 +173,15 @@ def _measure(
     piece = _square(pixel, cells, step, grid.shape)
     first = (piece[0].start, piece[1].start)
     chip = carrier.removed(data, *piece)
-    u, v = carrier.direction(*place)
+    lobes = carrier.lobes(*place)
     m = point_target(
         chip,
         step[0],
         step[1],
         near=(pixel[0] - first[0], pixel[1] - first[1]),
         chip=max(chip.shape),
-        azimuth_direction=(v, -u),
-        range_direction=(u, v),
+        azimuth_direction=lobes.azimuth,
+        range_direction=lobes.range,
     )
     azimuth = float(start[0] + first[0] * step[0] + m.azimuth_position)
     range_ = float(start[1] + first[1] * step[1] + m.range_position)
@@ -206,7 +206,7 @@ def _measure(
         background_db=_background_db(chip, m, cells, step),
         azimuth_cut=m.azimuth,
         range_cut=m.range,
-        predicted_irw=predicted_irw(image, column),
+        predicted_irw=predicted_irw(image, lobes, column),
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.quality.carrier import Lobes
 
 _NODES, _FINE = 1024, 64
 
@@ -42,13 +43,22 @@ def grid_cells(image: SarImage, column: int) -> tuple[float, float]:
     return azimuth, range_
 
 
-def predicted_irw(image: SarImage, column: int) -> tuple[float, float]:
-    """Half-power widths in azimuth and range that the cells and windows give, m of the grid."""
-    azimuth, range_ = (
-        cell * window_irw(str(window)) / window.broadening
-        for cell, window in zip(grid_cells(image, column), windows_of(image), strict=True)
-    )
-    return azimuth, range_
+def predicted_irw(image: SarImage, lobes: Lobes, column: int) -> tuple[float, float]:
+    r"""Half-power widths along the azimuth and the range lobe that cells and windows give, m of the grid.
+
+    For a spectrum that is a parallelogram: the range cell over the slope of the slant range and the skew, and the area
+    of the impulse response over the range cell,
+
+    .. math:: w_r = \frac{\delta_r}{|\nabla D| s}, \qquad w_a = \frac{A |\nabla D|}{\delta_r}
+    """
+    azimuth, _ = grid_cells(image, column)
+    area = azimuth * image.range_resolution_cell / float(np.sin(image.incidence_angle[column]))
+    grid = image.grid
+    if grid.kind == "slant":  # range columns are denser than ground metres
+        area *= float(grid.across_distance()[column] / grid.range[column])
+    radial = image.range_resolution_cell / lobes.slope
+    widths = [window_irw(str(window)) / window.broadening for window in windows_of(image)]
+    return widths[0] * area / radial, widths[1] * radial / lobes.skew
 
 
 __all__ = ["grid_cells", "predicted_irw", "window_irw", "windows_of"]

@@ -78,9 +78,10 @@ def _response(axes: Axes, image: SarImage, channel: str, point: PointQuality, ax
 
 
 def _cut_db(image: SarImage, channel: str, point: PointQuality, axis: str, x: F64) -> F64:
-    piece = Carrier.of(image).chip_about(image.total(channel), point.azimuth, point.range)
-    u, v = Carrier.of(image).direction(point.azimuth, point.range)
-    direction = (v, -u) if axis == "azimuth" else (u, v)
+    carrier = Carrier.of(image)
+    piece = carrier.chip_about(image.total(channel), point.azimuth, point.range)
+    lobes = carrier.lobes(point.azimuth, point.range)
+    direction = lobes.azimuth if axis == "azimuth" else lobes.range
     grid = image.grid
     rows = (point.azimuth + direction[0] * x - grid.azimuth[0]) / grid.azimuth_spacing
     columns = (point.range + direction[1] * x - grid.range[0]) / grid.range_spacing
