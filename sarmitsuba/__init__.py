@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import FilmDescription, RadarDescription
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
@@ -66,6 +67,7 @@ _HOME = {
     "build_scene": "sarmitsuba.loader.build",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "image_quality": "sarmitsuba.quality",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
@@ -75,6 +77,7 @@ _HOME = {
     "register_plugins": "sarmitsuba.loader.plugins",
     "render": "sarmitsuba.simulation.render",
     "simulate": "sarmitsuba.simulation.raw",
+    "spectral_looks": "sarmitsuba.quality",
     "trace_paths": "sarmitsuba.simulation.path_table",
     "write_image": "sarmitsuba.io",
     "write_raw": "sarmitsuba.io",
@@ -120,6 +123,7 @@ __all__ = [
     "build_scene",
     "explain",
     "focus",
+    "image_quality",
     "load_extension",
     "load_scene",
     "monostatic_rcs",
@@ -129,6 +133,7 @@ __all__ = [
     "register_plugins",
     "render",
     "simulate",
+    "spectral_looks",
     "trace_paths",
     "write_image",
     "write_raw",

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.picture import image_file
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image
-    from sarmitsuba.quality import Area, KnownPoint, quality
+    from sarmitsuba.quality import Area, KnownPoint, image_quality
     from sarmitsuba.view.quicklook import save
     from sarmitsuba.view.response import quality_figure
 
@@ -79,7 +79,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         plane = image.grid.height + float(image.grid.offset[2])
         points = [KnownPoint((v[0], v[1], v[2] if len(v) > 2 else plane)) for v in args.point]
     areas = [Area((a0, a1), (r0, r1)) for a0, a1, r0, r1 in args.area] if args.area else None
-    report = quality(image, points, areas, channel=args.channel, looks=tuple(args.looks), most=args.most)
+    report = image_quality(
+        image, points, areas, channel=args.channel, looks=tuple(args.looks), most=args.most
+    )
     console.say(report.as_table())
     with output_folder(args.output or str(source.parent)) as folder:
         with folder.writing(TABLE) as path:

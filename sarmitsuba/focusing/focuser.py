@@ -180,7 +180,7 @@ class Auto(Focuser):
         against = []
         for focuser in FOCUSERS:
             refusal = focuser.refusal(radar, grid)
-            error = focuser.error_db(radar, grid)
+            error = math.nan if refusal else focuser.error_db(radar, grid)
             if refusal:
                 against.append(f"{focuser.name}: {refusal}")
             elif math.isnan(error):

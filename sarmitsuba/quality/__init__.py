@@ -3,7 +3,7 @@
 from sarmitsuba.quality.areas import Area, AreaQuality
 from sarmitsuba.quality.looks import Looks, spectral_looks
 from sarmitsuba.quality.points import KnownPoint, PointQuality
-from sarmitsuba.quality.report import QualityReport, quality
+from sarmitsuba.quality.report import QualityReport, image_quality
 
 __all__ = [
     "Area",
@@ -12,6 +12,6 @@ __all__ = [
     "Looks",
     "PointQuality",
     "QualityReport",
-    "quality",
+    "image_quality",
     "spectral_looks",
 ]

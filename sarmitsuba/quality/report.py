@@ -98,7 +98,7 @@ _AREA_COLUMNS = (
 )
 
 
-def quality(
+def image_quality(
     image: SarImage,
     points: Sequence[KnownPoint | tuple[float, float, float]] | None = None,
     areas: Sequence[Area] | None = None,
@@ -278,4 +278,4 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-__all__ = ["QualityReport", "quality"]
+__all__ = ["QualityReport", "image_quality"]

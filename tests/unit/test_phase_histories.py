@@ -10,11 +10,11 @@ import pytest
 import scipy.io
 
 from sarmitsuba import cli
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy
 from sarmitsuba.io import read_raw
-from sarmitsuba.quality import KnownPoint, quality
+from sarmitsuba.quality import KnownPoint, image_quality
 
 LIGHT = 299792458.0
 Fields = dict[str, Any]
@@ -92,7 +92,7 @@ def test_points_land_in_place_with_their_phase(tmp_path: Path, seed: int) -> Non
         KnownPoint(tuple(p.tolist()), f"p{i}", float(abs(v)) ** 2, float(np.angle(v)))
         for i, (p, v) in enumerate(zip(points, a, strict=True))
     ]
-    report = quality(image, known, [])
+    report = image_quality(image, known, [])
     assert len(report.points) == 3
     for point in report.points:
         # tol: 0.1 of a cell, the task's bound
@@ -132,7 +132,7 @@ def test_pulses_with_frequencies_of_their_own(tmp_path: Path) -> None:
     points = np.array([[9.0, -7.0, 0.0]])
     raw = read_raw(save(tmp_path / "a.mat", fields(place, r0, f, points, np.array([1.0 + 0.0j]))))
     image = focus(raw, request={"extent_azimuth": 40.0, "extent_range": 40.0})
-    (point,) = quality(image, [KnownPoint((9.0, -7.0, 0.0), "p", 1.0, 0.0)], []).points
+    (point,) = image_quality(image, [KnownPoint((9.0, -7.0, 0.0), "p", 1.0, 0.0)], []).points
     assert abs(point.range_error) < 0.02 * image.range_resolution_cell  # tol: 4 MHz of 420 differ
     assert abs(np.degrees(point.phase_error)) < 2.0  # tol: the same
     assert abs(point.rcs_error_db) < 0.2  # tol: the same, and R^2 against r0^2
@@ -305,6 +305,15 @@ def test_missing_things_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "new.mat").write_bytes(newer)
     with pytest.raises(DataError, match=r"version 7\.3; save it in MATLAB with -v7"):
         read_raw(tmp_path / "new.mat")
+
+
+def test_an_autofocus_solution_is_not_applied_and_said(tmp_path: Path) -> None:
+    content, *_ = scenario(1)
+    plain = read_raw(save(tmp_path / "a.mat", content))
+    content["af"] = {"r_correct": np.ones((1, 160)), "ph_correct": np.ones((1, 160))}
+    with pytest.warns(SarmitsubaWarning, match=r"data\.af, is not applied"):
+        raw = read_raw(save(tmp_path / "b.mat", content))
+    np.testing.assert_array_equal(raw.data, plain.data)
 
 
 def test_grid_beside_the_data_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,7 @@ A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequen
 """
 
 import re
+import warnings
 import zlib
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
 
@@ -58,6 +59,10 @@ def read_history(path: Path) -> PhaseHistory:
         raise DataError(
             f"{path}: {', '.join(bistatic)} are positions of a transmitter apart from the receiver; only data with one "
             "antenna for both can be focused"
+        )
+    if "af" in fields:  # the same text for every file, so that it is shown once
+        warnings.warn(
+            "phase histories: an autofocus solution, data.af, is not applied", SarmitsubaWarning, stacklevel=2
         )
     numbers = {name: _numbers(path, name, fields[name]) for name in {*_NEEDED, *_PER_PULSE} & set(fields)}
     samples = numbers["fp"]
