@@ -338,3 +338,14 @@ def test_files_that_do_not_fit_each_other_are_one_line(tmp_path: Path) -> None:
     save(tmp_path / "a1_VV.mat", moved)
     with pytest.raises(DataError, match=r"a1_VV\.mat: its pulses or frequencies are not those of a1_HH"):
         read_raw(tmp_path)
+
+
+def test_history_written_as_hdf5_is_the_same_data(tmp_path: Path) -> None:
+    content, points, *_ = scenario(0)
+    raw = read_raw(save(tmp_path / "a_VH.mat", content))
+    raw.save(tmp_path / "raw.h5")
+    again = read_raw(tmp_path / "raw.h5")
+    request = {"extent_azimuth": 10.0, "extent_range": 10.0, "center_x": float(points[1, 0])}
+    first, second = (focus(data, request=request) for data in (raw, again))
+    np.testing.assert_array_equal(first.data, second.data)
+    assert again.channels == ("VH",) and again.request == raw.request
