@@ -10,7 +10,7 @@ PIP = $(BIN)/pip --disable-pip-version-check --quiet
 .PHONY: demo test test-slow benchmarks validation docs clean
 
 demo: $(VENV)/.run
-	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --window taylor --force
+	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
 	@echo "The picture is $(OUT)/urban_block/quicklook.png"
 
 test: $(VENV)/.test

@@ -90,7 +90,13 @@ def load(name: str) -> Scene:
     if name == "munich":
         path = munich()
         assert path is not None, "the package sionna-rt is missing"
-        return load_scene(path, radar=resolve_radar("airborne_x"))
+        fixed = {
+            "n_pulses": "512",
+            "aim_x": "0",
+            "aim_y": "0",
+            "aim_z": "0",
+        }  # the same from version to version
+        return load_scene(path, radar=resolve_radar("airborne_x"), parameters=fixed)
     return load_scene(resolve(name))
 
 

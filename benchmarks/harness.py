@@ -253,7 +253,8 @@ def load_munich(**parameters: str) -> Any:
     path = munich()
     if path is None:
         return None
-    return load_scene(path, radar=resolve_radar("airborne_x"), parameters=parameters)
+    fixed = {"n_pulses": "512", "aim_x": "0", "aim_y": "0", "aim_z": "0"}  # the same from version to version
+    return load_scene(path, radar=resolve_radar("airborne_x"), parameters={**fixed, **parameters})
 
 
 def with_settings(scene: Any, **changes: Any) -> Any:

@@ -17,8 +17,8 @@ from sarmitsuba.memory import peak_memory
 announced = []
 inner = render._announcing
 
-def announcing(console):
-    ready = inner(console)
+def announcing(console, *limit):
+    ready = inner(console, *limit)
 
     def both(run):
         announced.append(run.needs())

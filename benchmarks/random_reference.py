@@ -205,13 +205,25 @@ def physical_optics(draw: Draw, position: F64, frequency: F64) -> C128:
     return out
 
 
+def polygon_optics(corner: F64, antenna: F64, wavenumber: float) -> complex:
+    """Square root of the RCS of one plane polygon (n, 3) in a plane wave, m."""
+    middle = corner.mean(axis=0)
+    normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
+    normal /= np.linalg.norm(normal)
+    way = antenna - middle
+    distance = float(np.linalg.norm(way))
+    cosine = float(normal @ way) / distance
+    integral = _gordon((2.0 * wavenumber / distance * way)[None], (corner - middle)[None], normal[None])[0]
+    return complex(wavenumber / np.sqrt(np.pi) * abs(cosine) * integral * np.exp(-2j * wavenumber * distance))
+
+
 def _gordon(q: F64, corner: F64, normal: F64) -> C128:
-    """Integral of ``exp(j q . r)`` over triangles (n, 3, 3) about their middles."""
+    """Integral of ``exp(j q . r)`` over polygons (n, k, 3) about their middles."""
     across = q - np.einsum("ti,ti->t", q, normal)[:, None] * normal
     squared = np.einsum("ti,ti->t", across, across)
     edge = np.roll(corner, -1, axis=1) - corner
     middle = corner + 0.5 * edge
-    area = 0.5 * np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(corner, np.roll(corner, -1, axis=1)).sum(axis=1), axis=1)
     extent = np.abs(edge).max(axis=(1, 2))
     phase = np.einsum("ti,tki->tk", across, middle)
     half = 0.5 * np.einsum("ti,tki->tk", across, edge)

@@ -4,11 +4,11 @@
 many are within 0.5 and 1 dB of the reference in mean level, how many are off by more than 3 dB without a warning, the
 errors of peak, position and coherence, and the ten worst with the command that repeats each.
 
-``--lines FILE`` appends every scene to a file as soon as it is done and leaves out those that the file holds already, so
+``--lines FILE`` appends every scene to a file as soon as it is done and leaves out those that it holds already, so
 that a long run (``--jobs 2 --count 300``) can be cut off and go on; ``--summary FILE ...`` prints the table of files.
 
 Topics: ``diffuse`` against the energy of the lit area, ``metal`` and ``metal_coarse`` (rays far apart, as in a large
-scene) against physical optics, ``fine`` (several bodies: shadows, mirrors) against the same program's own dense raw run.
+scene) against physical optics, ``fine`` (several bodies: shadows, mirrors) against the program's own dense raw run.
 """
 
 import argparse
@@ -53,8 +53,8 @@ class Result:
     ----------
     level_db : simulated over expected energy
     sigma_db : standard error of that, from the number of independent resolution cells; 0 for coherent targets
-    peak_db, position, coherence : of the image against the reference's, the peaks' distance in resolution cells; NaN for
-        diffuse targets
+    peak_db, position, coherence : of the image against the reference's, the peaks' distance in resolution cells; NaN
+        for diffuse targets
     expected_dbsm : mean radar cross section of the reference
     said : warnings of the run
     seconds : CPU time, s
@@ -316,7 +316,8 @@ def _shares(name: str, results: list[Result]) -> str:
     if good:
         error = np.abs([r.level_db for r in good])
         text += (
-            f"; mean level within 0.5 dB {100 * np.mean(error <= 0.5):.1f} %, 1 dB {100 * np.mean(error <= 1.0):.1f} %; "
+            f"; mean level within 0.5 dB {100 * np.mean(error <= 0.5):.1f} %, "
+            f"1 dB {100 * np.mean(error <= 1.0):.1f} %; "
             f"off by more than 3 dB {np.sum(error > WARN_FROM_DB)}, {sum(r.unwarned for r in good)} of them without a "
             f"warning; median {np.median([r.level_db for r in good]):+.2f} dB"
         )

@@ -144,28 +144,29 @@ def prepare_llvm() -> LlvmChoice | None:
     return choice
 
 
-def _replace_llvm(dr: Any) -> LlvmChoice | None:
+def _replace_llvm(dr: ModuleType) -> LlvmChoice | None:
     """Start Dr.Jit again with an LLVM that works, where the one that it found when imported does not.
 
-    Left alone where the user chose the library, where Dr.Jit holds variables (they would be lost), and where its
-    start and stop cannot be called. Returns the LLVM that would serve, None where none is needed or known.
+    Left alone where the user chose the library, where Dr.Jit holds variables (they would be lost) or a GPU, and where
+    its start and stop cannot be called. Returns the LLVM that would serve, None where none is needed or known.
     """
     version = llvm_version()
     major = int(version.partition(".")[0]) if version else 0
     if dr.has_backend(dr.JitBackend.LLVM) and not (has_avx512() and major < _OLDEST_LLVM_AVX512):
         return None
     choice = find_llvm()
-    if choice is None or choice.source == "environment" or "No variables" not in dr.whos(as_string=True):
+    at_work = dr.has_backend(dr.JitBackend.CUDA) or "No variables" not in dr.whos(as_string=True)
+    if choice is None or choice.source == "environment" or at_work:
         return choice
     try:
-        core = ctypes.CDLL(str(next(Path(dr.__file__).parent.glob("libdrjit-core.*"))))
+        core = ctypes.CDLL(str(next(Path(str(dr.__file__)).parent.glob("libdrjit-core.*"))))
         stop, start = core[_STOP], core[_START]
     except (AttributeError, OSError, StopIteration):
         return choice
     stop.restype = start.restype = None
     prepare_llvm()
     stop(ctypes.c_int(0))
-    start(ctypes.c_uint32(sum(1 << int(dr.JitBackend[name].value) for name in ("CUDA", "LLVM"))))
+    start(ctypes.c_uint32(1 << int(dr.JitBackend.LLVM.value)))
     return choice
 
 
@@ -271,9 +272,7 @@ def _no_llvm(choice: LlvmChoice | None) -> str:
     if own:
         return f"{LLVM_VARIABLE} = {own}: Dr.Jit cannot use this LLVM library; unset it, or {REMEDY}"
     if choice is None and find_llvm() is not None:
-        return (
-            "Mitsuba was imported before an LLVM was found; import sarmitsuba and call ensure_backend() first"
-        )
+        return "Mitsuba was imported before an LLVM was found; call sarmitsuba.register_plugins() before importing it"
     return f"no LLVM library of version {_OLDEST_LLVM} or later was found; {REMEDY}"
 
 

@@ -70,7 +70,8 @@ class Console:
         line = " ".join(text.split())
         if line not in self.warnings and line not in self.notes:
             self.notes.append(line)
-            self.say(f"note: {line}")
+            if not self.quiet:
+                self._line(f"note: {line}", sys.stderr)
 
     def progress(self, stage: str, done: float, total: float, info: Mapping[str, float], /) -> None:
         """Show how far the run has come: a bar, or off a terminal a line every tenth. Library stages call this."""

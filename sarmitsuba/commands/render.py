@@ -219,14 +219,17 @@ def _raw_and_image(
     return focus_into(folder, raw, args, console, watch, record)
 
 
-def _announcing(console: Console) -> "Ready":
-    """Say what a run will take and with which effects, before it is traced."""
+def _announcing(console: Console, limit: float | None = None) -> "Ready":
+    """Say what a run will take and with which effects, before it is traced; ``limit`` (s) of several passes."""
 
     def ready(run: "Run") -> None:
         needs = run.needs()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
-        console.expect(needs.by_progress)
+        stages = needs.by_progress
+        if limit is not None:  # passes report as one stage
+            stages = {"refine": max(limit, stages.pop("trace", 0.0)), **stages}
+        console.expect(stages)
 
     return ready
 
@@ -259,7 +262,7 @@ def _simulate(
                 range_window=args.window,
                 azimuth_window=args.window,
                 progress=console.progress,
-                ready=_announcing(console),
+                ready=_announcing(console, settings.time_limit),
             )
         finally:
             folder.enter(results.PASSES)

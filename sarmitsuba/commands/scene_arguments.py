@@ -58,7 +58,7 @@ def scene_of(args: argparse.Namespace) -> "Scene":
     radar = resolve_radar(args.radar) if args.radar else None
     mesh = None
     if args.up or args.unit or args.material:
-        from sarmitsuba.loader.mesh_scene import MeshOptions
+        from sarmitsuba.loader.from_mesh import MeshOptions
 
         mesh = MeshOptions(args.up or "auto", args.unit or "auto", dict(args.material))
     return load_scene(args.scene, radar=radar, parameters=dict(args.define), mesh=mesh)

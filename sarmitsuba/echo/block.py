@@ -228,24 +228,45 @@ def choose_block_length(
     Parameters
     ----------
     target_error_db : relative rms error of the data, dB, below 0
-    max_length : largest K to try
+    max_length : largest K to try, but for the sixteenth that may save a block of few pulses
     max_cells : bound on the cells of one layer's grid
     (the others as for :func:`plan_block`)
     """
     n_pulses = radar.track.n_pulses
     kernel = 10.0 ** (_kernel_error_db(width, width) / 10.0)
     budget = 10.0 ** (least_error_db(width, target_error_db) / 10.0) - kernel
-    for length in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
-        if length > max_length or length > n_pulses:
+    for longest in (512, 384, 256, 192, 128, 96, 64, 48, 32, 24, 16, 12, 8):
+        if longest > max_length or longest > n_pulses:
             continue
+        length = _even(n_pulses, longest)
         starts = np.unique(np.linspace(0, n_pulses - length, min(-(-n_pulses // length), 24)).astype(int))
         order = np.argsort(-np.abs(starts - 0.5 * (n_pulses - length)))  # the outermost fail first
         if all(
-            _holds(radar, int(s), length, reference, box, extra_slant_range, budget, width, max_cells)
+            # a block reaches up to the first pulse of the next one
+            _holds(
+                radar,
+                int(s),
+                min(length + 1, n_pulses - int(s)),
+                reference,
+                box,
+                extra_slant_range,
+                budget,
+                width,
+                max_cells,
+            )
             for s in starts[order]
         ):
             return length
     return 1
+
+
+def _even(n_pulses: int, length: int) -> int:
+    """About ``length``, up to a sixteenth more, so that no block of few pulses is left over.
+
+    One would cost a tracing like all others, and a kernel of its own for the size of its grid.
+    """
+    count = max(1, int(np.ceil(n_pulses / length - 1.0 / 16.0)))
+    return -(-n_pulses // count)
 
 
 def least_error_db(width: int, target_error_db: float) -> float:

@@ -56,7 +56,11 @@ class Curvature:
 
 
 def key_state(radar: Radar, start: int, stop: int) -> tuple[int, F64, F64, F64]:
-    """Key pulse, its position, the best line's velocity and the times about it."""
+    """Key pulse, its position, the best line's velocity and the times about it.
+
+    The times are those at which that line passes every pulse: an antenna that stands still or hurries is where it is,
+    whatever the clock says. What the line leaves is then small, as the grid over range rates needs it.
+    """
     key = start + (stop - start) // 2
     track = radar.track
     position = track.position[key]
@@ -65,6 +69,9 @@ def key_state(radar: Radar, start: int, stop: int) -> tuple[int, F64, F64, F64]:
         return key, position, track.velocity[key], tau
     centered = tau - tau.mean()
     velocity = centered @ (track.position[start:stop] - position) / (centered @ centered)
+    square = float(velocity @ velocity)
+    if square > 0.0:
+        tau = (track.position[start:stop] - position) @ velocity / square
     return key, position, np.asarray(velocity), tau
 
 

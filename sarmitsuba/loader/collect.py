@@ -15,7 +15,7 @@ from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
 from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
-from sarmitsuba.loader.mesh_materials import DEFAULT, kind_of
+from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center

@@ -125,13 +125,13 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
         values["conductivity"] = _scalar(bsdf.conductivity)
         return Element("bsdf", "radio-material", name, where, Path(), values)
     plugin = _plugin(bsdf.class_name())
-    values: dict[str, Property] = {}
-    element = Element("bsdf", plugin, name, where, Path(), values)
+    switches: dict[str, Property] = {}
+    element = Element("bsdf", plugin, name, where, Path(), switches)
     if plugin in ADAPTER_BSDFS:
         numbers = mi.traverse(bsdf)
         for key in ("opacity", "weight"):  # where it is a number, not a texture
             if f"{key}.value" in numbers:
-                values[key] = _scalar(numbers[f"{key}.value"])
+                switches[key] = _scalar(numbers[f"{key}.value"])
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in _nested(bsdf))
     return element
 

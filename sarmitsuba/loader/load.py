@@ -9,9 +9,9 @@ from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
 from sarmitsuba.loader.elements import Element, walk
+from sarmitsuba.loader.from_mesh import MeshOptions, add_mesh_file, is_mesh_file
 from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve, resolve_radar
-from sarmitsuba.loader.mesh_scene import MeshOptions, add_mesh_file, is_mesh_file
 from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.loader.shapes import placed_shapes

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-# beyond the tallest building (828 m), m
-TALLEST_WALL = 1000.0
+# well beyond the tallest building (828 m), m
+TALLEST_WALL = 1200.0
 # what is as tall as that, as compact as a building and as steep is none: height over width, share of steep surface
 _COMPACT, _STEEP_SHARE = 0.2, 0.05
 # cosine of what counts as level, and how much more of it decides

@@ -90,12 +90,11 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     spread = doppler_bandwidth(position, velocity, reach, lam, instantaneous=True)
     width = float(reach.high[0] - reach.low[0])
     apart = prf / max(spread, 1e-30) * width
+    needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=at_once)
     if own:
-        needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=True)
         needed += 4.0 * speed / lam * radar.half_aperture
         share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
     else:
-        needed = doppler_bandwidth(position, velocity, reach, lam, instantaneous=at_once)
         share = _share_by_place(seen, image, apart)
     if share >= _SMALL_SHARE:
         needed = max(needed, spread)

@@ -77,8 +77,8 @@ class Radar:
         wave = f"{self.waveform.center_frequency / 1e9:.4g} GHz, {self.waveform.bandwidth / 1e6:.4g} MHz"
         distance = float(np.linalg.norm(self.aim_point - self.track.center_position))
         return (
-            f"Radar({self.mode}: {wave}, {'/'.join(self.channels)}, {self.track.n_pulses} pulses from {distance:.5g} m, "
-            f"look {self.look_side})"
+            f"Radar({self.mode}: {wave}, {'/'.join(self.channels)}, {self.track.n_pulses} pulses from "
+            f"{distance:.5g} m, look {self.look_side})"
         )
 
     @property

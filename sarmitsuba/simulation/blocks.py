@@ -35,8 +35,11 @@ SEAM_DB = float(10.0 * np.log10(0.5**GROWTH / (1.0 + GROWTH)))
 BELOW_TARGET_DB = 3.0
 # shortest blocks that are tried: shorter ones cost more than the direct accumulator
 SHORTEST = 8
-# a block's error that is so little above what is wanted is let pass, dB: a seam does not tell it better
+# a block's error that is so little above a wanted one is let pass, dB: a seam does not tell it better
 LEEWAY_DB = 1.0
+# nothing wanted, blocks stay as the track allows up to this error above that of the rays, dB: half of it costs twice
+# the time, and shadows that move in steps of less than a cell do not change what an image shows
+WORTH_DB = 8.0
 
 
 def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
@@ -76,8 +79,8 @@ class Blocks:
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
-        if self.automatic and self.interval > 1:
-            self.interval = min(self.interval, -(-n // 2))  # two blocks at least: a seam tells their error
+        if self.automatic and 1 < self.interval and n < 2 * self.interval:
+            self.interval = self._fitting(-(-n // 2))  # two blocks at least: a seam tells their error
         self._cut()
 
     def _cut(self) -> None:
@@ -105,9 +108,8 @@ class Blocks:
     def settle(self) -> TraceStatistics:
         """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
 
-        Blocks are too long where their error is above the tolerance and above that of the sampling with rays, or too
-        near the wanted error of the run. Both errors fall about as one over the work, so equal ones are the least for
-        the time.
+        Blocks are too long where their error is above the tolerance and far above that of the sampling with rays, or,
+        in a run with a wanted error, above or near that one.
         """
         if self.interval == 1:
             return TraceStatistics()
@@ -227,14 +229,19 @@ class Blocks:
         rays = self._ray_errors()
         excess: float = 0.0
         for channel, value in error.items():
-            wanted = rays[channel]
+            wanted = rays[channel] + WORTH_DB
             if settings.target_error_db < 0.0:
-                wanted = min(wanted, settings.target_error_db - BELOW_TARGET_DB)
+                wanted = settings.target_error_db - BELOW_TARGET_DB
             excess = max(excess, value - max(wanted, settings.tolerance_db))
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
         length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
-        return min(length, self.interval)
+        return self._fitting(length)
+
+    def _fitting(self, length: int) -> int:
+        """The longest block up to a length that suits the track; as before where none does."""
+        fitting = self.tracer.sampling.block_length(length)
+        return min(fitting, self.interval) if fitting > 1 else self.interval
 
     def _ray_errors(self) -> dict[str, float]:
         """Error of each channel by the sampling with rays, in the middle of the track, dB."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
+from sarmitsuba.parameters import filled
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import point_returns
@@ -84,10 +85,10 @@ class PathTable:
         )
 
     def __getitem__(self, rows: "slice | ArrayLike") -> "PathTable":
-        """Some of the rows: a slice, a mask or numbers."""
-        pick = rows if isinstance(rows, slice) else np.asarray(rows)
+        """Some of the rows: a slice, a mask, or one or more numbers."""
+        pick = rows if isinstance(rows, slice) else np.atleast_1d(rows)
         one = {f.name: getattr(self, f.name)[pick] for f in fields(self) if f.name not in _NAMES}
-        return replace(self, **one)
+        return filled(self, one)
 
     @property
     def slant_range(self) -> F64:
@@ -186,7 +187,7 @@ def trace_paths(
     }
     phase = np.exp(-2j * np.pi / radar.waveform.wavelength * joined["length"])
     joined["amplitude"] = joined["amplitude"] * phase[:, None]
-    table = replace(parts[0], **joined)
+    table = filled(parts[0], joined)
     table = table[np.lexsort((-table.power, table.pulse))]
     return table if strongest == 1.0 else table.strongest(strongest)
 
@@ -326,7 +327,8 @@ def _widened(table: PathTable, most: int) -> PathTable:
     numbers = {
         name: np.pad(getattr(table, name), pad, constant_values=-1) for name in ("face", "shape", "material")
     }
-    return replace(table, points=np.pad(table.points, (*pad, (0, 0)), constant_values=np.nan), **numbers)
+    points = np.pad(table.points, (*pad, (0, 0)), constant_values=np.nan)
+    return filled(table, {**numbers, "points": points})
 
 
 __all__ = ["KINDS", "PathTable", "trace_paths"]

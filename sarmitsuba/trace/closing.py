@@ -73,7 +73,9 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled, place = polygon.phase_integral(-constants.wavenumber * wave, tube_here.u, tube_here.v, part)
+        filled, place = polygon.phase_integral(
+            -constants.wavenumber * wave, tube_here.u, tube_here.v, part, mi.Float(constants.cell)
+        )
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
         point = point + mi.Vector3d(rim)

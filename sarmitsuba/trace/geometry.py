@@ -38,8 +38,9 @@ class TraceScene:
     edge_table : (16 n_faces,) float32: four edges of each face's facet, see :mod:`sarmitsuba.mesh.boundary_edges`
     piece_table : the same with creases left out, at which diffuse patches need not end; None where there are none
     face_info : (4 n_faces,) uint32: material (the two highest bits: place of its law in ``FORMS``; the next: the edges
-        bound a convex part of a flat facet all around; the next four: those of its edges where the facet goes on in its
-        plane), then the bits of float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of surface, and ``needs``
+        bound a convex part of a flat facet all around; the next four: those of its edges where the facet goes on in
+        its plane), then the bits of float32 lengths in m: largest cell of a diffuse scatterer on the face's piece of
+        surface, and ``needs``
     material_table : (4 n_materials,) float32: Re, Im of eps - 1, rms height (m), cross-polar power ratio
     diffuse_table : (2 n_nodes n_materials,) float32: sqrt(sigma0) for h and v over the incidence angle, nodes
         uniform in angle from 0 to 90 degrees

@@ -266,7 +266,7 @@ def _side(
 
 
 def phase_integral(
-    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon
+    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon, longest: mi.Float
 ) -> tuple[mi.Complex2f, tuple[mi.Float, mi.Float]]:
     r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
 
@@ -285,11 +285,22 @@ def phase_integral(
     .. math:: \frac{Q \times \Delta}{j |Q|^2} \frac{e^{j Q \cdot b} - e^{j Q \cdot a}}{j Q \cdot \Delta}
 
     the term of such an end: what is left stands at the corners of the facet.
+
+    Parameters
+    ----------
+    q : rad/m
+    u, v : edges of the tube's footprint, m
+    piece : part of the facet
+    longest : m, no less than the distance between the rays of any lattice: convex parts of a facet may have lattices of
+        their own, and must agree on when the cut between them is left out
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
     inner = dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.sqrt(squared), 0.0, 1.0), 1.0)
+    normal = dr.cross(u, v)
+    flat = dr.norm(dr.cross(q, normal)) * dr.rcp(dr.maximum(dr.norm(normal), 1e-30))  # q along the facet
+    uncut = dr.select(piece.exact, dr.clip(INNER_UP_TO - flat * longest, 0.0, 1.0), 1.0)
     total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
     place_u, place_v, sum_of_moduli = mi.Float(0.0), mi.Float(0.0), mi.Float(1e-20)
     for n, (ax, ay, bx, by) in enumerate(piece.sides):
@@ -314,7 +325,7 @@ def phase_integral(
                 dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.abs(rate) * step, 0.0, 1.0), 1.0)
                 for step in (edge.step_start, edge.step_end)
             )
-            both = dr.select(edge.inner, inner, 1.0)
+            both = dr.select(edge.inner, uncut, 1.0)
             turn *= dr.minimum(weight_a, weight_b) * both
             # the end that is a corner, or nearer to one: a term of its own, a quarter of a turn behind
             unequal = weight_b - weight_a

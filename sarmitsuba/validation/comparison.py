@@ -19,6 +19,7 @@ TOPICS = {
     "geometry": "Geometry of the image",
     "radiometry": "Radiometry end to end",
     "statistics": "Statistics",
+    "full_wave": "Against exact solutions: where physical optics ends",
 }
 
 
@@ -38,6 +39,7 @@ class Comparison:
         nulls are finer than any sampling and mean nothing in dB
     canonical : counts in the summary over the canonical radar cross sections, where the theory itself holds
     shown : index of the point that the table quotes; None = where the theory peaks
+    drawn : how far below the theory's peak the plot reaches, in ``unit``; None = as far as is compared
     """
 
     label: str
@@ -50,6 +52,7 @@ class Comparison:
     floor: float = np.inf
     canonical: bool = False
     shown: int | None = None
+    drawn: float | None = None
 
     @property
     def compared(self) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ def _panel(c: Comparison) -> DeviationPanel:
         measured=c.simulated,
         compared=compared,
         tolerance=c.tolerance,
-        depth=c.floor if in_db and np.isfinite(c.floor) and compared.any() else None,
+        depth=c.drawn or (c.floor if in_db and np.isfinite(c.floor) and compared.any() else None),
     )
 
 

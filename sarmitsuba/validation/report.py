@@ -11,7 +11,11 @@ from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
 LIMITS = """## What the closed forms leave out, and so does the simulator
 
 - Edge diffraction, surface and creeping waves: physical optics and geometrical optics, both here and there. The
-  sphere is the exception: it is also compared with the exact Mie series.
+  exceptions are the sphere, which is also compared with the exact Mie series, and the three scenes of 6 wavelengths
+  whose exact scattering is stored. They show where physical optics ends. Glints and double bounces of flat parts
+  hold. A box off its glints, where edges and corners are all there is, returns far more than is simulated. Between
+  plates VV is worse than HH. Between curved and flat metal a wavelength or two apart the mean power holds, single
+  directions do not. The cross-polar return of metal with flat faces is an artefact of physical optics, not theirs.
 - Diffuse scattering between two diffuse surfaces, and a diffuse scatterer seen out through one chain of mirrors and
   back through another longer one (the five-bounce return of a bridge).
 - Roughness that casts shadows on itself, and multiple scattering on one rough surface.
@@ -34,7 +38,8 @@ def report(cases: Sequence[Case], command: str, facts: Mapping[str, str], images
         "",
         f"Made by `{command}`; every figure below comes out of that run.",
         "",
-        "Every case compares the simulator with a closed form, a published value, or what the scene was given. "
+        "Every case compares the simulator with a closed form, a published value, an exact solution, or what the "
+        "scene was given. "
         "The same cases, some of them with fewer bands and angles, are the tests in `tests/physics` and "
         "`tests/statistics`.",
         "",

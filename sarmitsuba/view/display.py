@@ -34,8 +34,10 @@ _LABELS: dict[str, str] = {
 # clutter on a third or more of the picture, texture included; 17 to 32 dB for side lobes, whatever the window
 _LOOKS = 4
 _CLUTTER_SPREAD_DB = 14.0
-# The level of clutter is the brightest mode of its decibels: a peak of their density, smoothed over so many dB, that
-# is at least so high over the highest. Side lobes beside the scene and shadows lie below it, corners above
+# The level of clutter is the median of what lies so near to the brightest mode of its decibels: a peak of their
+# density, smoothed over so many dB, of at least this share of the highest. Streets lie within 20 dB of roofs; lobes
+# beside the scene and shadows lie below, corners above
+_AROUND_MODE_DB = 20.0
 _MODE_WIDTH_DB = 6
 _MODE_SHARE = 0.5
 # where that level lies between black and white
@@ -257,8 +259,8 @@ def _clutter_db(values_db: F64, known: bool | None) -> float | None:
     density = np.convolve(counts, np.ones(_MODE_WIDTH_DB), mode="valid")
     padded = np.pad(density, 1)
     peak = (density >= padded[:-2]) & (density >= padded[2:]) & (density >= _MODE_SHARE * density.max())
-    first = int(np.flatnonzero(peak)[-1])
-    return float(np.median(lit[(lit >= bottom + first) & (lit < bottom + first + _MODE_WIDTH_DB)]))
+    mode = bottom + float(np.flatnonzero(peak)[-1]) + 0.5 * _MODE_WIDTH_DB
+    return float(np.median(lit[np.abs(lit - mode) < _AROUND_MODE_DB]))
 
 
 def has_clutter(image: SarImage) -> bool | None:

@@ -49,8 +49,9 @@ def scene_plan(scene: Scene) -> Figure:
         corners = corners[largest]
         height = corners[:, :, 2].mean(axis=1)
         order = np.argsort(height, kind="stable")  # what is higher covers what is below
+        outlines = list(corners[order][:, :, :2])
         faces = PolyCollection(
-            corners[order][:, :, :2], array=height[order], cmap="cividis", edgecolors="face", linewidths=0.3
+            outlines, array=height[order], cmap="cividis", edgecolors="face", linewidths=0.3
         )
         axes.add_collection(faces)
         figure.colorbar(faces, ax=axes, label="height (m)")
@@ -86,7 +87,7 @@ _AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
 
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    FigureCanvasAgg(figure).print_figure(buffer, format="png", dpi=100.0)
     return buffer.getvalue()
 
 

@@ -58,6 +58,19 @@ def test_no_bare_or_blanket_except(house: Any) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_only_results_reach_up_by_name(house: Any) -> None:
+    """``late`` is for the methods that save, draw or change a result, and names modules that are there."""
+    wrong, named = [], set()
+    for module in house:
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "late":
+                target, name = (ast.literal_eval(argument) for argument in node.args)
+                named.add(target)
+                if module.room not in {"image", "echo", "scene"} or target not in house.modules:
+                    wrong.append(f"{module.where}:{node.lineno} {target}.{name}")
+    assert named and not wrong, "\n".join(wrong)
+
+
 def test_modules_stay_small(house: Any) -> None:
     over = {m.where: m.lines for m in house if m.lines > LONGEST_MODULE}
     assert not over, str(over)

@@ -31,7 +31,7 @@ def make_scene() -> Scene:
         Waveform(1e10, 1e8, 1e-6),
         Antenna(),
         Pointing(triad[:, 0].copy(), triad[:, 1].copy(), triad[:, 2].copy()),
-        ReceiveWindow(np.full(n, 7e3), 1.2, 16),
+        ReceiveWindow(np.full(n, 7.0615e3), 1.2, 16),
     )
     settings = TraceSettings(seed=3, keep_orders=True)
     asked = ImageRequest(extent_azimuth=20.0, extent_range=20.0)
@@ -70,7 +70,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Replace loading, simulating and focusing; the dictionary receives the loader's arguments."""
     seen: dict[str, Any] = {}
 
-    def load_scene(path: str, *, radar: Any = None, parameters: Any = None) -> Scene:
+    def load_scene(path: str, *, radar: Any = None, parameters: Any = None, mesh: object = None) -> Scene:
         seen.update(path=path, radar=radar, parameters=parameters)
         return make_scene()
 

@@ -33,12 +33,13 @@ def test_render_writes_everything(fake_stages: dict[str, Any], tmp_path: Path, c
     # what it takes and does comes first
     assert printed.out.splitlines()[:2] == ["expected: little", "plan: max_depth 2"]
     assert printed.out.splitlines()[-1].startswith(str(out / "quicklook.png"))
-    assert printed.err.splitlines() == ["warning: a note", "warning: the beam misses a corner"]
+    assert printed.err.splitlines() == ["note: a note", "warning: the beam misses a corner"]
     record = json.loads((out / "parameters.json").read_text())
     assert record["seed"] == 9
     assert record["settings"]["method"] == "raw"
     assert record["definitions"] == {"h": "3", "w": "a=b"}
-    assert record["warnings"] == ["a note", "the beam misses a corner"]
+    assert record["warnings"] == ["the beam misses a corner"]
+    assert record["notes"] == ["a note"]
     assert record["plan"] == "max_depth 2"
     assert record["radar"]["prf_hz"] == pytest.approx(200.0)  # tol: float rounding
     assert {"load", "simulate", "focus", "write raw", "write image", "picture", "total"} <= set(

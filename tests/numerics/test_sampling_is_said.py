@@ -119,6 +119,7 @@ def test_contributions_outside_the_window_are_said(scene_file, row, method: str)
     """
     parameters = {
         "range_film.far_range": "4996",
+        "radar.aim_z": "0",
         "sar_path.ray_spacing": "0.2",
         "sar_path.method": method,
         "sar_path.coherent": "off",
@@ -211,3 +212,19 @@ def test_few_strong_echoes_outside_the_window_count_more_than_many_weak_ones() -
     scene = SimpleNamespace(name="scene", geometry=SimpleNamespace(n_faces=1), points=())
     assert said(lambda: _check_energy(scene, weak, np.ones(1))) == []
     assert "50.0 %" in said(lambda: _check_energy(scene, strong, np.ones(1)))[0]
+
+
+def test_wide_rays_over_bodies_that_shade_each_other_are_said(scene_file) -> None:
+    path = scene_file(size=1.0)
+    second = (
+        '<shape type="cube" id="other"><ref id="metal"/>'
+        '<transform name="to_world"><translate x="3"/></transform></shape>'
+    )
+    path.write_text(path.read_text().replace("</scene>", second + "</scene>"))
+    wide = {"sar_path.ray_spacing": "0.15"}  # 4.8 wavelengths
+    (text,) = said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path, parameters=wide)))
+    assert "shade or mirror each other" in text
+    assert said(lambda: sarmitsuba.simulate(sarmitsuba.load_scene(path))) == []
+    # one convex body: its tubes end at its own edges
+    alone = sarmitsuba.load_scene(scene_file(), parameters=wide)
+    assert said(lambda: sarmitsuba.simulate(alone)) == []

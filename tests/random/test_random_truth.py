@@ -11,6 +11,8 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # drawn, not chosen: consecutive seeds, less the diffuse ones whose few cells want dozens of runs
 METAL = range(70, 82)
 DIFFUSE = (1, 6, 11)
+COARSE = range(53, 59)
+FINE = (1, 7, 13)
 
 
 @pytest.fixture
@@ -34,3 +36,33 @@ def test_rough_bodies_return_sigma0_times_their_lit_area(
     result = truth.run("diffuse", seed, tmp_path)
     # tol: 0.2 dB for the lattice of rays at outlines, and three standard errors of the speckle's mean
     assert abs(result.level_db) < 0.2 + 3.0 * result.sigma_db, result
+
+
+@pytest.mark.parametrize("seed", COARSE)
+def test_rays_far_apart_return_what_physical_optics_says(
+    truth: ModuleType, tmp_path: Path, seed: int
+) -> None:
+    result = truth.run("metal_coarse", seed, tmp_path)
+    # tol: amplitudes of a block of pulses are those of its middle one
+    assert abs(result.level_db) < 0.5, result
+    assert result.coherence > 0.98, result
+
+
+@pytest.mark.parametrize("seed", FINE)
+def test_several_bodies_return_what_the_dense_run_says(truth: ModuleType, tmp_path: Path, seed: int) -> None:
+    result = truth.run("fine", seed, tmp_path)
+    # tol: both runs sample shadows and outlines at 4.5 rays per wavelength, with lattices of their own
+    assert result.said or abs(result.level_db) < 0.5, result
+    assert not result.failed, result
+
+
+def test_a_run_that_was_cut_off_goes_on(truth: ModuleType, tmp_path: Path) -> None:
+    file = tmp_path / "lines.jsonl"
+    one = truth.Result("metal", 1, "box", "X", level_db=4.0, seconds=1.0)
+    two = truth.replace(one, seed=2, level_db=0.1, said=("cause",))
+    rows = [truth.json.dumps(truth.asdict(r)) for r in (one, two)]
+    file.write_text(rows[0] + "\n" + rows[1] + "\n" + rows[0][:30], encoding="utf-8")
+    found = truth.read([file])
+    assert [r.text() for r in found] == [r.text() for r in (one, two)]
+    text = truth.report(found)
+    assert "within 0.5 dB 50.0 %, 1 dB 50.0 %; off by more than 3 dB 1, 1 of them without a warning" in text

@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from sarmitsuba.errors import RadarError, SarmitsubaWarning, SceneError
+from sarmitsuba.loader.from_mesh import MeshOptions
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.loader.mesh_materials import kind_of
-from sarmitsuba.loader.mesh_scene import MeshOptions
+from sarmitsuba.loader.names_of_materials import kind_of
 from sarmitsuba.scene.scene import Scene
 
 RADAR = "airborne_x"

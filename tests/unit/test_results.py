@@ -96,7 +96,7 @@ def known_image() -> SarImage:
     """Two channels, powers known, a dark pixel."""
     power = np.arange(35.0).reshape(5, 7)
     data = np.stack([np.sqrt(power), 2.0 * np.sqrt(power)]).astype(np.complex64)
-    x, y, z = np.eye(3)
+    x, y, _ = np.eye(3)
     grid = ImageGrid("ground", np.arange(5.0), 2.0 * np.arange(7.0), np.zeros(3), y, x)
     layers = (Layer("HH"), Layer("VV"))
     return SarImage(data, layers, grid, 0.03, 2.0, 3.0, np.full(7, np.pi / 2), {"scene": "known"})

@@ -23,6 +23,9 @@ from sarmitsuba.scene.settings import TraceSettings
 RADAR = RadarDescription(
     slant_range=10000.0,
     look_angle_deg=45.0,
+    aim_x=0.0,
+    aim_y=0.0,
+    aim_z=0.0,
     center_frequency=9.65e9,
     bandwidth=300e6,
     n_pulses=32,

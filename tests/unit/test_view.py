@@ -1,17 +1,19 @@
 """Pictures show power honestly: no smoothing, equal metres, robust limits, files that appear whole."""
 
+import dataclasses
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.view.display import limits_db, prepare, screen_size
+from sarmitsuba.view.display import QUANTITIES, PictureOptions, limits_db, prepare, screen_size
 from sarmitsuba.view.profile import cut, profile
-from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
+from sarmitsuba.view.quicklook import bounce_orders, draw, png, quicklook, quicklook_by_order, save
 
 
 def make_image(n_azimuth: int, n_range: int, spacing: tuple[float, float], orders: int = 0) -> SarImage:
@@ -33,7 +35,7 @@ def make_image(n_azimuth: int, n_range: int, spacing: tuple[float, float], order
 
 def test_small_image_is_magnified_by_whole_pixels_in_equal_metres() -> None:
     image = make_image(50, 80, (0.5, 0.25))
-    display = prepare(image, image.sigma0(), "sigma0", 1600)
+    display = prepare(image, PictureOptions(), 1600)
     assert display.averaged == (1, 1)
     width, height = screen_size(display, 1600, 640)
     assert width % 80 == 0
@@ -44,12 +46,12 @@ def test_small_image_is_magnified_by_whole_pixels_in_equal_metres() -> None:
 def test_large_image_is_power_averaged() -> None:
     image = make_image(900, 700, (0.5, 0.5))
     power = image.rcs()
-    display = prepare(image, power, "rcs", 300)
+    display = prepare(image, PictureOptions(quantity="rcs"), 300)
     assert display.averaged == (3, 3)
-    assert display.values_db.shape == (300, 233)
+    assert display.values.shape == (300, 233)
     kept = power[:900, :699]
     # tol: float rounding
-    assert np.mean(10 ** (display.values_db / 10)) == pytest.approx(kept.mean(), rel=1e-12)
+    assert np.mean(10 ** (display.values / 10)) == pytest.approx(kept.mean(), rel=1e-12)
     assert display.extent[1] - display.extent[0] == pytest.approx(699 * 0.5)  # tol: float rounding
     assert max(screen_size(display, 300, 100)) <= 301
 
@@ -60,24 +62,131 @@ def test_odd_shapes_are_drawn(tmp_path: Path, shape: tuple[int, int]) -> None:
     assert (tmp_path / "q.png").stat().st_size > 1000
 
 
-def test_limits_ignore_a_few_bright_points_and_empty_pixels() -> None:
-    values = np.zeros(100_000)
-    values[:20] = 90.0
-    values[20:5000] = -np.inf
-    assert limits_db(values) == (-50.0, 0.0)
-    assert limits_db(np.full(4, -np.inf)) == (-50.0, 0.0)
+def decibels(power: np.ndarray) -> np.ndarray:
+    return 10.0 * np.log10(power + 1e-30)
 
 
-def test_clutter_stays_visible_beside_a_city_of_corners() -> None:
-    rng = np.random.default_rng(4)
-    clutter = 10 * np.log10(rng.exponential(size=100_000))
-    clutter[:2000] += 50.0  # two per cent of the pixels: above the 99.9th percentile's reach
-    low, high = limits_db(clutter)
-    quartile = 10 * np.log10(np.log(4.0))  # of an exponential distribution
-    assert high == pytest.approx(quartile + 25.0, abs=0.2)  # tol: sampling, and the shift by the two per cent
-    assert high - low == 50.0
-    lobes = np.linspace(-80.0, 0.0, 10_000)  # a target alone: no clutter, the percentile holds
-    assert limits_db(lobes)[1] == pytest.approx(-0.08, abs=0.01)  # tol: one sample
+def town(empty: float, seed: int = 4) -> np.ndarray:
+    """Power (400, 400) of one look: streets, ground and roofs 10 dB apart, corners, and a margin of side lobes."""
+    rng = np.random.default_rng(seed)
+    kinds = rng.choice([-10.0, 0.0, 8.0], size=(40, 40)).repeat(10, axis=0).repeat(10, axis=1)
+    power = rng.exponential(size=(400, 400)) * 10.0 ** (kinds / 10.0)
+    rows = int(400 * empty)
+    power[:rows] *= 10.0 ** (-2.0 - 4.0 * rng.random((rows, 400)))
+    corners = rng.integers(rows, 400, 160), rng.integers(0, 400, 160)
+    power[corners] = 10.0 ** rng.uniform(3.0, 6.0, 160)  # a thousandth of the pixels
+    return power
+
+
+@pytest.mark.parametrize("clutter", [True, None])
+@pytest.mark.parametrize("empty", [0.0, 0.2, 0.4, 0.55])
+def test_a_city_is_not_black_however_much_of_the_picture_is_empty(empty: float, clutter: bool | None) -> None:
+    values = decibels(town(empty))
+    low, high = limits_db(values, clutter=clutter)
+    lit = values[int(400 * empty) :]
+    grey = np.clip((lit - low) / (high - low), 0.0, 1.0)
+    # a tenth of the scale is black: some of the streets' speckle, and no more
+    assert (grey < 0.1).mean() < 0.15
+    assert 0.25 < np.median(grey) < 0.65
+    assert (grey >= 1.0).mean() < 0.02
+
+
+def test_side_lobes_of_corners_do_not_hide_the_clutter_that_an_image_is_known_to_hold() -> None:
+    """Lines of side lobes 20 to 60 dB over the clutter cross a third of the picture."""
+    rng = np.random.default_rng(1)
+    power = rng.exponential(size=(400, 400))
+    for row in rng.integers(0, 400, 100):
+        power[row] *= 10.0 ** rng.uniform(1.5, 5.0)
+    low, high = limits_db(decibels(power), clutter=True)
+    # tol: side lobes within 20 dB of the clutter count with it
+    assert low == pytest.approx(-0.42 * 50.0, abs=4.0)
+    assert high == pytest.approx(0.58 * 50.0, abs=4.0)
+
+
+@pytest.mark.parametrize("cells", [16, 32, 100, 400])
+def test_a_target_alone_keeps_its_peak_white(cells: int) -> None:
+    x = np.arange(-cells, cells, 0.5) + 0.1
+    values = decibels(np.outer(np.sinc(x) ** 2, np.sinc(x) ** 2))
+    peak = float(np.percentile(values, 99.9))
+    assert limits_db(values) == (peak - 50.0, peak)
+    assert limits_db(values, clutter=False) == (peak - 50.0, peak)
+
+
+def test_empty_pixels_do_not_count() -> None:
+    values = decibels(np.random.default_rng(2).exponential(size=(200, 200)))
+    padded = np.concatenate([values, np.full((300, 200), -np.inf)])
+    # tol: blocks on the seam
+    assert limits_db(padded) == pytest.approx(limits_db(values), abs=0.2)
+    assert limits_db(np.full((2, 2), -np.inf)) == (-50.0, 0.0)
+
+
+def test_quantities_are_what_they_say() -> None:
+    image = make_image(64, 64, (0.5, 0.5))
+    shown = {q: prepare(image, PictureOptions(quantity=q), 1600) for q in QUANTITIES}
+    sigma0 = decibels(image.sigma0())
+    theta = image.incidence_angle
+    np.testing.assert_allclose(shown["sigma0"].values, sigma0, atol=1e-9)  # tol: rounding, as below
+    np.testing.assert_allclose(shown["gamma0"].values, sigma0 - 10 * np.log10(np.cos(theta)), atol=1e-9)
+    np.testing.assert_allclose(shown["beta0"].values, sigma0 - 10 * np.log10(np.sin(theta)), atol=1e-9)
+    np.testing.assert_allclose(shown["rcs"].values, decibels(image.rcs()), atol=1e-9)
+    np.testing.assert_allclose(shown["amplitude"].values, np.abs(image.total()), rtol=1e-6)
+    np.testing.assert_allclose(shown["phase"].values, np.angle(image.total()), atol=1e-6)
+    assert shown["phase"].limits == (-np.pi, np.pi)
+    assert shown["amplitude"].limits[0] == 0.0
+    # three times the root mean square of circular Gaussian amplitudes; tol: the mode lies below the mean
+    assert shown["amplitude"].limits[1] == pytest.approx(3.0 * np.sqrt(2.0), rel=0.15)
+
+
+def test_looks_average_power_and_phase_averages_complex_values() -> None:
+    image = make_image(60, 80, (0.5, 0.5))
+    power = prepare(image, PictureOptions(quantity="rcs", looks=(3, 4)), 1600)
+    assert power.values.shape == (20, 20) and power.averaged == (3, 4)
+    expected = image.rcs().reshape(20, 3, 20, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(power.values, decibels(expected), atol=1e-9)  # tol: rounding
+    image.data[:] = np.exp(0.7j)
+    phase = prepare(image, PictureOptions(quantity="phase", looks=(3, 4)), 1600)
+    np.testing.assert_allclose(phase.values, 0.7, atol=1e-6)  # tol: complex64
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"quantity": "sigma"}, 'quantity "sigma" is unknown; did you mean "sigma0"'),
+        ({"limits": (0.0, -30.0)}, "limits 0 and -30 are not in order"),
+        ({"span_db": 0.0}, "span = 0 dB is not above 0"),
+        ({"looks": (0, 1)}, "looks = 0 x 1 are not at least"),
+        ({"channel": "HV"}, 'no channel "HV"; it has VV'),
+        ({"colour_map": "grey2"}, 'colour map "grey2" is unknown'),
+        ({"order": 3}, "bounce order 3 was not kept apart"),
+    ],
+)
+def test_options_that_do_not_fit(options: dict, text: str) -> None:
+    with pytest.raises(DataError, match=text):
+        quicklook(make_image(20, 20, (1.0, 1.0)), PictureOptions(**options))
+
+
+def test_given_limits_and_colours_are_used_in_axes_of_the_callers() -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    options = PictureOptions(limits=(-30.0, 5.0), colour_map="viridis")
+    picture = draw(make_image(30, 40, (0.5, 0.25)), axes, options)
+    assert picture.get_clim() == (-30.0, 5.0) and picture.get_cmap().name == "viridis"
+    assert axes.get_xlabel() == "slant range (m)" and axes.get_aspect() == 1.0
+
+
+def test_png_bytes_are_the_file(tmp_path: Path) -> None:
+    image = make_image(30, 40, (0.5, 0.5))
+    save(quicklook(image), tmp_path / "q.png")
+    with (tmp_path / "q.png").open("rb") as file:
+        assert png(image) == file.read()
+
+
+def test_the_window_is_said() -> None:
+    image = make_image(30, 40, (0.5, 0.5))
+    assert "window" not in quicklook(image).axes[0].get_title()
+    facts = {**image.metadata, "focus": {"range_window": "taylor:4:-35", "azimuth_window": "hann"}}
+    title = quicklook(dataclasses.replace(image, metadata=facts)).axes[0].get_title()
+    assert "window hann x taylor:4:-35" in title
 
 
 def test_picture_has_range_right_and_azimuth_up(tmp_path: Path) -> None:
@@ -87,7 +196,7 @@ def test_picture_has_range_right_and_azimuth_up(tmp_path: Path) -> None:
     save(quicklook(image), tmp_path / "q.png")
     picture = matplotlib.image.imread(tmp_path / "q.png")[:, :, 0]
     height, width = picture.shape
-    inner = picture[62 : height - 62, 90 : width - 130]
+    inner = picture[74 : height - 62, 90 : width - 130]
     bright = np.argwhere(inner > 0.9).mean(axis=0) / inner.shape
     # tol: half an image pixel in 100
     assert bright == pytest.approx([0.15, 0.25], abs=0.005)
@@ -95,10 +204,10 @@ def test_picture_has_range_right_and_azimuth_up(tmp_path: Path) -> None:
 
 def test_pixels_are_not_smoothed(tmp_path: Path) -> None:
     image = make_image(64, 64, (1.0, 1.0))
-    save(quicklook(image, span_db=40.0), tmp_path / "q.png")
+    save(quicklook(image, PictureOptions(span_db=40.0)), tmp_path / "q.png")
     picture = matplotlib.image.imread(tmp_path / "q.png")[:, :, 0]
     height, width = picture.shape
-    inner = picture[62 : height - 62, 90 : width - 130]
+    inner = picture[74 : height - 62, 90 : width - 130]
     assert inner.shape == (640, 640)
     blocks = inner.reshape(64, 10, 64, 10)[1:-1, :, 1:-1]  # the frame's line covers the outermost pixels
     assert np.ptp(blocks, axis=(1, 3)).max() == 0.0

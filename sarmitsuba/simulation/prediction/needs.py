@@ -155,16 +155,17 @@ def needs_of(
     ----------
     scene, sampling : as the effects plan leaves them; no sampling where there is no mesh
     layers : what is kept apart
-    grid : pixels; default: those that the scene asks for
+    grid : pixels; default: those that the scene asks for; one pulse makes no image
 
     Notes
     -----
     Ignores finer lattices over small parts, whose rays are bounded, passes beyond the first, and copies of the raw data
     in other domains. The seconds are those of usual cores; :func:`predict` measures.
     """
-    grid = grid or default_grid(scene.radar, scene.image)
-    of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method, _of_raw)
-    return of_method(scene, sampling, layers, grid)
+    of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method)
+    if of_method is None and grid is None and scene.radar.track.n_pulses < 2:
+        return _of_raw(scene, sampling, layers, None)
+    return (of_method or _of_raw)(scene, sampling, layers, grid or default_grid(scene.radar, scene.image))
 
 
 def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
@@ -214,12 +215,13 @@ def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, gr
     )
 
 
-def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid | None) -> Needs:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
-    focusing = focusing_bytes(grid, n_layers, samples)
-    focus = float(np.prod(grid.shape)) * n_layers * n_pulses * TWO_CORES.pixel_pulse
+    focusing = focusing_bytes(grid, n_layers, samples) if grid else 0
+    shape = grid.shape if grid else (0, 0)
+    focus = float(np.prod(shape)) * n_layers * n_pulses * TWO_CORES.pixel_pulse
     if sampling is None:
         return Needs(
             name=scene.name,
@@ -227,7 +229,7 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
             rays=0,
             key_pulses=0,
             raw_bytes=8 * samples,
-            image_shape=grid.shape,
+            image_shape=shape,
             layers=n_layers,
             stages={"image": FIRST_USE + 8 * samples + focusing},
             parts={"raw data": 8 * samples, "image": focusing},
@@ -243,7 +245,7 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
         key_pulses=keys,
         key_pulse_interval=interval,
         raw_bytes=8 * samples,
-        image_shape=grid.shape,
+        image_shape=shape,
         layers=n_layers,
         stages={
             "trace": 8 * samples + _tracing_bytes(rays, lanes, numbers) + synthesis,

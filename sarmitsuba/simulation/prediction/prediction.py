@@ -113,9 +113,9 @@ def predict(
     """Plan a scene and predict what simulating and focusing it takes.
 
     What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
-    ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced (which compiles
-    its kernels, so that the run then finds them compiled, and measures their error), one of them again, and a sixteenth
-    of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
+    ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced, which
+    compiles its kernels, so that the run then finds them compiled, and measures their error; one of them again, and a
+    sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
 
     Parameters
     ----------

@@ -4,13 +4,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.plan import FINE_RAYS, SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import LatticeSpacings
 
 # share of the surface that is too coarsely sampled, and bias of its coherent return, that are worth a warning
 SMALL_SHARE = 0.01
 SMALL_BIAS_DB = 1.0
+# wavelengths between rays from which shadows and mirrors of small bodies come out several dB wrong
+WIDE_TUBE = 3.0
 
 
 def check_sampling(sampling: SamplingPlan, spacings: LatticeSpacings) -> list[str]:
@@ -27,6 +29,15 @@ def _too_wide(sampling: SamplingPlan, spacings: LatticeSpacings) -> Iterator[str
         yield (
             f"ray_spacing = {coherent:g} m is coarser than half a resolution cell; "
             f"set it to {half_cell:.3g} m or less"
+        )
+    wavelength, scene = sampling.scene.radar.waveform.wavelength, sampling.scene
+    affordable = sampling.window.area <= FINE_RAYS * sampling.fine_spacing**2
+    several = len(scene.geometry.mesh_names) > 1
+    if sampling.flags.coherent and several and affordable and coherent > WIDE_TUBE * wavelength:
+        yield (
+            f"ray_spacing = {coherent:g} m is {coherent / wavelength:.1f} wavelengths: what bodies return that shade "
+            f"or mirror each other may be several dB off; leave it out, or set it to {sampling.fine_spacing:.2g} m, "
+            "which is few rays here"
         )
     wanted = sampling.footprint_spacing
     if spacings.diffuse > 1.5 * wanted:

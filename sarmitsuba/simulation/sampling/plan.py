@@ -183,14 +183,19 @@ class SamplingPlan:
         settings = self.scene.settings
         if settings.method == "raw":
             return 1
-        return settings.key_pulse_interval or choose_block_length(
+        return settings.key_pulse_interval or self.block_length(LONGEST_BLOCK)
+
+    def block_length(self, longest: int) -> int:
+        """Most pulses, up to so many, that can share one tracing by the geometry of the track; 1 where none can."""
+        settings = self.scene.settings
+        return choose_block_length(
             self.scene.radar,
             self.window.center,
             self.phase_box,
             settings.gridding_width,
             settings.tolerance_db,
             extra_slant_range=self.extra_slant_range,
-            max_length=max(1, min(LONGEST_BLOCK, int(self._steady_pulses))),
+            max_length=max(1, int(min(longest, self._steady_pulses))),
         )
 
     @property

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
-from sarmitsuba.loader.mesh_materials import check_chosen
+from sarmitsuba.loader.names_of_materials import check_chosen
 from sarmitsuba.mesh.units import doubtful_unit, up_axis
 
 F64 = NDArray[np.float64]

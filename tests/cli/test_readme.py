@@ -1,0 +1,80 @@
+"""The README's commands and its Python, run from top to bottom as a notebook."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+
+ROOT = Path(__file__).parents[2]
+# a city of the user's own: Mitsuba's XML without a radar, and a mesh
+CITY = """<scene version="3.0.0">
+    <bsdf type="itu-radio-material" id="walls"><string name="type" value="concrete"/></bsdf>
+    <shape type="rectangle" id="ground">
+        <transform name="to_world"><scale x="30" y="30"/></transform><ref id="walls"/></shape>
+    <shape type="cube" id="house">
+        <transform name="to_world"><scale x="6" y="8" z="5"/><translate z="5"/></transform><ref id="walls"/></shape>
+</scene>"""
+
+
+def blocks(language: str) -> list[str]:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands() -> list[str]:
+    """Lines of the shell blocks that run the program."""
+    return [
+        line.partition("#")[0].strip()
+        for block in blocks("sh")
+        for line in block.splitlines()
+        if line.startswith("python -m sarmitsuba ")
+    ]
+
+
+def own_files(folder: Path) -> None:
+    (folder / "city.xml").write_text(CITY)
+    house = trimesh.creation.box(extents=(12.0, 16.0, 10.0))
+    house.apply_translation([0.0, 0.0, 5.0])
+    ground = trimesh.creation.box(extents=(60.0, 60.0, 0.1))
+    scene = trimesh.Scene({"concrete": house, "medium_dry_ground": ground})
+    scene.apply_transform(
+        trimesh.transformations.rotation_matrix(-1.5707963267948966, [1.0, 0.0, 0.0])
+    )  # glTF: y up
+    scene.export(folder / "city.glb")
+
+
+def run_as_notebook(cells: list[str], folder: Path) -> None:
+    nbformat = pytest.importorskip("nbformat", reason="runs notebooks; in the test extra")
+    nbclient = pytest.importorskip("nbclient", reason="runs notebooks; in the test extra")
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
+    client = nbclient.NotebookClient(book, timeout=900, resources={"metadata": {"path": str(folder)}})
+    client.execute()
+
+
+def shell_cell(line: str) -> str:
+    """A command as IPython runs it, with this interpreter, and an error where it fails."""
+    words = line.replace("python -m", f"{sys.executable} -m", 1)
+    return f"!{words}\nassert _exit_code == 0, _exit_code"
+
+
+QUICK = ("scenes", "explain", "render city.glb", "picture", "doctor")
+
+
+def test_readme_quick_commands_and_python(tmp_path: Path) -> None:
+    """The commands that take seconds, and the Python block."""
+    own_files(tmp_path)
+    quick = [line for line in commands() if line.removeprefix("python -m sarmitsuba ").startswith(QUICK)]
+    assert len(quick) >= 5
+    run_as_notebook([*map(shell_cell, quick), *blocks("python")], tmp_path)
+    assert (tmp_path / "out" / "mesh" / "quicklook.png").is_file()
+
+
+@pytest.mark.slow
+def test_readme_all_commands(tmp_path: Path) -> None:
+    own_files(tmp_path)
+    assert len(commands()) >= 11
+    run_as_notebook([shell_cell(line) for line in commands()], tmp_path)
