@@ -289,11 +289,11 @@ def focus_into(
             azimuth_window=args.window,
             progress=console.progress,
         )
-    record["focus"] = {"method": image.metadata["focus"]["method"], "window": args.window}
-    chosen = image.metadata["focus"].get("chosen")
-    if chosen:
-        record["focus"] = {**image.metadata["focus"], "window": args.window}
-        console.say(f"focuser: {chosen}")
+    facts = image.metadata.get("focus", {})
+    record["focus"] = {"method": args.focuser, "window": args.window}
+    if "chosen" in facts:
+        record["focus"] = {"method": facts["method"], "chosen": facts["chosen"], "window": args.window}
+        console.say(f"focuser: {facts['chosen']}")
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 
