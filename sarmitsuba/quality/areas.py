@@ -1,6 +1,7 @@
 """Areas of an image: speckle, contrast, entropy, and the noise's level."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,11 +141,18 @@ def measure_area(
     )
 
 
-def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, ...]:
-    """The evenest and the darkest square of 24 cells, as ``even`` and ``dark``; none in a smaller image.
+def automatic_areas(
+    image: SarImage, channel: str | None = None, points: Sequence[tuple[float, float]] = ()
+) -> tuple[Area, ...]:
+    """The evenest and the darkest square of 24 cells, as ``even`` and ``dark``; none where no square is free.
 
     Even is where the means of pieces of 6 cells vary least, in the brighter half of the image. That says little about
     the speckle inside them, so that ENL is hardly biased by the choice.
+
+    Parameters
+    ----------
+    image, channel : what is searched
+    points : azimuth and range of targets that are to lie in no square, m of the grid
     """
     grid, sigma0 = image.grid, image.sigma0(channel)
     cells = grid_cells(image, grid.range.size // 2)
@@ -157,11 +165,16 @@ def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, 
     means = kept.reshape(rows, piece[0], columns, piece[1]).mean(axis=(1, 3))
     n = round(_EDGE / _PIECE)
     middle = float(np.median(means))
+    taken = np.zeros(means.shape, dtype=bool)
+    for azimuth, range_ in points:
+        row = round((azimuth - float(grid.azimuth[0])) / grid.azimuth_spacing) // piece[0]
+        column = round((range_ - float(grid.range[0])) / grid.range_spacing) // piece[1]
+        taken[min(row, rows - 1), min(column, columns - 1)] = True
     best: dict[str, tuple[float, tuple[slice, slice]]] = {}
     for block in windows_over((rows, columns), n):
         part = means[block]
         level = float(part.mean())
-        if not level > 0.0:
+        if taken[block].any() or not level > 0.0:
             continue
         for name, score in (("even", float(part.std()) / level), ("dark", level)):
             if name == "even" and level < middle:
@@ -174,7 +187,7 @@ def automatic_areas(image: SarImage, channel: str | None = None) -> tuple[Area, 
             (float(grid.range[b[1].start * piece[1]]), float(grid.range[b[1].stop * piece[1] - 1])),
             name,
         )
-        for name, (_, b) in best.items()
+        for name, b in ((name, best[name][1]) for name in ("even", "dark") if name in best)
     )
 
 

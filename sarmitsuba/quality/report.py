@@ -141,7 +141,8 @@ def image_quality(
     else:
         measured = find_points(image, channel, most)
     sigma0 = image.sigma0(channel)
-    rectangles = automatic_areas(image, channel) if areas is None else tuple(areas)
+    places = [(point.azimuth, point.range) for point in measured]
+    rectangles = automatic_areas(image, channel, places) if areas is None else tuple(areas)
     shown, enl, larger = sigma0, 1.0, 1.0
     if looks != (1, 1):
         done = spectral_looks(image, looks[0], looks[1], channel=channel)

@@ -110,7 +110,18 @@ def test_points_are_found_and_clutter_is_not() -> None:
     for point, place in zip(report.points, places, strict=True):
         # tol: 0.1 of a cell of about 1 m; noise 30 dB down moves it by 0.01
         np.testing.assert_allclose(point.position, place, atol=0.15)
+    even, dark = report.areas
+    assert (even.name, dark.name) == ("even", "dark") and dark.sigma0_db <= even.sigma0_db
+    for area in report.areas:  # of neither target
+        for point in report.points:
+            assert not (
+                area.azimuth[0] <= point.azimuth <= area.azimuth[1]
+                and area.range[0] <= point.range <= area.range[1]
+            )
     assert image_quality(speckle).points == ()
+    # speckle of one look
+    for area in image_quality(speckle).areas:
+        assert abs(area.enl - 1.0) < 4.0 * area.enl_sigma
 
 
 @cache
