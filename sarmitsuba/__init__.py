@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import FilmDescription, RadarDescription
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
@@ -68,6 +69,7 @@ _HOME = {
     "build_scene": "sarmitsuba.loader.build",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "image_quality": "sarmitsuba.quality",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
@@ -77,6 +79,7 @@ _HOME = {
     "register_plugins": "sarmitsuba.loader.plugins",
     "render": "sarmitsuba.simulation.render",
     "simulate": "sarmitsuba.simulation.raw",
+    "spectral_looks": "sarmitsuba.quality",
     "trace_paths": "sarmitsuba.simulation.path_table",
     "write_image": "sarmitsuba.io",
     "write_raw": "sarmitsuba.io",
@@ -123,6 +126,7 @@ __all__ = [
     "build_scene",
     "explain",
     "focus",
+    "image_quality",
     "load_extension",
     "load_scene",
     "monostatic_rcs",
@@ -132,6 +136,7 @@ __all__ = [
     "register_plugins",
     "render",
     "simulate",
+    "spectral_looks",
     "trace_paths",
     "write_image",
     "write_raw",

@@ -1,6 +1,7 @@
 """Focus saved raw data into a calibrated complex image."""
 
 import argparse
+import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 # a window against side lobes: those of a city's corners would cross the whole picture without one
 _FOCUSER, _WINDOW = "backprojection", "taylor"
+# every focuser; their comparison, and the reference's image as that of the run
+_ALL, COMPARISON = "all", "focusers.png"
 
 NAME = "focus"
 HELP = "focus saved raw data into an image"
@@ -56,9 +59,30 @@ class _Listing(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+class _Pair(argparse.Action):
+    """Stores two numbers; one stands for both."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[object] | None,
+        option_string: str | None = None,
+    ) -> None:
+        given = list(values or ())
+        if len(given) > 2:
+            parser.error(f"argument {option_string}: expected 1 or 2 numbers, azimuth and range")
+        setattr(namespace, self.dest, given if len(given) == 2 else 2 * given)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("raw", metavar="RAW", help="raw data written by `render` (raw.h5)")
+    parser.add_argument(
+        "raw",
+        metavar="RAW",
+        help="raw data written by `render` (raw.h5), or phase histories from elsewhere: a MATLAB file or a folder of "
+        "them (docs/files.md)",
+    )
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results")
     parser.add_argument(
         "--force", action="store_true", help="replace results of other raw data in OUT; other files stay"
@@ -78,17 +102,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument("--height", type=float, metavar="Z", help="height of the image plane, m")
     image.add_argument(
         "--extent",
-        nargs=2,
+        nargs="+",
+        action=_Pair,
         type=float,
-        metavar=("AZIMUTH", "RANGE"),
-        help="size of the image on the ground, m",
+        metavar="M",
+        help="size of the image on the ground in azimuth and range, m; one number is for both",
     )
     image.add_argument(
         "--spacing",
-        nargs=2,
+        nargs="+",
+        action=_Pair,
         type=float,
-        metavar=("AZIMUTH", "RANGE"),
-        help="pixel spacing, m; 0 = half a cell",
+        metavar="M",
+        help="pixel spacing in azimuth and range, m, one number for both; 0 = half a cell",
     )
 
 
@@ -100,7 +126,7 @@ def add_focus_arguments(parser: argparse.ArgumentParser) -> None:
         entries=_focusers,
         default=_FOCUSER,
         metavar="NAME[,OPTION=VALUE...]",
-        help="how to focus (default: backprojection). ",
+        help="how to focus (default: backprojection). all: every one of them, side by side in focusers.png. ",
     )
     parser.add_argument(
         "--motion-compensation",
@@ -142,7 +168,7 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
     from sarmitsuba.commands.results import Formats
 
     Formats.parse(args.format)
-    if args.focuser != _FOCUSER:
+    if args.focuser not in (_FOCUSER, _ALL):
         from sarmitsuba.focusing.focuser import parse_focuser
 
         parse_focuser(args.focuser)
@@ -157,9 +183,9 @@ def check_focus_arguments(args: argparse.Namespace) -> None:
 
 
 def _focusers() -> str:
-    from sarmitsuba.focusing.focuser import FOCUSERS
+    from sarmitsuba.focusing.focuser import FOCUSERS, Auto
 
-    return " ".join(f"{focuser.name}: {focuser.help}." for focuser in FOCUSERS)
+    return " ".join(f"{focuser.name}: {focuser.help}." for focuser in (Auto(), *FOCUSERS))
 
 
 def _autofocusers() -> str:
@@ -197,6 +223,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         orders = any(layer.order > 0 for layer in raw.layers)
         names = results.expected_names(formats, raw.channels, raw=False, image=True, orders=orders)
         mark = str(raw.metadata.get(results.MARK) or _mark_of(Path(args.raw)))
+        if args.focuser == _ALL:
+            names += (COMPARISON,)
         folder.check(mark, names, force=args.force)
         check_focusing(raw.radar, request or image_request(raw), args)
         folder.clear(mark, keep=[Path(args.raw)])
@@ -219,9 +247,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _mark_of(path: Path) -> str:
-    """Mark of raw data that carry none: the file as it is."""
-    status = path.stat()
-    return f"{path.resolve()} {status.st_size} {status.st_mtime_ns}"
+    """Mark of raw data that carry none: the file, or the files in the folder, as they are."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    facts = ((file.name, file.stat()) for file in files)
+    state = hashlib.sha256(
+        "".join(f"{name} {status.st_size} {status.st_mtime_ns}\n" for name, status in facts).encode()
+    )
+    return f"{path.resolve()} {state.hexdigest()}"
 
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
@@ -230,6 +262,8 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion import needs_compensation
 
+    if args.focuser == _ALL:
+        return
     radar = radar.as_recorded()
     needs_compensation(
         parse_focuser(args.focuser), radar, default_grid(radar, request), args.motion_compensation
@@ -273,6 +307,8 @@ def focus_into(
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import focus
 
+    if args.focuser == _ALL:
+        return _compare(folder, raw, args, console, watch, record, request)
     with watch.stage("focus"):
         image = focus(
             raw,
@@ -284,16 +320,60 @@ def focus_into(
             autofocus=args.autofocus,
             progress=console.progress,
         )
+    facts = image.metadata.get("focus", {})
     record["focus"] = {
         "method": args.focuser,
         "window": args.window,
         "motion_compensation": args.motion_compensation,
         "autofocus": args.autofocus,
     }
+    if "chosen" in facts:
+        record["focus"] |= {"method": facts["method"], "chosen": facts["chosen"]}
+        console.say(f"focuser: {facts['chosen']}")
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 
 
+def _compare(
+    folder: "OutputFolder",
+    raw: "RawData",
+    args: argparse.Namespace,
+    console: Console,
+    watch: StageTimer,
+    record: dict[str, object],
+    request: "ImageRequest | None",
+) -> Path:
+    """Focus with every focuser and draw them side by side; the reference's image is that of the run."""
+    from sarmitsuba.commands import results
+    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.focusing.comparison import compare_focusers
+    from sarmitsuba.view.focusers import focusers_figure
+    from sarmitsuba.view.quicklook import save
+
+    with watch.stage("focus"):
+        found = compare_focusers(
+            raw, default_grid(raw, request), window=args.window, progress=console.progress
+        )
+    for result in found:
+        facts = f"refused: {result.refusal}"
+        if result is found[0]:
+            facts = f"{result.seconds:.2f} s, the reference"
+        elif result.image is not None:
+            facts = (
+                f"{result.seconds:.2f} s, error {result.error_db:.1f} dB, coherence {result.coherence:.6f}"
+            )
+        console.say(f"{result.name}: {facts}")
+    record["focus"] = {"method": found[0].name, "window": args.window}
+    record["focusers"] = [result.as_dict() for result in found]
+    image = found[0].image
+    assert image is not None
+    results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
+    with folder.writing(COMPARISON) as path:
+        save(focusers_figure(found), path)
+    return path
+
+
 __all__ = [
+    "COMPARISON",
     "HELP",
     "NAME",
     "add_arguments",

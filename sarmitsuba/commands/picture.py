@@ -56,6 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pixels averaged into one (multi-look)",
     )
     parser.add_argument(
+        "--spectral-looks",
+        nargs=2,
+        type=int,
+        default=(1, 1),
+        metavar=("AZIMUTH", "RANGE"),
+        help="parts of the spectrum (sub-apertures, sub-bands) whose powers are averaged (multi-look)",
+    )
+    parser.add_argument(
         "--order", type=int, metavar="N", help="one bounce number alone, where they were kept apart"
     )
     parser.add_argument("--title", help="first line above the picture (default: the scene's name)")
@@ -69,8 +77,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook, save
 
-    given = Path(args.image)
-    source = _image_in(given) if given.is_dir() else given
+    source = image_file(Path(args.image))
     image = read_image(source)
     options = PictureOptions(
         channel=args.channel,
@@ -80,6 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         colour_map=args.colour_map,
         looks=tuple(args.looks),
         order=args.order,
+        spectral_looks=tuple(args.spectral_looks),
     )
     figure = quicklook(image, options, title=args.title)
     if args.output:
@@ -92,15 +100,17 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _image_in(folder: Path) -> Path:
-    """The image file that ``render`` or ``focus`` wrote into a folder."""
+def image_file(given: Path) -> Path:
+    """The image file that ``render`` or ``focus`` wrote into a folder; a file is taken as it is."""
     from sarmitsuba.io import FORMATS
 
+    if not given.is_dir():
+        return given
     names = [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
-    found = [folder / name for name in names if (folder / name).is_file()]
+    found = [given / name for name in names if (given / name).is_file()]
     if not found:
-        raise DataError(f"{folder}: there is no image in it; one of {', '.join(names)} is needed")
+        raise DataError(f"{given}: there is no image in it; one of {', '.join(names)} is needed")
     return found[0]
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "run"]
+__all__ = ["HELP", "NAME", "add_arguments", "image_file", "run"]

@@ -5,13 +5,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing.aperture import incidence_angle
+from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
-from sarmitsuba.focusing.focuser import Focuser, FocusTask, parse_focuser
+from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.motion import compensate_motion, needs_compensation, residual_phase
 from sarmitsuba.focusing.needs import check_image_fits
@@ -20,6 +22,8 @@ from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.link_budget import snr
+from sarmitsuba.radar.radar import Radar
 
 
 def focus(
@@ -45,7 +49,8 @@ def focus(
         ``{"grid": "ground", "extent_range": 40.0, "spacing_range": 0.1, "height": 3.0}``
     focuser : name in ``FOCUSERS`` (``backprojection``: any track and grid; ``omega_k``, ``range_doppler``,
         ``chirp_scaling``: straight, level, uniform track, a grid along it), with options if wanted, such as
-        ``backprojection,interpolation=kernel:8``; or a focuser itself
+        ``backprojection,interpolation=kernel:8``; ``auto``, the cheapest with the wanted error, as in
+        ``auto,error=-60``; or a focuser itself
     range_window, azimuth_window : ``rectangular``, ``hamming``, ``hann``, ``taylor:4:-35``, ``kaiser:2.5``, ... (see
         ``WINDOWS``); over the bandwidth and over the pulse index
     compression : of chirped data, see :func:`sarmitsuba.focusing.range_compression.compression_filter`
@@ -76,6 +81,7 @@ def focus(
     grid = grid.in_frame(raw.radar.offset)
     method = parse_autofocus(autofocus)
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
+    focuser, chosen = focuser.resolved(raw.radar, grid)
     check_image_fits(grid, len(raw.layers), raw.data.size)
     corrections: dict[str, object] = {}
     if plan is not None:
@@ -99,6 +105,7 @@ def focus(
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
     facts = {
         "method": focuser.name,
+        **({"chosen": chosen} if chosen else {}),
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),
         **focuser.options,
@@ -106,6 +113,7 @@ def focus(
         **corrections,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
         "range_compression": raw.metadata.get("range_compression", "none"),
+        **_of_the_radar(raw.radar, grid, focused, cells.center),
     }
     return SarImage(
         data=focused.pixels,
@@ -117,6 +125,30 @@ def focus(
         incidence_angle=incidence,
         metadata={**raw.metadata, "focus": facts},
     )
+
+
+def _of_the_radar(radar: Radar, grid: ImageGrid, focused: Focused, azimuth_cell: float) -> dict[str, float]:
+    r"""What the image's quality is judged by: squint of pixels that have apertures of their own, and noise.
+
+    Noise-equivalent sigma0 at the image's centre, for a weight w of every pulse there and N_e = (sum w)^2 / sum w^2:
+
+    .. math:: \sigma^0_{ne} = \frac{1}{\mathrm{SNR}(1 m^2, R, N_e)} \frac{\sin\theta}{\delta_a \delta_r}
+    """
+    facts: dict[str, float] = {}
+    middle = radar.track.center_index
+    if radar.mode_law.own_apertures and (
+        np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
+    ):
+        facts["squint_sine"] = float(flight(radar)[1][middle])
+    if radar.noise_temperature > 0.0:
+        point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
+        weights = focused.pulse_weights(point)
+        nearest = radar.track.position[int(np.argmax(weights))]
+        distance = float(np.linalg.norm(point - nearest))
+        pulses = float(weights.sum() ** 2 / np.sum(weights**2))
+        area = azimuth_cell * radar.waveform.range_cell / float(np.sin(incidence_angle(radar, point)))
+        facts["nesz"] = 1.0 / (snr(radar, 1.0, distance, 1) * pulses * area)
+    return facts
 
 
 __all__ = ["focus"]

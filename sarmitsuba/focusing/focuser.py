@@ -1,5 +1,6 @@
 """What a focuser is: it says what it can focus, and makes the pixels and the facts that calibrate them."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -76,16 +77,87 @@ class Focuser(WithOptions, ABC):
         """Why it cannot focus this radar's data on this grid; empty when it can."""
         return ""
 
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """Stated bound of the image's error, dB of exact backprojection; NaN where none is stated: never chosen."""
+        return math.nan
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """About how much processor time one layer takes on one core of today, for comparing; that of backprojection."""
+        return PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
+
+    def resolved(self, radar: Radar, grid: ImageGrid) -> tuple["Focuser", str]:
+        """The focuser that does the work, and why it was chosen; itself unless it is a choice."""
+        return self, ""
+
     @abstractmethod
     def focus(self, task: FocusTask) -> Focused:
         """Focus; ``refusal`` has been asked before."""
+
+# of one core, float64 ranges and a kernel of six taps; benchmarks/focusers.py measures it
+PIXEL_PULSE_SECONDS = 2e-9
 
 
 FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers")
 
 
+@dataclass(frozen=True)
+class Auto(Focuser):
+    """The cheapest registered focuser that can do it with a wanted error; see :meth:`resolved`."""
+
+    name: ClassVar[str] = "auto"
+    title: ClassVar[str] = "the cheapest of these that does not refuse and states the wanted error"
+
+    error: float = option(-50.0, "largest stated error against exact backprojection, dB")
+
+    def refusal(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why no focuser will do; empty when one does."""
+        found, reason = self._choose(radar, grid)
+        return "" if found else reason
+
+    def resolved(self, radar: Radar, grid: ImageGrid) -> tuple[Focuser, str]:
+        """Of those that do not refuse and state an error as small as wanted, the one of least processor time.
+
+        Raises
+        ------
+        DataError
+            There is none.
+        """
+        found, reason = self._choose(radar, grid)
+        if found is None:
+            raise DataError(f"focuser auto: {reason}")
+        return found, reason
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus with the one chosen."""
+        return self.resolved(task.raw.radar, task.grid)[0].focus(task)
+
+    def _choose(self, radar: Radar, grid: ImageGrid) -> tuple[Focuser | None, str]:
+        """The choice, or None, and what spoke for it and against the others."""
+        able: list[tuple[float, str, Focuser]] = []
+        against = []
+        for focuser in FOCUSERS:
+            refusal = focuser.refusal(radar, grid)
+            error = math.nan if refusal else focuser.error_db(radar, grid)
+            if refusal:
+                against.append(f"{focuser.name}: {refusal}")
+            elif math.isnan(error):
+                against.append(f"{focuser.name}: states no error here")
+            elif error > self.error:
+                against.append(f"{focuser.name}: {error:.0f} dB, {self.error:g} dB are wanted")
+            else:
+                seconds = focuser.cpu_seconds(radar, grid)
+                able.append((seconds, f"{focuser.name} {error:.0f} dB, about {seconds:.2g} CPU s", focuser))
+        if not able:
+            return None, f"none states an error of {self.error:g} dB here; raise error. " + "; ".join(against)
+        able.sort(key=lambda entry: entry[0])
+        others = [text for _, text, _ in able[1:]]
+        return able[0][2], "; ".join([able[0][1], *others, *against])
+
+
 def parse_focuser(text: str | Focuser) -> Focuser:
     """Read a focuser from its name and options, such as ``backprojection,interpolation=kernel:8``.
+
+    ``auto``, with the option ``error``, is a choice among them; it is in no registry.
 
     Raises
     ------
@@ -97,12 +169,15 @@ def parse_focuser(text: str | Focuser) -> Focuser:
     if isinstance(text, Focuser):
         return text
     name, *rest = text.strip().split(",")
-    return FOCUSERS[name].with_texts(rest)
+    named = Auto() if name == Auto.name else FOCUSERS[name]
+    return named.with_texts(rest)
 
 
 def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
     """Raise a DataError where a focuser cannot do what is asked; it names the focusers that can."""
     reason = focuser.refusal(radar, grid)
+    if reason and focuser.name == Auto.name:
+        raise DataError(f"focuser {focuser.name}: {reason}")
     if reason:
         others = [f.name for f in FOCUSERS if f.name != focuser.name and not f.refusal(radar, grid)]
         remedy = f"; take focuser {' or '.join(others)}" if others else ""
@@ -111,6 +186,8 @@ def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
 
 __all__ = [
     "FOCUSERS",
+    "PIXEL_PULSE_SECONDS",
+    "Auto",
     "FocusTask",
     "Focused",
     "Focuser",

@@ -27,6 +27,7 @@ class FileFormat:
     suffixes : of its files, lower case, with the dot
     write_raw, read_raw : of raw data
     write_image, read_image : of images
+    folders : ``read_raw`` also takes a folder of such files, which are one recording
     """
 
     name: str
@@ -36,6 +37,7 @@ class FileFormat:
     read_raw: Callable[[Path], RawData] | None = None
     write_image: Callable[[Path, SarImage], None] | None = None
     read_image: Callable[[Path], SarImage] | None = None
+    folders: bool = False
 
     def holds(self, content: Content) -> bool:
         """True where it can write or read that content."""
@@ -55,8 +57,16 @@ def find_format(path: Path, content: Content, name: str | None = None) -> FileFo
         There is none for that content.
     """
     known = [entry for entry in FORMATS if entry.holds(content)]
+    suffixes = {path.suffix.lower()}
+    if content == "raw" and path.is_dir():
+        known = [entry for entry in known if entry.folders]
+        suffixes = {member.suffix.lower() for member in path.iterdir()}
+        if name is None and not any(suffixes & set(entry.suffixes) for entry in known):
+            raise DataError(
+                f"{path}: is a folder without any {' or '.join(s for entry in known for s in entry.suffixes)} file"
+            )
     for entry in known:
-        if entry.name == name or (name is None and path.suffix.lower() in entry.suffixes):
+        if entry.name == name or (name is None and suffixes & set(entry.suffixes)):
             return entry
     choices = ", ".join(f"{entry.name} ({' '.join(entry.suffixes)})" for entry in known)
     asked = f"format {name!r}" if name else f"suffix {path.suffix!r}"

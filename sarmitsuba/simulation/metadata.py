@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.simulation.run import Run
 
+# ideal points that are named in the metadata, for their quality to be measured
+_MOST_POINTS = 256
+
 
 def raw_metadata(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, object]:
     """Of raw data."""
@@ -35,6 +38,15 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, obje
         "statistics": dict(vars(run.statistics)),
         "seconds": dict(run.timer.seconds),
         "notes": list(notes),
+        "points": [
+            {
+                "name": point.name,
+                "position": [float(v) for v in point.position + run.scene.offset],
+                "rcs": point.rcs,
+                "phase": point.phase,
+            }
+            for point in run.scene.points[:_MOST_POINTS]
+        ],
     }
 
 

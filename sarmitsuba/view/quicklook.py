@@ -229,6 +229,10 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
     focus = image.metadata.get("focus", {})
     windows = list(dict.fromkeys(str(focus[key]) for key in _WINDOWS if key in focus))
     more = [f"window {' x '.join(windows)}"] if windows else []
+    if options.spectral_looks != (1, 1):
+        more.append(
+            f"{options.spectral_looks[0]} x {options.spectral_looks[1]} looks of the spectrum averaged"
+        )
     if max(display.averaged) > 1:
         what = "complex values" if options.quantity == "phase" else "power"
         more.append(f"{what} of {display.averaged[0]} x {display.averaged[1]} pixels averaged")

@@ -11,6 +11,7 @@ FUNCTIONS = {
     "build_scene": ("meshes", "points", "radar"),
     "explain": ("scene",),
     "focus": ("raw", "grid"),
+    "image_quality": ("image", "points", "areas"),
     "read_image": ("path",),
     "read_raw": ("path",),
     "refine": ("scene",),
@@ -23,6 +24,7 @@ FUNCTIONS = {
     "register_plugins": (),
     "render": ("scene",),
     "simulate": ("scene",),
+    "spectral_looks": ("image", "azimuth", "range"),
 }
 
 

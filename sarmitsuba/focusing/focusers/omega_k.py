@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.azimuth_band import SAMPLE_SECONDS, azimuth_fits
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
 from sarmitsuba.focusing.frequency_domain.migration import (
@@ -162,6 +163,15 @@ class OmegaK(Focuser):
             if refusal and not track_refusal(radar, grid)
             else refusal
         )
+
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """Of the stationary phase of the track's transform, for apertures from 50 pulses; stated for Stolt's mapping."""
+        stated = self._treatment is None and azimuth_fits(radar, grid) and radar.track.n_pulses >= 50
+        return -65.0 if stated else float("nan")
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """Transforms and the mapping of every sample of the data."""
+        return SAMPLE_SECONDS * radar.track.n_pulses * radar.window.n_samples
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

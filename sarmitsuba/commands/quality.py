@@ -1,0 +1,95 @@
+"""Measure how good an image is: point targets, areas, looks; as table, JSON and plot.
+
+IRW is the half-power width along a lobe. PSLR is the highest side lobe beyond the first nulls over the peak. ISLR is
+the energy beyond the first nulls over that between them, out to 16 cells. ENL is mean squared over variance of the
+intensity, contrast its deviation over its mean, entropy that of its shares. See docs/quality.md.
+"""
+
+import argparse
+from pathlib import Path
+
+from sarmitsuba.commands.console import Console
+
+NAME = "quality"
+HELP = "measure point targets (IRW, PSLR, ISLR, place, phase) and areas (ENL, contrast, entropy) of an image"
+
+TABLE, PLOT = "quality.json", "quality.png"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "image", metavar="OUT", help="folder that `render` or `focus` wrote, or an image file (image.h5)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help=f"folder for {TABLE} and {PLOT} (default: the folder of the image)",
+    )
+    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
+    parser.add_argument(
+        "--point",
+        nargs="+",
+        type=float,
+        action="append",
+        metavar="X",
+        help="position x y [z] of a point target, m in the frame of the scene's file (z: the image's "
+        "plane); may be given several times "
+        "(default: the scene's point scatterers, else points are found)",
+    )
+    parser.add_argument(
+        "--most", type=int, default=12, metavar="N", help="points to find at most (default: 12)"
+    )
+    parser.add_argument(
+        "--area",
+        nargs=4,
+        type=float,
+        action="append",
+        metavar=("AZIMUTH0", "AZIMUTH1", "RANGE0", "RANGE1"),
+        help="rectangle in the image's coordinates, m; may be given several times (default: the evenest and the "
+        "darkest square of 24 cells)",
+    )
+    parser.add_argument(
+        "--looks",
+        nargs=2,
+        type=int,
+        default=(1, 1),
+        metavar=("AZIMUTH", "RANGE"),
+        help="parts of the spectrum whose powers are averaged before areas are measured (default: 1 1)",
+    )
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Measure."""
+    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.commands.picture import image_file
+    from sarmitsuba.errors import DataError
+    from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.quality import Area, KnownPoint, image_quality
+    from sarmitsuba.view.quicklook import save
+    from sarmitsuba.view.response import quality_figure
+
+    source = image_file(Path(args.image))
+    image = read_image(source)
+    points = None
+    if args.point:
+        if not all(2 <= len(values) <= 3 for values in args.point):
+            raise DataError("--point: give x y or x y z, m")
+        plane = image.grid.height + float(image.grid.offset[2])
+        points = [KnownPoint((v[0], v[1], v[2] if len(v) > 2 else plane)) for v in args.point]
+    areas = [Area((a0, a1), (r0, r1)) for a0, a1, r0, r1 in args.area] if args.area else None
+    report = image_quality(
+        image, points, areas, channel=args.channel, looks=tuple(args.looks), most=args.most
+    )
+    console.say(report.as_table())
+    with output_folder(args.output or str(source.parent)) as folder:
+        with folder.writing(TABLE) as path:
+            parameters.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
+        with folder.writing(PLOT) as path:
+            save(quality_figure(image, report), path)
+    console.say(str(path))
+    return 0
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -1,0 +1,156 @@
+"""MATLAB files with phase histories, as the public AFRL Gotcha volumetric data set is stored; see docs/files.md.
+
+A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequency x pulse), ``freq``, the antenna's
+``x``, ``y``, ``z`` and the motion-compensation range ``r0`` per pulse.
+"""
+
+import re
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
+
+_STRUCT = "data"
+_NEEDED = ("fp", "freq", "x", "y", "z", "r0")
+_PER_PULSE = ("x", "y", "z", "r0", "th", "phi")
+# positions of a transmitter apart from the receiver
+_BISTATIC = ("xt", "yt", "zt", "tx", "ty", "tz")
+_CHANNEL = re.compile(r"(?:^|[_\-.])(HH|HV|VH|VV)$", re.IGNORECASE)
+
+
+def read_raw(path: Path) -> RawData:
+    """Read one file, or a folder of them: in the order of their names (numbers count as numbers), per polarisation.
+
+    The polarisation is what the file's name ends with, ``_HH``, ``_HV``, ``_VH`` or ``_VV``; without it VV.
+
+    Raises
+    ------
+    DataError
+        A file is damaged, or a field is missing or does not fit the others.
+    """
+    files = sorted(path.glob("*.mat"), key=_natural) if path.is_dir() else [path]
+    if not files:
+        raise DataError(f"{path}: there is no .mat file in this folder")
+    parts: dict[str, list[PhaseHistory]] = {}
+    for file in files:
+        history = read_history(file)
+        parts.setdefault(history.channel, []).append(history)
+    return raw_of([joined(channel) for channel in parts.values()])
+
+
+def read_history(path: Path) -> PhaseHistory:
+    """The phase history of one file."""
+    fields = _fields(path)
+    missing = [name for name in _NEEDED if name not in fields]
+    if missing:
+        raise DataError(
+            f"{path}: {_STRUCT} has no {', '.join(missing)}; it has {', '.join(sorted(fields)) or 'no fields'}"
+        )
+    bistatic = [name for name in _BISTATIC if name in fields]
+    if bistatic:
+        raise DataError(
+            f"{path}: {', '.join(bistatic)} are positions of a transmitter apart from the receiver; only data with one "
+            "antenna for both can be focused"
+        )
+    if "af" in fields:  # the same text for every file, so that it is shown once
+        warnings.warn(
+            "phase histories: an autofocus solution, data.af, is not applied", SarmitsubaWarning, stacklevel=2
+        )
+    numbers = {name: _numbers(path, name, fields[name]) for name in {*_NEEDED, *_PER_PULSE} & set(fields)}
+    samples = numbers["fp"]
+    if samples.ndim != 2 or not np.iscomplexobj(samples):
+        raise DataError(
+            f"{path}: fp is {samples.dtype} of shape {samples.shape}, not complex frequency x pulse"
+        )
+    for name in _PER_PULSE:
+        if name in numbers and numbers[name].size != samples.shape[1]:
+            raise DataError(
+                f"{path}: {name} has {numbers[name].size} values, fp has {samples.shape[1]} pulses"
+            )
+    frequency = _real(path, "freq", numbers["freq"])
+    # row, column, or one column per pulse
+    frequency = frequency.ravel() if min(frequency.shape, default=1) == 1 else frequency
+    found = _CHANNEL.search(path.stem)
+    history = PhaseHistory(
+        samples=samples,
+        frequency=frequency,
+        position=np.stack([_real(path, name, numbers[name]).ravel() for name in "xyz"], axis=1),
+        reference_range=_real(path, "r0", numbers["r0"]).ravel(),
+        channel=found.group(1).upper() if found else "VV",
+        source=path.name,
+    )
+    history.check()
+    return history
+
+
+def _fields(path: Path) -> dict[str, object]:
+    """Fields of the struct ``data``."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; give a MATLAB file with phase histories, or a folder of them")
+    try:
+        content = scipy.io.loadmat(path, variable_names=[_STRUCT])
+    except NotImplementedError as error:
+        raise DataError(f"{path}: is of MATLAB's version 7.3; save it in MATLAB with -v7") from error
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        OSError,
+        TypeError,
+        ValueError,
+        zlib.error,
+        scipy.io.matlab.MatReadError,
+    ) as error:  # loadmat reports damage by any of them
+        reason = " ".join(str(error).split())
+        raise DataError(
+            f"{path}: cannot be read as a MATLAB file, is it whole?: {reason or type(error).__name__}"
+        ) from error
+    struct = content.get(_STRUCT)
+    if not isinstance(struct, np.ndarray) or struct.dtype.names is None or struct.size != 1:
+        raise DataError(f"{path}: there is no struct {_STRUCT!r} of one element in it")
+    cell = struct.reshape(-1)[0]
+    return {name: cell[name] for name in struct.dtype.names}
+
+
+def _numbers(path: Path, name: str, value: object) -> NDArray[np.number]:
+    """An array of numbers; a cell of one element stands for what is in it."""
+    array = np.asarray(value)
+    while array.dtype == object and array.size == 1:
+        array = np.asarray(array.reshape(-1)[0])
+    if array.dtype.kind not in "fciu":
+        raise DataError(f"{path}: {name} holds {array.dtype}, not numbers")
+    return array
+
+
+def _real(path: Path, name: str, array: NDArray[np.number]) -> NDArray[np.float64]:
+    if np.iscomplexobj(array):
+        raise DataError(f"{path}: {name} is complex; real numbers are needed")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _natural(path: Path) -> tuple[tuple[int, str], ...]:
+    """Sorting key in which ``az2`` comes before ``az10``."""
+    parts = re.split(r"(\d+)", path.name)
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
+
+
+FORMATS.register(
+    FileFormat(
+        "matlab",
+        "phase histories from elsewhere, one MATLAB file or a folder of them; read only",
+        (".mat",),
+        read_raw=read_raw,
+        folders=True,
+    )
+)
+
+__all__ = ["read_history", "read_raw"]

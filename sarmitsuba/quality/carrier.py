@@ -1,0 +1,185 @@
+"""The carrier of a focused image: the phase that turns from pixel to pixel, known from the geometry alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.metrics import Chip
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lobes:
+    """How the impulse response of a point lies on the grid.
+
+    Parameters
+    ----------
+    azimuth, range : unit vectors (azimuth, range), grid metres, along the lobes
+    slope : change of slant range per metre of the grid, along its steepest ascent
+    skew : sine of the angle between the edges of the spectrum, 1 where the lobes are perpendicular
+    """
+
+    azimuth: tuple[float, float]
+    range: tuple[float, float]
+    slope: float
+    skew: float
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    r"""Distance D whose phase :math:`e^{j 4 \pi D / \lambda}` every pixel of an image carries.
+
+    Interpolating between pixels, and cutting the spectrum into looks, is for what remains when it is taken out.
+
+    .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi
+
+    c the antenna at mid-aperture, x the position along the track, rho the range of closest approach, psi the squint
+    of a pixel's own aperture.
+
+    Parameters
+    ----------
+    grid : of the image
+    wavelength : m
+    center : (3,) float64, m, frame of the grid; antenna at mid-aperture
+    squint_sine : sine of the squint of pixels that have apertures of their own; None where all share one
+
+    Notes
+    -----
+    For a track that is straight and level over the aperture of one pixel. On an aperture of many degrees what remains
+    is wide, but centred.
+    """
+
+    grid: ImageGrid
+    wavelength: float
+    center: F64
+    squint_sine: float | None
+
+    @classmethod
+    def of(cls, image: SarImage) -> "Carrier":
+        """Carrier of an image.
+
+        Raises
+        ------
+        DataError
+            A ground image that does not say where the antenna was.
+        """
+        facts = image.metadata.get("focus", {})
+        grid = image.grid
+        if "center_position" in facts:
+            center = np.asarray(facts["center_position"], dtype=np.float64) - grid.offset
+        elif grid.kind == "slant":
+            center = grid.origin
+        else:
+            raise DataError(
+                "image: it does not say where the antenna was; only slant images may leave that out"
+            )
+        sine = facts.get("squint_sine")
+        return cls(grid, image.wavelength, center, None if sine is None else float(sine))
+
+    def distance(self, azimuth: ArrayLike, range: ArrayLike) -> F64:
+        """D at grid coordinates, m, of any shapes that fit each other."""
+        x, rho = self._cylinder(azimuth, range)
+        if self.squint_sine is None:
+            return np.hypot(x, rho)
+        return np.asarray(x * self.squint_sine + rho * np.sqrt(1.0 - self.squint_sine**2))
+
+    def phasor(self, azimuth: ArrayLike, range: ArrayLike) -> NDArray[np.complex128]:
+        """Unit phasor of the carrier at grid coordinates."""
+        return np.asarray(np.exp(4j * np.pi / self.wavelength * self.distance(azimuth, range)))
+
+    def removed(self, data: NDArray[np.complex64], rows: slice, columns: slice) -> NDArray[np.complex128]:
+        """Pixels of a piece of the image without their carrier."""
+        axes = self.grid.azimuth[rows, None], self.grid.range[None, columns]
+        return np.asarray(data[rows, columns] * self.phasor(*axes).conj())
+
+    def lobes(self, azimuth: float, range: float) -> "Lobes":
+        r"""Directions of the side lobes of a point at grid coordinates.
+
+        The spectrum of a point is about a parallelogram: one pair of edges along the line of sight's slope
+        :math:`\nabla D`, the other along that slope's change over the aperture. Lobes are across the edges.
+        """
+        x, rho = (float(v) for v in self._cylinder(azimuth, range))
+        shift = 0.0  # along the track, to the middle of the point's own aperture
+        if self.squint_sine is not None:
+            shift = x - rho * self.squint_sine / float(np.sqrt(1.0 - self.squint_sine**2))
+        step = 1e-3 * rho
+        slopes = [self._slope(azimuth, range, shift + s) for s in (-step, 0.0, step)]
+        turn = slopes[2] - slopes[0]
+        length = float(np.linalg.norm(slopes[1]))
+        u, v = slopes[1] / length, turn / np.linalg.norm(turn)
+        skew = float(u[0] * v[1] - u[1] * v[0])
+        # the azimuth lobe points forward, the range lobe away from the radar
+        across = np.array([u[1], -u[0]]) * np.copysign(1.0, u[1])
+        away = np.array([v[1], -v[0]]) * np.copysign(1.0, skew)
+        return Lobes(
+            (float(across[0]), float(across[1])), (float(away[0]), float(away[1])), length, abs(skew)
+        )
+
+    def _slope(self, azimuth: float, range: float, shift: float) -> F64:
+        """Gradient of the distance from an antenna ``shift`` m along the track from mid-aperture, (azimuth, range)."""
+        step = 0.5
+        a = azimuth + step * np.array([1.0, -1.0, 0.0, 0.0])
+        r = range + step * np.array([0.0, 0.0, 1.0, -1.0])
+        x, rho = self._cylinder(a, r)
+        d = np.hypot(x - shift, rho)
+        return np.array([d[0] - d[1], d[2] - d[3]]) / (2.0 * step)
+
+    def chip_about(self, data: NDArray[np.complex64], azimuth: float, range: float, half: int = 32) -> Chip:
+        """Piece of the image about grid coordinates, without its carrier, ``half`` pixels to every side."""
+        grid = self.grid
+        row = round((azimuth - float(grid.azimuth[0])) / grid.azimuth_spacing)
+        column = round((range - float(grid.range[0])) / grid.range_spacing)
+        rows, columns = (slice(max(i - half, 0), i + half + 1) for i in (row, column))
+        return Chip(self.removed(data, rows, columns), rows.start, columns.start)
+
+    def place(self, point: F64) -> tuple[float, float]:
+        """Grid coordinates at which a point of any height is imaged (zero-Doppler geometry of a level track).
+
+        Parameters
+        ----------
+        point : (3,) float64, m, frame of the grid
+
+        Raises
+        ------
+        DataError
+            It is nearer to the track than the image plane.
+        """
+        grid = self.grid
+        line = point - self.center
+        x = float(line @ grid.along)
+        rho = float(np.linalg.norm(line - x * grid.along))
+        azimuth = float((point - grid.origin) @ grid.along)
+        if grid.kind == "slant":
+            return azimuth, rho
+        square = rho**2 - float(self.center[2] - grid.height) ** 2
+        if square < 0.0:
+            raise DataError(f"point at {point.tolist()} m is nearer to the track than the image plane")
+        return azimuth, float(np.sqrt(square) + (self.center - grid.origin) @ grid.across)
+
+    def scene_position(self, azimuth: float, range: float) -> F64:
+        """(3,) float64, m, frame of the user's file: where grid coordinates lie on the image's plane."""
+        grid = self.grid
+        across = range
+        if grid.kind == "slant":
+            across = float(np.sqrt(max(range**2 - (grid.origin[2] - grid.height) ** 2, 0.0)))
+        flat = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
+        return np.asarray(flat + azimuth * grid.along + across * grid.across + grid.offset)
+
+    def _cylinder(self, azimuth: ArrayLike, range: ArrayLike) -> tuple[F64, F64]:
+        """Position along the track from mid-aperture, and distance from the track's line, m."""
+        grid = self.grid
+        shift = grid.origin - self.center
+        x = np.asarray(azimuth, dtype=np.float64) + float(shift @ grid.along)
+        r = np.asarray(range, dtype=np.float64)
+        if grid.kind == "slant" and not shift.any():
+            return x, r
+        if grid.kind == "slant":
+            r = np.sqrt(np.maximum(r**2 - (grid.origin[2] - grid.height) ** 2, 0.0))
+        return x, np.hypot(r + float(shift @ grid.across), float(self.center[2] - grid.height))
+
+
+__all__ = ["Carrier", "Lobes"]

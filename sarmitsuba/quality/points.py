@@ -1,0 +1,245 @@
+"""Point targets in an image: where they are, found or given, and what their impulse response is."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point_target
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.quality.carrier import Carrier
+from sarmitsuba.quality.widths import grid_cells, predicted_irw
+
+F64 = NDArray[np.float64]
+
+# a chip reaches so many cells from its point: ISLR to 10 widths fits with every window
+_REACH = 16.0
+_SMALLEST_CHIP, _LARGEST_CHIP = 32, 512
+# Finding: brightest within so many cells, so far above its surroundings (speckle's highest of 4000 pixels: 9.2 dB above
+# the mean), and of about the width of a point
+_ALONE, _ABOVE_DB = 6.0, 16.0
+_WIDTHS = (0.7, 1.4)
+# mean over median of single-look intensity
+_MEAN_OVER_MEDIAN = 1.0 / math.log(2.0)
+
+
+@dataclass(frozen=True)
+class KnownPoint:
+    """A point target whose place is known.
+
+    Parameters
+    ----------
+    position : x, y, z in m, frame of the scene's file
+    name : for tables
+    rcs : m^2, where known
+    phase : rad, of its reflectivity, where known
+    """
+
+    position: tuple[float, float, float]
+    name: str = ""
+    rcs: float | None = None
+    phase: float | None = None
+
+
+@dataclass(frozen=True)
+class PointQuality:
+    """A point target as measured; NaN where there is nothing to compare with.
+
+    Parameters
+    ----------
+    name : of the point
+    azimuth, range : m, peak in the grid's coordinates
+    position : m, x, y, z of the peak on the image plane, frame of the scene's file
+    azimuth_error, range_error : m, peak minus the place where the point is imaged
+    rcs : m^2, |peak|^2
+    rcs_error_db : over the point's own
+    phase : rad, at the known place, else at the peak
+    phase_error : rad, less the point's own, at the known place
+    background_db : peak over the mean of its surroundings
+    azimuth_cut, range_cut : impulse response along its lobes, see :class:`sarmitsuba.image.metrics.CutMetrics`
+    predicted_irw : m, of azimuth and range, from cells and windows
+    """
+
+    name: str
+    azimuth: float
+    range: float
+    position: tuple[float, float, float]
+    azimuth_error: float
+    range_error: float
+    rcs: float
+    rcs_error_db: float
+    phase: float
+    phase_error: float
+    background_db: float
+    azimuth_cut: CutMetrics
+    range_cut: CutMetrics
+    predicted_irw: tuple[float, float]
+
+
+def scene_points(image: SarImage) -> tuple[KnownPoint, ...]:
+    """Point scatterers of the scene, as the image's metadata name them."""
+    return tuple(
+        KnownPoint(
+            (float(entry["position"][0]), float(entry["position"][1]), float(entry["position"][2])),
+            str(entry["name"]),
+            float(entry["rcs"]),
+            float(entry["phase"]),
+        )
+        for entry in image.metadata.get("points", ())
+        if isinstance(entry, Mapping)
+    )
+
+
+def measure_known(
+    image: SarImage, points: Sequence[KnownPoint], channel: str | None = None
+) -> tuple[tuple[PointQuality, ...], tuple[str, ...]]:
+    """Measure points at known places; what cannot be measured comes back as a line of its own.
+
+    Returns
+    -------
+    measured points, and one line for each of the others
+    """
+    carrier, data = Carrier.of(image), image.total(channel)
+    found, left_out = [], []
+    for i, point in enumerate(points):
+        name = point.name or f"point {i + 1}"
+        try:
+            place = carrier.place(np.asarray(point.position, dtype=np.float64) - image.grid.offset)
+            found.append(_measure(image, data, carrier, place, name, point))
+        except DataError as error:
+            left_out.append(f"{name}: {error}")
+    return tuple(found), tuple(left_out)
+
+
+def find_points(image: SarImage, channel: str | None = None, most: int = 12) -> tuple[PointQuality, ...]:
+    """Find isolated point targets, the brightest first.
+
+    A pixel counts that is the brightest within 6 cells, 16 dB above the surroundings' mean, and as wide as
+    a point should be (0.7 to 1.4 of the predicted width in both directions), all of it away from the image's edge.
+    """
+    carrier, data = Carrier.of(image), image.total(channel)
+    power = np.abs(data.astype(np.complex128)) ** 2
+    cells = grid_cells(image, image.grid.range.size // 2)
+    spacing = (image.grid.azimuth_spacing, image.grid.range_spacing)
+    size = [2 * math.ceil(_ALONE * cell / step) + 1 for cell, step in zip(cells, spacing, strict=True)]
+    top = scipy.ndimage.maximum_filter(power, size=size, mode="nearest")
+    lit = power[power > 0.0]
+    if not lit.size:
+        return ()
+    level = float(np.median(lit)) * _MEAN_OVER_MEDIAN
+    rows, columns = np.nonzero((power == top) & (power > level * 10.0 ** (_ABOVE_DB / 10.0)))
+    order = np.argsort(-power[rows, columns], kind="stable")
+    found: list[PointQuality] = []
+    for row, column in zip(rows[order], columns[order], strict=True):
+        if len(found) == most:
+            break
+        place = float(image.grid.azimuth[row]), float(image.grid.range[column])
+        try:
+            point = _measure(image, data, carrier, place, f"found {len(found) + 1}", None)
+        except DataError:
+            continue  # at the edge, or no peak of its own
+        ratios = [
+            cut.irw / wanted
+            for cut, wanted in zip((point.azimuth_cut, point.range_cut), point.predicted_irw, strict=True)
+        ]
+        if point.background_db >= _ABOVE_DB and all(_WIDTHS[0] < ratio < _WIDTHS[1] for ratio in ratios):
+            found.append(point)
+    return tuple(found)
+
+
+def _measure(
+    image: SarImage,
+    data: NDArray[np.complex64],
+    carrier: Carrier,
+    place: tuple[float, float],
+    name: str,
+    known: KnownPoint | None,
+) -> PointQuality:
+    """Measure the point near grid coordinates."""
+    grid = image.grid
+    start, step = (
+        (float(grid.azimuth[0]), float(grid.range[0])),
+        (grid.azimuth_spacing, grid.range_spacing),
+    )
+    pixel = [(p - s) / d for p, s, d in zip(place, start, step, strict=True)]
+    if not all(-0.5 <= p <= n - 0.5 for p, n in zip(pixel, grid.shape, strict=True)):
+        raise DataError(f"azimuth {place[0]:.6g} m, range {place[1]:.6g} m lies outside the image")
+    column = int(np.clip(round(pixel[1]), 0, grid.shape[1] - 1))
+    cells = grid_cells(image, column)
+    piece = _square(pixel, cells, step, grid.shape)
+    first = (piece[0].start, piece[1].start)
+    chip = carrier.removed(data, *piece)
+    lobes = carrier.lobes(*place)
+    m = point_target(
+        chip,
+        step[0],
+        step[1],
+        near=(pixel[0] - first[0], pixel[1] - first[1]),
+        chip=max(chip.shape),
+        azimuth_direction=lobes.azimuth,
+        range_direction=lobes.range,
+    )
+    azimuth = float(start[0] + first[0] * step[0] + m.azimuth_position)
+    range_ = float(start[1] + first[1] * step[1] + m.range_position)
+    x, y, z = carrier.scene_position(azimuth, range_).tolist()
+    turn = float(np.angle(carrier.phasor(*place if known else (azimuth, range_))))
+    phase = m.phase
+    if known is not None:
+        at = [p - f for p, f in zip(pixel, first, strict=True)]
+        phase = float(np.angle(Chip(chip).at([at[0]], [at[1]])[0]))
+    phase = _wrapped(phase + turn)
+    return PointQuality(
+        name=name,
+        azimuth=azimuth,
+        range=range_,
+        position=(x, y, z),
+        azimuth_error=azimuth - place[0] if known else math.nan,
+        range_error=range_ - place[1] if known else math.nan,
+        rcs=m.rcs,
+        rcs_error_db=10.0 * math.log10(m.rcs / known.rcs) if known and known.rcs else math.nan,
+        phase=phase,
+        phase_error=_wrapped(phase - known.phase) if known and known.phase is not None else math.nan,
+        background_db=_background_db(chip, m, cells, step),
+        azimuth_cut=m.azimuth,
+        range_cut=m.range,
+        predicted_irw=predicted_irw(image, lobes, column),
+    )
+
+
+def _square(
+    pixel: Sequence[float], cells: tuple[float, float], step: tuple[float, float], shape: tuple[int, int]
+) -> tuple[slice, slice]:
+    """The piece of the image about a point."""
+    half = [
+        int(np.clip(math.ceil(_REACH * cell / d), _SMALLEST_CHIP // 2, _LARGEST_CHIP // 2))
+        for cell, d in zip(cells, step, strict=True)
+    ]
+    rows, columns = (
+        slice(max(round(p) - h, 0), min(round(p) + h + 1, n))
+        for p, h, n in zip(pixel, half, shape, strict=True)
+    )
+    return rows, columns
+
+
+def _background_db(
+    chip: NDArray[np.complex128], m: PointTargetMetrics, cells: tuple[float, float], step: tuple[float, float]
+) -> float:
+    """Peak over the mean of what lies off the point's lobes, from its median."""
+    away = [
+        np.abs(np.arange(n) - index) * d > 3.0 * cell
+        for n, index, d, cell in zip(chip.shape, (m.azimuth_index, m.range_index), step, cells, strict=True)
+    ]
+    rest = np.abs(chip[np.ix_(*away)]) ** 2
+    level = float(np.median(rest)) * _MEAN_OVER_MEDIAN if rest.size else 0.0
+    return 10.0 * math.log10(m.rcs / level) if level > 0.0 else math.inf
+
+
+def _wrapped(phase: float) -> float:
+    return math.remainder(phase, 2.0 * math.pi)
+
+
+__all__ = ["KnownPoint", "PointQuality", "find_points", "measure_known", "scene_points"]
