@@ -272,28 +272,29 @@ def test_focus_replaces_results_of_the_same_data_only(
 
 def test_formats_of_extensions_are_written(simulations: list[Scene], tmp_path: Path, capsys: Any) -> None:
     def pixels(path: Path, image: SarImage) -> None:
-        np.savez(path, **{channel: image.total(channel) for channel in image.channels})
+        with path.open("wb") as file:
+            np.savez(file, **{channel: image.total(channel) for channel in image.channels})
 
     def echoes(path: Path, raw: RawData) -> None:
         path.write_bytes(raw.total("VV").tobytes())
 
-    FORMATS.register(FileFormat("test_pixels", "pixels only", (".npz",), write_image=pixels))
+    FORMATS.register(FileFormat("test_pixels", "pixels only", (".testnpz",), write_image=pixels))
     FORMATS.register(FileFormat("test_echoes", "echoes only", (".echo",), write_raw=echoes))
     FORMATS.register(FileFormat("test_read_only", "nothing", (".ro",), read_image=read_image))
     out, pictures = tmp_path / "a", {"quicklook.png", "quicklook_order.png", "parameters.json", MANIFEST}
     assert render(out, "--format", "test_pixels", "--quiet") == 0
-    assert names(out) == {"raw.h5", "image.npz", *pictures}
+    assert names(out) == {"raw.h5", "image.testnpz", *pictures}
     written = (out / "raw.h5").stat().st_mtime_ns
     assert render(out, "--format", "hdf5,test_pixels, test_echoes", "--quiet") == 0
-    assert names(out) == {"raw.h5", "raw.echo", "image.h5", "image.npz", *pictures}
+    assert names(out) == {"raw.h5", "raw.echo", "image.h5", "image.testnpz", *pictures}
     assert len(simulations) == 1 and (out / "raw.h5").stat().st_mtime_ns == written
     image = read_image(out / "image.h5")
-    np.testing.assert_array_equal(np.load(out / "image.npz")["VV"], image.total("VV"))
+    np.testing.assert_array_equal(np.load(out / "image.testnpz")["VV"], image.total("VV"))
     whole = np.frombuffer((out / "raw.echo").read_bytes(), np.complex64)
     np.testing.assert_array_equal(whole, read_raw(out / "raw.h5").total("VV").ravel())
     options = ("-o", str(tmp_path / "b"), "--format", "test_pixels", "--quiet")
     assert cli.main(["focus", str(out / "raw.h5"), *options]) == 0
-    assert names(tmp_path / "b") == {"image.npz", *pictures}
+    assert names(tmp_path / "b") == {"image.testnpz", *pictures}
     capsys.readouterr()
     assert render(tmp_path / "c", "--format", "test_read_only") == 2
     assert "test_read_only can be read but not written" in capsys.readouterr().err

@@ -51,7 +51,7 @@ def run_as_notebook(cells: list[str], folder: Path) -> None:
     nbclient = pytest.importorskip("nbclient", reason="runs notebooks; in the test extra")
     book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
-    client = nbclient.NotebookClient(book, timeout=900, resources={"metadata": {"path": str(folder)}})
+    client = nbclient.NotebookClient(book, resources={"metadata": {"path": str(folder)}})
     client.execute()
 
 
