@@ -3,9 +3,12 @@
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sarmitsuba.errors import DataError
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 OptionValue = str | int | float | bool
 
@@ -35,7 +38,7 @@ class WithOptions:
         """Options by name, with their values."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
-    def with_options(self, texts: Mapping[str, str]) -> Self:
+    def with_options(self, texts: Mapping[str, str]) -> "Self":
         """A copy with options read from text.
 
         Raises
@@ -57,7 +60,7 @@ class WithOptions:
                 ) from None
         return dataclasses.replace(self, **values)
 
-    def with_texts(self, texts: Iterable[str]) -> Self:
+    def with_texts(self, texts: Iterable[str]) -> "Self":
         """A copy with options read from texts such as ``interpolation=kernel:8``; raises as :meth:`with_options`."""
         pairs = [item.partition("=") for item in texts]
         return self.with_options({key.strip(): value.strip() for key, _, value in pairs})
