@@ -77,7 +77,11 @@ def _with_references(scene: Path) -> Iterator[Path]:
     yield scene
     for element in ET.parse(scene).iter():
         name = element.get("filename") if element.tag == "include" else None
-        if element.tag == "string" and element.get("name") in ("filename", "track_file"):
+        if element.tag == "string" and element.get("name") in (
+            "filename",
+            "track_file",
+            "recorded_track_file",
+        ):
             name = element.get("value")
         if not name:
             continue

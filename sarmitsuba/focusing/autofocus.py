@@ -115,7 +115,7 @@ def remove_error(raw: RawData, method: Autofocuser, task: AutofocusTask) -> tupl
     if not np.any(task.raw.data):
         raise DataError("autofocus: the data hold nothing but zeros")
     error = method.estimate(task)
-    facts = {
+    facts: dict[str, object] = {
         "method": method.name,
         **method.options,
         "range_error_rms": float(np.sqrt(np.mean(error**2))),

@@ -42,7 +42,7 @@ CHECKED = (
     tables.POINT_SCATTERER,
 )
 # files and lists have tests of their own
-FREE_TEXT = ("track_file", "polarisation")
+FREE_TEXT = ("track_file", "recorded_track_file", "polarisation")
 PAIRS = {
     f"{t.plugin}.{p.name}": (t, p)
     for t in CHECKED

@@ -43,7 +43,7 @@ class _Sharpness(Autofocuser):
 
     orders: int = option(16, "highest order of the polynomials over the pulses")
     pixels: int = option(20_000, "pixels used at most")
-    start: int = option(4, "rounds of phase_gradient that the search starts from; 0: from the recorded track")
+    start: int = option(8, "rounds of phase_gradient that the search starts from; 0: from the recorded track")
 
     @abstractmethod
     def measure(self, intensity: F64) -> tuple[float, F64]:
