@@ -321,14 +321,15 @@ def focus_into(
             progress=console.progress,
         )
     facts = image.metadata.get("focus", {})
-    record["focus"] = {
+    done = {
         "method": args.focuser,
         "window": args.window,
         "motion_compensation": args.motion_compensation,
         "autofocus": args.autofocus,
     }
+    record["focus"] = done
     if "chosen" in facts:
-        record["focus"] |= {"method": facts["method"], "chosen": facts["chosen"]}
+        record["focus"] = {**done, "method": facts["method"], "chosen": facts["chosen"]}
         console.say(f"focuser: {facts['chosen']}")
     return results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
 

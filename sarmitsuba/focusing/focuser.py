@@ -93,6 +93,7 @@ class Focuser(WithOptions, ABC):
     def focus(self, task: FocusTask) -> Focused:
         """Focus; ``refusal`` has been asked before."""
 
+
 # of one core, float64 ranges and a kernel of six taps; benchmarks/focusers.py measures it
 PIXEL_PULSE_SECONDS = 2e-9
 

@@ -165,7 +165,7 @@ class OmegaK(Focuser):
         )
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Of the stationary phase of the track's transform, for apertures from 50 pulses; stated for Stolt's mapping."""
+        """Of the stationary phase of the track's transform, from 50 pulses on; stated for Stolt's mapping."""
         stated = self._treatment is None and azimuth_fits(radar, grid) and radar.track.n_pulses >= 50
         return -65.0 if stated else float("nan")
 
