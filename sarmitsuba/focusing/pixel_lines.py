@@ -27,6 +27,9 @@ _WEIGHT_ERROR = 3e-5
 _SERIES = 40
 # more nodes would cost more than shorter lines
 _MOST_NODES = 12
+# pixels per line and nodes are in the kernel's text: few values of both, so that other settings find it compiled
+_LINES = (1, _LONGEST_DIRECT, LONGEST_LINE)
+_NODES = (4, 8, _MOST_NODES)
 # the polynomial between nodes may err by this part of the interpolation kernel's own worst error
 _NODE_ERROR = 0.5
 # but no less than rounding to float32 does
@@ -110,7 +113,7 @@ def nodes_needed(kappa: float, bend: float, tolerance: float) -> int | None:
 
 
 def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = False) -> tuple[int, int]:
-    """Pixels per line, a power of two, and nodes where the profiles are interpolated, for the least work.
+    """Pixels per line and nodes where the profiles are interpolated, for the least work.
 
     Ranges and weights are parabolas to the accuracy wanted; between the nodes the profiles err less than their
     interpolation kernel does at the band's edge. ``checked`` samples are tested pixel by pixel, without nodes.
@@ -121,10 +124,11 @@ def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = 
     cubic = s * (1.0 - s * s)
     per_metre = steepest * np.pi * radar.waveform.bandwidth * 2.0 / SPEED_OF_LIGHT
     best, cost = (1, 1), np.inf
-    for n in (2**i for i in range(LONGEST_LINE.bit_length())):
+    for n in _LINES:
         half = 0.5 * n * grid.azimuth_spacing
         bend = 2.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * half**2 / near
         k = nodes_needed(per_metre * half, bend, max(_NODE_ERROR * plan.kernel_error, _ROUNDING))
+        k = None if k is None else next(few for few in _NODES if few >= k)
         direct = checked or k is None or k >= n
         phase, weight = expansion_error(radar, near, half, cubic if direct else 0.0)
         if n > 1 and (phase > _PHASE_ERROR or weight > _WEIGHT_ERROR or (direct and n > _LONGEST_DIRECT)):

@@ -24,7 +24,7 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 
-# most bytes, of the whole process, up to which a part of a run is made to see how long it takes
+# most bytes that a run adds to the process up to which a part of a run is made to see how long it takes
 MEASURED_MEMORY = 1_000_000_000
 # part of the pulses that the focuser is timed on, and the least number
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
@@ -131,7 +131,7 @@ def predict(
     run = Run(scene, plan=plan, clock=clock)
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
-    if not needs.raw_bytes or memory > MEASURED_MEMORY or needs.refusal:
+    if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
         return planned, Prediction.of(needs)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
