@@ -18,7 +18,7 @@ def test_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "plate", "--no-error-bars"]) == 0
     text = capsys.readouterr().out
     assert "one flat surface cannot reflect onto itself" in text
-    assert "predicted:" in text and "MB of memory" in text and "measured on a part of it" in text
+    assert "predicted:" in text and "B of memory" in text and "measured on a part of it" in text
     assert "max_depth" in text and "key_pulse_interval" in text
 
 

@@ -11,7 +11,7 @@ from sarmitsuba.simulation.statistics import LatticeSpacings
 # share of the surface that is too coarsely sampled, and bias of its coherent return, that are worth a warning
 SMALL_SHARE = 0.01
 SMALL_BIAS_DB = 1.0
-# wavelengths between rays from which shadows and mirrors of small bodies may come out several dB wrong (of 53 drawn scenes
+# wavelengths between rays from which shadows and mirrors of small bodies may come out dB wrong (of 53 drawn scenes
 # all that were off by more than 0.5 dB had rays 1.7 wavelengths apart or more)
 WIDE_TUBE = 1.5
 
