@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.errors import DataError
+from sarmitsuba.commands.image_arguments import add_image_arguments, image_file
 
 NAME = "picture"
 HELP = "draw the picture of an image again, with other limits, colours, quantity, channel or looks"
@@ -14,16 +14,13 @@ _QUANTITIES = ("sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument(
-        "image", metavar="OUT", help="folder that `render` or `focus` wrote, or an image file (image.h5)"
-    )
+    add_image_arguments(parser)
     parser.add_argument(
         "-o",
         "--output",
         metavar="FILE",
         help="PNG file to write (default: the quick-look of that channel beside the image, written over)",
     )
-    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
     parser.add_argument(
         "--quantity",
         choices=_QUANTITIES,
@@ -100,17 +97,4 @@ def run(args: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def image_file(given: Path) -> Path:
-    """The image file that ``render`` or ``focus`` wrote into a folder; a file is taken as it is."""
-    from sarmitsuba.io import FORMATS
-
-    if not given.is_dir():
-        return given
-    names = [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
-    found = [given / name for name in names if (given / name).is_file()]
-    if not found:
-        raise DataError(f"{given}: there is no image in it; one of {', '.join(names)} is needed")
-    return found[0]
-
-
-__all__ = ["HELP", "NAME", "add_arguments", "image_file", "run"]
+__all__ = ["HELP", "NAME", "add_arguments", "run"]

@@ -9,6 +9,7 @@ import argparse
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.image_arguments import add_image_arguments, image_file
 
 NAME = "quality"
 HELP = "measure point targets (IRW, PSLR, ISLR, place, phase) and areas (ENL, contrast, entropy) of an image"
@@ -18,16 +19,13 @@ TABLE, PLOT = "quality.json", "quality.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument(
-        "image", metavar="OUT", help="folder that `render` or `focus` wrote, or an image file (image.h5)"
-    )
+    add_image_arguments(parser)
     parser.add_argument(
         "-o",
         "--output",
         metavar="FOLDER",
         help=f"folder for {TABLE} and {PLOT} (default: the folder of the image)",
     )
-    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
     parser.add_argument(
         "--point",
         nargs="+",
@@ -63,7 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
     from sarmitsuba.commands.output import output_folder
-    from sarmitsuba.commands.picture import image_file
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image
     from sarmitsuba.quality import Area, KnownPoint, image_quality
