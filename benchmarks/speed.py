@@ -15,19 +15,7 @@ CONVERGED_EVERY = 192
 
 def thinned(scene: Any, every: int) -> Any:
     """The scene with every so-manieth pulse of its track."""
-    from sarmitsuba.radar.antenna import Pointing
-
-    radar, pick = scene.radar, slice(every // 2, None, every)
-    track = replace(
-        radar.track,
-        time=radar.track.time[pick],
-        position=radar.track.position[pick],
-        velocity=radar.track.velocity[pick],
-    )
-    p = radar.pointing
-    pointing = Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick])
-    window = replace(radar.window, start_range=radar.window.start_range[pick])
-    return replace(scene, radar=replace(radar, track=track, pointing=pointing, window=window))
+    return replace(scene, radar=scene.radar.of_pulses(slice(every // 2, None, every)))
 
 
 def rough(scene: Any) -> Any:

@@ -14,7 +14,7 @@ copyright = "sarmitsuba developers"
 version = release = sarmitsuba.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # MyST and notebooks
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
@@ -24,6 +24,12 @@ html_theme = "furo"
 html_title = f"sarmitsuba {version}"
 html_static_path: list[str] = []
 exclude_patterns = ["figures.py"]
+
+# tutorials are kept without their output; here they are run, and only those that have changed
+nb_execution_mode = "cache"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath", "amsmath"]

@@ -19,7 +19,11 @@ T = TypeVar("T")
 D = TypeVar("D", bound="DataclassInstance")
 _PARAM = "param"  # key in the metadata of a field
 
-_TRUE, _FALSE = ("true", "on", "yes", "1"), ("false", "off", "no", "0")
+# what a person may write for true and false
+BOOLEANS = {
+    **dict.fromkeys(("true", "on", "yes", "1"), True),
+    **dict.fromkeys(("false", "off", "no", "0"), False),
+}
 
 
 @dataclass(frozen=True)
@@ -77,16 +81,15 @@ class Param:
             return self._string(value, where, error)
         if self.default is None and isinstance(value, str):
             value = None if value == "auto" else _as_number(value, float)
-            if value is None:
-                return None
+        if self.default is None and value is None:
+            return None
         return self._number(value, where, error)
 
     def parse(self, text: str, where: str, error: type[SarmitsubaError]) -> Value | None:
         """Return the value written as ``text`` (a command-line override)."""
         value: object = text
         if self.kind == "boolean":
-            lower = text.strip().lower()
-            value = True if lower in _TRUE else False if lower in _FALSE else text
+            value = BOOLEANS.get(text.strip().lower(), text)
         elif self.kind in ("integer", "integer or auto"):
             value = _as_number(text, int)
         elif self.kind == "float":

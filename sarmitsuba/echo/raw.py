@@ -1,17 +1,17 @@
 """Raw data: what the receiver recorded, with everything needed to focus it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track import Track, numbers_of
 from sarmitsuba.registry import late
 
 
@@ -127,6 +127,24 @@ class RawData:
         raw = late("sarmitsuba.io", "read_raw")(path, format=format)
         assert isinstance(raw, RawData)
         return raw
+
+    def of_pulses(self, pulses: slice | ArrayLike) -> "RawData":
+        """The echoes of these pulses alone: a slice, pulse numbers or a mask.
+
+        ``raw.of_pulses(slice(None, None, 2))`` leaves out every second pulse, ``raw.of_pulses(slice(100, -100))``
+        shortens the aperture. ``azimuth_resolution`` and ``prf`` in the metadata stay those of the whole flight.
+
+        Raises
+        ------
+        RadarError : no pulse is left, or the pulses do not follow each other in time
+        """
+        pick = numbers_of(pulses, self.radar.track.n_pulses)
+        return replace(
+            self,
+            data=np.ascontiguousarray(self.data[:, pick]),
+            radar=self.radar.of_pulses(pick),
+            flown=self.flown and self.flown.of_pulses(pick),
+        )
 
     def total(self, channel: str | None = None) -> NDArray[np.complex64]:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""

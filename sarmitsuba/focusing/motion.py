@@ -246,7 +246,7 @@ def _middle_range(plan: Straightening) -> float:
 def _rows(plan: Straightening, part: slice) -> Straightening:
     """The plan of some of the pulses."""
     track = plan.radar.track
-    kept = Track(track.time[part], track.position[part], track.velocity[part])
+    kept = track.of_pulses(part)
     return replace(plan, radar=replace(plan.radar, track=kept), x=plan.x[part])
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.parameters import BOOLEANS
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -53,7 +54,7 @@ class WithOptions:
                 raise DataError(f"{self.kind} {self.name}: option {name!r} is unknown; it takes {takes}")
             kind = type(self.options[name])
             try:
-                values[name] = _BOOLEANS[text.lower()] if kind is bool else kind(text)
+                values[name] = BOOLEANS[text.lower()] if kind is bool else kind(text)
             except (KeyError, ValueError):
                 raise DataError(
                     f"{self.kind} {self.name}: {name} = {text!r} is not of type {kind.__name__}"
@@ -74,7 +75,5 @@ class WithOptions:
         ]
         return "; options ".join([self.title, ", ".join(options)]) if options else self.title
 
-
-_BOOLEANS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 __all__ = ["OptionValue", "WithOptions", "option"]

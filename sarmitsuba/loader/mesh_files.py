@@ -46,6 +46,10 @@ class _Names:
         return self._text
 
 
+# of files whose parts have names of their own
+_NAMED_PARTS = (".glb", ".gltf")
+
+
 @dataclass(frozen=True, eq=False)
 class MeshPart:
     """Triangles of a mesh file that share a material.
@@ -53,7 +57,7 @@ class MeshPart:
     Parameters
     ----------
     name : of the part
-    material : as the file names it; empty without one
+    material : as the file names it; of a glTF part without one, the part's name; empty in files without names
     vertices : (n_v, 3) float64, unit and axes of the file, the file's own transforms applied
     faces : (n_f, 3) int32
     """
@@ -113,6 +117,8 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
             vertices = corners @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
             faces = _checked(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
             material = getattr(getattr(mesh.visual, "material", None), "name", None)
+            if not material and path.suffix.lower() in _NAMED_PARTS:
+                material = node
             parts.append(MeshPart(str(node), str(material or ""), vertices, faces))
     if not parts:
         raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")

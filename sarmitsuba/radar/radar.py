@@ -4,12 +4,12 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.mode import MODES, RadarMode
-from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.track import Track, numbers_of
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -111,6 +111,23 @@ class Radar:
         a = self.track.along
         right = np.array([a[1], -a[0], 0.0])
         return right if self.look_side == "right" else -right
+
+    def of_pulses(self, pulses: slice | ArrayLike) -> "Radar":
+        """The radar that sent only these pulses: a slice, pulse numbers or a mask.
+
+        Raises
+        ------
+        RadarError : no pulse is left, or the pulses do not follow each other in time
+        """
+        pick = numbers_of(pulses, self.track.n_pulses)
+        p = self.pointing
+        return replace(
+            self,
+            track=self.track.of_pulses(pick),
+            recorded=self.recorded and self.recorded.of_pulses(pick),
+            pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
+            window=replace(self.window, start_range=self.window.start_range[pick]),
+        )
 
     def as_recorded(self) -> "Radar":
         """The radar that the focuser is told; beam and receive window stay as they were."""

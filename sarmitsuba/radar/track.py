@@ -12,6 +12,16 @@ from sarmitsuba.errors import RadarError
 F64 = NDArray[np.float64]
 
 
+def numbers_of(pulses: slice | ArrayLike, n: int) -> NDArray[np.intp]:
+    """Numbers of the pulses that a slice, numbers or a mask pick out of ``n``; RadarError where there are none such."""
+    try:
+        return np.arange(n)[pulses if isinstance(pulses, slice) else np.asarray(pulses)]
+    except IndexError as error:
+        raise RadarError(
+            f"pulses: {error}; give a slice, numbers from 0 to {n - 1}, or a mask of {n}"
+        ) from None
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """Antenna phase-centre positions at the pulse times (stop-and-go: still during one pulse).
@@ -82,10 +92,15 @@ class Track:
         fit = self.position[0] + line * (self.position[-1] - self.position[0])
         return bool(np.abs(fit - self.position).max() < 1e-6)
 
-    def slice(self, start: int, stop: int) -> "Track":
-        """Return the pulses ``start:stop`` as a track of their own."""
-        s = slice(start, stop)
-        return Track(self.time[s], self.position[s], self.velocity[s])
+    def of_pulses(self, pulses: slice | ArrayLike) -> "Track":
+        """Return these pulses (a slice, pulse numbers or a mask) as a track of their own.
+
+        Raises
+        ------
+        RadarError : no pulse is left, or the pulses do not follow each other in time
+        """
+        pick = numbers_of(pulses, self.n_pulses)
+        return Track(self.time[pick], self.position[pick], self.velocity[pick])
 
     @staticmethod
     def straight(center: ArrayLike, velocity: ArrayLike, prf: float, n_pulses: int) -> "Track":

@@ -49,6 +49,8 @@ def test_options_are_read_with_their_types() -> None:
     text = "backprojection,interpolation=kernel:8,oversampling=4"
     assert parse_focuser(text) == Backprojection("kernel:8", 4)
     assert parse_focuser("backprojection") == Backprojection()
+    for text in ("off", "false", "no", "0"):
+        assert parse_focuser(f"range_doppler,rcmc={text}").options["rcmc"] is False
     with pytest.raises(DataError, match="option 'width' is unknown; it takes interpolation, oversampling"):
         parse_focuser("backprojection,width=3")
     with pytest.raises(DataError, match=r"oversampling = '2\.5' is not of type int"):

@@ -84,6 +84,18 @@ def test_the_unit_is_asked_for_where_it_cannot_be_metres(tmp_path: Path) -> None
     check(load_scene(tmp_path / "town.obj", radar=RADAR, mesh=MeshOptions(unit="mm")), NAMES)
 
 
+def test_a_gltf_part_without_a_material_is_named_by_itself(tmp_path: Path) -> None:
+    parts = {
+        "concrete_3": trimesh.creation.box((10, 10, 10)),
+        "medium_dry_ground": trimesh.creation.box((50, 1, 50)),
+    }
+    trimesh.Scene(parts).export(tmp_path / "a.glb")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = load_scene(tmp_path / "a.glb", radar=RADAR)
+    assert {m.name for m in scene.materials} >= {"concrete_3", "medium_dry_ground"}
+
+
 def test_names_that_say_nothing_are_said(tmp_path: Path) -> None:
     trimesh.creation.box((10, 10, 10)).export(tmp_path / "box.ply")
     with pytest.warns(SarmitsubaWarning, match="names say nothing are read as concrete: no name"):

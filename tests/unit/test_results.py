@@ -190,6 +190,15 @@ def test_changes_that_cannot_be_are_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_a_scene_whose_radar_aims_by_itself_can_be_changed() -> None:
+    """A parameter given as "auto" stays automatic."""
+    base = sarmitsuba.load_scene("tower", radar="airborne_x")
+    steeper = base.replace(look_angle_deg=25.0)
+    loaded = sarmitsuba.load_scene("tower", radar="airborne_x", parameters={"look_angle_deg": "25"})
+    np.testing.assert_allclose(steeper.radar.aim_point, loaded.radar.aim_point, atol=1e-9)
+    np.testing.assert_allclose(steeper.radar.track.position, loaded.radar.track.position, atol=1e-6)
+
+
 def test_a_scene_put_together_by_hand_says_so(scene: sarmitsuba.Scene) -> None:
     import dataclasses
 

@@ -87,7 +87,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     radar, image = scene.radar, scene.image
     low, high = scene.geometry.bounds
     along, across = radar.track.along, radar.across
-    sector = radar.track.slice(*pulses)
+    sector = radar.track.of_pulses(slice(*pulses))
     antenna = sector.center_position
     middle = np.array([image.center_x, image.center_y, image.height])
     look = middle - antenna

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 
@@ -10,15 +9,7 @@ from sarmitsuba.scene.scene import Scene
 def middle_pulses(radar: Radar, n: int) -> Radar:
     """The radar with the ``n`` pulses about the middle of its track."""
     start = (radar.track.n_pulses - n) // 2
-    pick = slice(start, start + n)
-    p = radar.pointing
-    return replace(
-        radar,
-        track=radar.track.slice(start, start + n),
-        recorded=radar.recorded and radar.recorded.slice(start, start + n),
-        pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
-        window=replace(radar.window, start_range=radar.window.start_range[pick]),
-    )
+    return radar.of_pulses(slice(start, start + n))
 
 
 def crop(scene: Scene, share: float, pulses: float = 1.0) -> Scene:
