@@ -143,7 +143,11 @@ def slant_factor(corners: F64, antenna: F64) -> F64:
 
 
 def round_bodies(
-    corners: F64, vertex: NDArray[np.int64], part: NDArray[np.int64], bent: NDArray[np.bool_], wavelength: float
+    corners: F64,
+    vertex: NDArray[np.int64],
+    part: NDArray[np.int64],
+    bent: NDArray[np.bool_],
+    wavelength: float,
 ) -> NDArray[np.bool_]:
     """Triangles of curved surfaces and of the flat facets that end at them, where few rays resolve limbs and rims.
 
@@ -183,4 +187,13 @@ ROUND_RAYS = 150_000
 # convex flat parts that a piece of surface may have to be given rays for each of them
 MOST_PARTS = 32.0
 
-__all__ = ["RAYS_ACROSS", "SMOOTH_BEND", "part_sizes", "piece_of", "piece_sizes", "ray_needs", "round_bodies", "slant_factor"]
+__all__ = [
+    "RAYS_ACROSS",
+    "SMOOTH_BEND",
+    "part_sizes",
+    "piece_of",
+    "piece_sizes",
+    "ray_needs",
+    "round_bodies",
+    "slant_factor",
+]
