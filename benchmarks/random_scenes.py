@@ -122,6 +122,8 @@ class Draw:
             value = getattr(r, name)
             if name != "azimuth_beamwidth_deg" or value > 0:
                 text.append(f'<float name="{name}" value="{value!r}"/>')
+        # where the references have it; by default it is in the middle of the ground
+        text += [f'<float name="aim_{axis}" value="0"/>' for axis in "xyz"]
         if r.pattern != "isotropic":
             text.append('<float name="elevation_beamwidth_deg" value="30"/>')
         text.append('<film type="range_film">')
