@@ -16,6 +16,8 @@ FINE = (1, 7, 13)
 FINE_COARSE = (1, 7)
 # drawn too; off before limbs of curved bodies and small plates at grazing had rays of their own (-2.3 and -1.9 dB)
 ROUND = 91006
+# an edge that a line of the lattice followed: coherence 0.88
+FOLLOWED = 91056
 GRAZING = 200029
 
 
@@ -75,6 +77,13 @@ def test_a_cylinder_off_its_glints_returns_what_physical_optics_says(
     # tol: of six lattices the worst was 0.3 dB off
     assert abs(result.level_db) < 0.5, result
     assert result.coherence > 0.98, result
+
+
+def test_an_edge_that_a_row_of_rays_might_follow(truth: ModuleType, tmp_path: Path) -> None:
+    result = truth.run("metal", FOLLOWED, tmp_path)
+    # tol: amplitudes of a block of pulses are those of its middle one
+    assert abs(result.level_db) < 0.2, result
+    assert result.coherence > 0.99, result
 
 
 def test_plates_at_grazing_return_sigma0_times_their_area(truth: ModuleType, tmp_path: Path) -> None:
