@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from random_shapes import box, frame, gabled, polygon, terrain, turned
 
 F64 = NDArray[np.float64]
 SPEED_OF_LIGHT = 299_792_458.0
@@ -121,6 +122,8 @@ class Draw:
             value = getattr(r, name)
             if name != "azimuth_beamwidth_deg" or value > 0:
                 text.append(f'<float name="{name}" value="{value!r}"/>')
+        # where the references have it; by default it is in the middle of the ground
+        text += [f'<float name="aim_{axis}" value="0"/>' for axis in "xyz"]
         if r.pattern != "isotropic":
             text.append('<float name="elevation_beamwidth_deg" value="30"/>')
         text.append('<film type="range_film">')
@@ -155,84 +158,6 @@ class Draw:
         path = folder / f"{self.topic}_{self.seed}.xml"
         path.write_text("\n".join([*text, "</scene>\n"]), encoding="utf-8")
         return path
-
-
-# ---------------------------------------------------------------- shapes, all about the origin
-
-
-def box(size: F64) -> F64:
-    """Closed box of edge lengths ``size``."""
-    mesh = trimesh.creation.box(size)
-    return np.asarray(mesh.triangles)
-
-
-def prism(outline: F64, length: float) -> F64:
-    """Closed prism of a convex outline (n, 2) in x, z along y."""
-    n = len(outline)
-    a = np.column_stack([outline[:, 0], np.full(n, -0.5 * length), outline[:, 1]])
-    b = a + np.array([0.0, length, 0.0])
-    out = []
-    for i in range(n):
-        j = (i + 1) % n
-        out += [[a[i], b[j], b[i]], [a[i], a[j], b[j]]]
-    for i in range(1, n - 1):
-        out += [[a[0], a[i + 1], a[i]], [b[0], b[i], b[i + 1]]]
-    triangles = np.array(out)
-    middle = triangles.reshape(-1, 3).mean(axis=0)
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    inward = np.einsum("ti,ti->t", normal, triangles.mean(axis=1) - middle) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return triangles
-
-
-def gabled(rng: np.random.Generator, size: F64) -> F64:
-    """House with a gabled roof of 5 to 45 degrees."""
-    w, length, h = size
-    rise = 0.5 * w * np.tan(np.radians(rng.uniform(5.0, 45.0)))
-    outline = np.array([[-w / 2, 0.0], [w / 2, 0.0], [w / 2, h], [0.0, h + rise], [-w / 2, h]])
-    return prism(outline - [0.0, 0.5 * h], length)
-
-
-def polygon(outline: F64) -> F64:
-    """Flat open polygon (n, 2) in the xy plane, cut into triangles about its first corner, which sees all others."""
-    flat = np.column_stack([outline, np.zeros(len(outline))])
-    return np.array([flat[[0, i, i + 1]] for i in range(1, len(outline) - 1)])
-
-
-def frame(outer: float, width: float) -> F64:
-    """Flat square frame of four bars."""
-    a, b = 0.5 * outer, 0.5 * outer - width
-    bars = [(-a, a, b, a), (-a, a, -a, -b), (-a, -b, -b, b), (b, a, -b, b)]
-    out = []
-    for x0, x1, y0, y1 in bars:
-        p = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
-        out += [p[[0, 1, 2]], p[[0, 2, 3]]]
-    return np.array(out)
-
-
-def terrain(rng: np.random.Generator, size: float, step: float, slope: float) -> F64:
-    """Open surface of smooth random slopes, cut into triangles of ``step``."""
-    n = int(np.clip(round(size / step), 2, 60))
-    x = np.linspace(-0.5 * size, 0.5 * size, n + 1)
-    gx, gy = np.meshgrid(x, x, indexing="ij")
-    z = np.zeros_like(gx)
-    for _ in range(6):
-        length = size * rng.uniform(0.3, 1.0)
-        angle, phase = rng.uniform(0.0, 2.0 * np.pi, 2)
-        wave = 2.0 * np.pi / length
-        z += slope / np.sqrt(6.0) / wave * np.sin(wave * (gx * np.cos(angle) + gy * np.sin(angle)) + phase)
-    p = np.stack([gx, gy, z], axis=-1)
-    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
-    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 3)
-
-
-def turned(triangles: F64, rng: np.random.Generator, *, upright: bool) -> F64:
-    """Rotated at random: about the vertical only, or any way."""
-    matrix = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
-    if upright:
-        a = rng.uniform(0.0, 2.0 * np.pi)
-        matrix = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
-    return triangles @ matrix.T
 
 
 # ---------------------------------------------------------------- draws
@@ -424,15 +349,28 @@ def draw_metal_coarse(seed: int) -> Draw:
         draw = draw_metal(1000 * seed + k)
         if draw.bodies[0].kind not in ("sphere", "cylinder"):
             break
-    r = draw.radar
-    cell = min(r.range_cell, r.azimuth_resolution)
-    spacing = min(float(rng.uniform(1.0, 8.0)) * r.wavelength, 0.5 * cell)
-    return replace(draw, seed=seed, topic="metal_coarse", ray_spacing=spacing)
+    return replace(draw, seed=seed, topic="metal_coarse", ray_spacing=_far_apart(draw.radar, rng))
+
+
+def _far_apart(radar: Radar, rng: np.random.Generator) -> float:
+    """Distance between rays of 1 to 8 wavelengths, up to half a resolution cell, m."""
+    cell = min(radar.range_cell, radar.azimuth_resolution)
+    return min(float(rng.uniform(1.0, 8.0)) * radar.wavelength, 0.5 * cell)
 
 
 def draw_fine(seed: int) -> Draw:
-    """Two or three bodies on ground or without: shadows, mirrors, double bounces; some with rays far apart."""
+    """Two or three bodies on ground or without: shadows, mirrors, double bounces."""
+    return _several_bodies(seed, np.random.default_rng([seed, 4]))
+
+
+def draw_fine_coarse(seed: int) -> Draw:
+    """Bodies of ``draw_fine`` with rays 1 to 8 wavelengths apart."""
     rng = np.random.default_rng([seed, 4])
+    draw = _several_bodies(seed, rng)
+    return replace(draw, topic="fine_coarse", ray_spacing=_far_apart(draw.radar, rng))
+
+
+def _several_bodies(seed: int, rng: np.random.Generator) -> Draw:
     radar = draw_radar(rng, ("L", "C"))
     size = float(rng.uniform(6.0, 25.0)) * radar.wavelength
     shapes: dict[str, Callable[[], tuple[F64, bool, bool]]] = {
@@ -467,8 +405,6 @@ def draw_fine(seed: int) -> Draw:
         ]
         law = str(rng.choice(["none", "lambert"]))
         bodies.append(Body("ground", ground, False, law, float(rng.uniform(-20.0, -5.0)), permittivity=6.0))
-    cell = min(radar.range_cell, radar.azimuth_resolution)
-    spacing = min(float(rng.uniform(1.0, 8.0)) * radar.wavelength, 0.5 * cell) if rng.random() < 0.5 else 0.0
     reach = max(float(np.abs(b.triangles).max()) for b in bodies)
     return Draw(
         seed,
@@ -476,7 +412,6 @@ def draw_fine(seed: int) -> Draw:
         tuple(bodies),
         radar,
         4.0 * reach + 40.0 * max(radar.range_cell, radar.azimuth_resolution),
-        spacing,
     )
 
 
@@ -506,6 +441,9 @@ def draw_boxes(seed: int) -> Draw:
 DRAWS: dict[str, Callable[[int], Draw]] = {
     "diffuse": draw_diffuse,
     "metal": draw_metal,
-    "metal_coarse": draw_metal_coarse,
     "fine": draw_fine,
+    "metal_coarse": draw_metal_coarse,
+    "fine_coarse": draw_fine_coarse,
 }
+# topics whose distance between rays is forced: how the program fares, and warns, where a user asks for too few
+STRESS = ("metal_coarse", "fine_coarse")

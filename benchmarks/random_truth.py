@@ -7,8 +7,9 @@ errors of peak, position and coherence, and the ten worst with the command that 
 ``--lines FILE`` appends every scene to a file as soon as it is done and leaves out those that it holds already, so
 that a long run (``--jobs 2 --count 300``) can be cut off and go on; ``--summary FILE ...`` prints the table of files.
 
-Topics: ``diffuse`` against the energy of the lit area, ``metal`` and ``metal_coarse`` (rays far apart, as in a large
-scene) against physical optics, ``fine`` (several bodies: shadows, mirrors) against the program's own dense raw run.
+Topics with automatic settings, which ``all`` counts: ``diffuse`` against the energy of the lit area, ``metal`` against
+physical optics, ``fine`` (several bodies: shadows, mirrors) against the program's own dense raw run. Stress topics,
+with a table of their own: ``metal_coarse`` and ``fine_coarse``, the same with rays forced 1 to 8 wavelengths apart.
 """
 
 import argparse
@@ -138,7 +139,8 @@ def run(topic: str, seed: int, folder: Path) -> Result:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            found = {"diffuse": diffuse, "fine": fine}.get(topic, metal)(draw, folder / f"{topic}_{seed}")
+            compared = {"diffuse": diffuse, "fine": fine, "fine_coarse": fine}.get(topic, metal)
+            found = compared(draw, folder / f"{topic}_{seed}")
         except Exception as error:  # a long run goes on, and counts it
             failed = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
     said = tuple(dict.fromkeys(str(w.message) for w in caught))
@@ -277,7 +279,15 @@ def read(files: Iterable[Path]) -> list[Result]:
 
 
 def report(results: list[Result]) -> str:
-    """Shares, histogram and the worst of each topic, and the shares of all."""
+    """Table of the topics with automatic settings, and one of the stress topics."""
+    automatic = [r for r in results if r.topic not in scenes.STRESS]
+    stress = [r for r in results if r.topic in scenes.STRESS]
+    tables = [_table(automatic, "all (automatic settings)"), _table(stress, "all (rays forced far apart)")]
+    return "\n\n".join(table for table in tables if table)
+
+
+def _table(results: list[Result], name: str) -> str:
+    """Shares, histogram and the worst of each topic, and the shares of all of them."""
     lines = []
     topics = dict.fromkeys(r.topic for r in results)
     for topic in topics:
@@ -305,7 +315,7 @@ def report(results: list[Result]) -> str:
         worst = sorted(good, key=lambda r: -abs(r.level_db))[:10]
         lines += [f"  {r.text()}; {r.command}" for r in [*(r for r in mine if r.failed), *worst]]
     if len(topics) > 1:
-        lines.append(_shares("all", results))
+        lines.append(_shares(name, results))
     return "\n".join(lines)
 
 

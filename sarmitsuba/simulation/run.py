@@ -59,7 +59,9 @@ class Run:
         self.sampling: SamplingPlan | None = None
         if scene.geometry.n_faces:
             wavelength = scene.radar.waveform.wavelength
-            self.trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
+            self.trace_scene = build_trace_scene(
+                scene.geometry, scene.materials, wavelength, scene.radar.track.center_position
+            )
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")

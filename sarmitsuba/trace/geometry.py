@@ -14,7 +14,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
-from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs
+from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
@@ -101,13 +101,19 @@ INNER_BIT = 25
 MATERIAL_MASK = (1 << INNER_BIT) - 1
 
 
-def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
+def build_trace_scene(
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    wavelength: float,
+    antenna: NDArray[np.float64] | None = None,
+) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
     Parameters
     ----------
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
+    antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
 
     Raises
     ------
@@ -157,7 +163,10 @@ def build_trace_scene(geometry: Geometry, materials: tuple[Material, ...], wavel
     curved = None if bend is None else np.asarray((bend != 0.0).any(axis=1))
     flat = facets(triangles, vertex, curved, wavelength)
     sizes = part_sizes(triangles, flat.part, area, width, curved)
-    needs = ray_needs(triangles, area, width, sizes, bend, wavelength)
+    round_body = None if curved is None else round_bodies(triangles, vertex, flat.part, curved, wavelength)
+    needs = ray_needs(area, width, sizes, bend, round_body, wavelength)
+    if antenna is not None:
+        needs = (needs[0], needs[1] * slant_factor(triangles, antenna))
     pieces = boundary_edges(triangles, vertex, np.ones(len(triangles), dtype=bool)) if flat.creased else None
     info = np.stack(
         [

@@ -12,6 +12,9 @@ F32 = NDArray[np.float32]
 # irrational turn of the lattice (rad): no low-order lattice line falls along or across the window's axes
 LATTICE_TURN = 0.5 * (5.0**0.5 - 1.0)
 
+# turns that are tried where the edges of facets are known, and how far off these the lattice's lines should be (rad):
+# tubes end at edges exactly down to half of that
+TURNS, LEAST_ANGLE = 16, 1.0 / 30.0
 
 Purpose = Literal["all", "coherent", "diffuse"]
 
@@ -162,6 +165,7 @@ def lattice(
     seed: int = 0,
     draw: int = 0,
     purpose: Purpose = "all",
+    edges: F64 | None = None,
 ) -> LaunchGrid:
     """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
 
@@ -174,12 +178,14 @@ def lattice(
     seed : shifts the lattice at random and adds to its turn
     draw : number of the independent lattice of this seed (ray subsets, passes)
     purpose : kept with the lattice
+    edges : (n, 2) m, of facets as seen in the launch plane, that no line of the lattice is to follow; None: any may
     """
     rng = np.random.default_rng([seed & 0x7FFFFFFF, draw, 0x5A12])
     shift = rng.random(2) * spacing
-    turn = LATTICE_TURN + 0.25 * np.pi * float(rng.random()) * (draw > 0 or seed > 0)
+    turns = LATTICE_TURN + 0.25 * np.pi * rng.random(TURNS) * ((np.arange(TURNS) + draw + seed) > 0)
     # keep away from the axes and diagonals of the window
-    turn = 0.15 + (turn % (0.25 * np.pi - 0.3))
+    turns = 0.15 + (turns % (0.25 * np.pi - 0.3))
+    turn = float(turns[0] if edges is None else turns[np.argmin(_along_edges(turns, edges))])
     hx, hy = half_x + taper, half_y + taper
     radius = np.hypot(hx, hy)
     n = int(np.ceil(radius / spacing)) + 1
@@ -203,6 +209,13 @@ def lattice(
     return LaunchGrid(
         np.concatenate(xs)[order], np.concatenate(ys)[order], spacing, turn, half_x, half_y, taper, purpose
     )
+
+
+def _along_edges(turns: F64, edges: F64) -> F64:
+    """How much of the edges (n, 2), by the squares of their lengths, a lattice of each turn nearly follows."""
+    from_line = (np.arctan2(edges[:, 1], edges[:, 0]) - turns[:, None]) % (0.5 * np.pi)
+    from_line = np.minimum(from_line, 0.5 * np.pi - from_line)
+    return np.asarray(np.maximum(1.0 - from_line / LEAST_ANGLE, 0.0) @ np.square(edges).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,8 @@ LOOK_SPACING = 2.0**0.75
 TUBE_PHASE_CHANGE = 0.4
 # pulses that may share a tracing: the grids of more are no cheaper per pulse
 LONGEST_BLOCK = 128
+# triangles up to which the lattice is turned off their edges
+MOST_FACES = 2000
 # key pulses share about this many pulses when nothing else is known
 USUAL_INTERVAL = 100
 
@@ -286,6 +288,7 @@ class SamplingPlan:
                 seed=self.scene.settings.seed,
                 draw=draw,
                 purpose=purpose,
+                edges=self._edges(window) if purpose != "diffuse" else None,
             )
             for window in self.windows
         )
@@ -293,6 +296,16 @@ class SamplingPlan:
             replace(grid, frame=window.frame, pulses=window.pulses)
             for grid, window in zip(plain, self.windows, strict=True)
         )
+
+    def _edges(self, window: LaunchWindow) -> F64 | None:
+        """Edges of a small scene's triangles in a launch plane, (n, 2) m; None where they run every way anyway."""
+        geometry = self.scene.geometry
+        if geometry.n_faces > MOST_FACES:
+            return None
+        corners = geometry.vertices[geometry.faces]
+        edges = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 3)
+        axes = np.stack([window.frame.axis_x[0], window.frame.axis_y[0]], axis=1)
+        return np.asarray(edges @ axes)
 
 
 def azimuth_cell(scene: Scene) -> float:
