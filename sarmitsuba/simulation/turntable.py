@@ -39,6 +39,10 @@ FAR = 1000.0
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
 # aspects of an image over those that the target's width needs, and the most there are
 ASPECT_MARGIN, MOST_ASPECTS = 1.25, 4096
+# pixel spacing over the Nyquist spacing
+PIXEL_FILL = 0.5
+# of the arc's time axis; nothing depends on it
+PULSES_PER_SECOND = 100.0
 # rad; images between these elevations: from below the horizontal plane folds, from straight above nothing turns
 LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
 # rad; an antenna in the very plane of the image is raised by this much
@@ -63,14 +67,18 @@ class Aspects:
     def directions(self) -> F64:
         """(n, 3) unit vectors."""
         c = np.cos(self.elevation)
-        return np.stack(
-            [c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)], axis=1
-        )
+        return np.stack([c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
 
     @property
     def by_azimuth(self) -> bool:
         """True when the azimuth is what changes."""
         return bool(np.ptp(self.azimuth) > 0.0)
+
+    @property
+    def whole_circle(self) -> bool:
+        """True when the azimuths, evenly spaced, go all the way round."""
+        n, turn = self.azimuth.size, float(np.ptp(self.azimuth))
+        return n > 2 and turn * n / (n - 1) >= 2.0 * np.pi * (1.0 - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,11 +349,15 @@ def turntable_scene(
     first, last = float(aspects.azimuth.min()), float(aspects.azimuth.max())
     n = int(min(np.ceil((last - first) / step), MOST_ASPECTS - 1)) + 1
     middle, half = 0.5 * (first + last), 0.5 * min(last - first, (n - 1) * step)
+    if aspects.whole_circle and n < MOST_ASPECTS:  # seen from the west in the middle, +x is right and +y up
+        middle, half = np.pi, np.pi * (1.0 - 1.0 / n)
     azimuth = np.linspace(middle + half, middle - half, n)  # clockwise: the target lies to the right
     arc = Aspects(azimuth, np.full(n, elevation))
     position = center + scene.offset + FAR * radius * arc.directions
     track = Track.from_samples(np.arange(n) / PULSES_PER_SECOND, position)
     extent = 2.0 * margin * width
+    longest = SPEED_OF_LIGHT / (frequency - 0.5 * bandwidth)
+    spacing = _pixel_spacings(half, elevation, shortest, longest)
     description = RadarInput.of(
         RadarDescription(
             mode="spotlight",
@@ -363,18 +375,29 @@ def turntable_scene(
             image_height=float(center[2] + scene.offset[2]),
             image_extent_azimuth=extent,
             image_extent_range=extent,
+            pixel_spacing_azimuth=spacing[0],
+            pixel_spacing_range=spacing[1],
         ),
         track,
     )
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    radar, image, notes = seen_by(
-        scene.name, scene.geometry, scene.points, used, description, scene.offset
-    )
+    radar, image, notes = seen_by(scene.name, scene.geometry, scene.points, used, description, scene.offset)
     return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
 
 
-# of the arc's time axis; nothing depends on it
-PULSES_PER_SECOND = 100.0
+def _pixel_spacings(half: float, elevation: float, shortest: float, longest: float) -> tuple[float, float]:
+    r"""Pixel spacings (azimuth, range), m: ``PIXEL_FILL`` of the Nyquist spacing of the image's spectrum.
+
+    Aspects :math:`|\phi| \le \phi_h` about the middle and wavelengths from the shortest to the longest fill
+
+    .. math:: k_a = \pm \frac{4 \pi}{\lambda_s} \cos\epsilon \sin(\min(\phi_h, \pi / 2)), \quad
+              \frac{4 \pi}{\lambda} \cos\epsilon \cos\phi_h \le k_r \le \frac{4 \pi}{\lambda_s} \cos\epsilon
+    """
+    unit = 2.0 * np.cos(elevation)  # cycles per metre times the wavelength
+    along = 2.0 * unit / shortest * np.sin(min(half, 0.5 * np.pi))
+    lowest = np.cos(min(half, np.pi))
+    across = unit / shortest - unit * lowest / (longest if lowest > 0.0 else shortest)
+    return float(PIXEL_FILL / along), float(PIXEL_FILL / across)
 
 
 def _outline(scene: Scene) -> F64:
