@@ -68,6 +68,7 @@ def monostatic_rcs(
     draw: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    most_rays: int = FINE_RAYS,
     progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
@@ -77,7 +78,7 @@ def monostatic_rcs(
     geometry, materials : the target, scene frame
     directions : (n, 3) unit vectors from the target to the radar
     frequency : Hz
-    ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than two million rays
+    ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than ``most_rays``
     max_depth : most bounces; 0 = 8, as in scenes
     distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad)
     keep_orders : keep bounce numbers apart
@@ -86,6 +87,7 @@ def monostatic_rcs(
     draw : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
+    most_rays : of one direction, where their distance is automatic
     progress : called after every launch
 
     Raises
@@ -110,7 +112,7 @@ def monostatic_rcs(
     frame = frame_towards(position, center, _ALONG)
     half = _window(geometry, position, frame)
     spacing = ray_spacing or max(
-        wavelength / RAYS_PER_WAVELENGTH, float(np.sqrt(4.0 * half[0] * half[1] / FINE_RAYS))
+        wavelength / RAYS_PER_WAVELENGTH, float(np.sqrt(4.0 * half[0] * half[1] / most_rays))
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)

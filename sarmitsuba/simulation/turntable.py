@@ -23,7 +23,7 @@ from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
-from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.geometry import build_trace_scene
 
 F64 = NDArray[np.float64]
@@ -121,6 +121,8 @@ def rcs_sweep(
     aspects: Aspects,
     *,
     channels: tuple[str, ...] = (),
+    checked: int = CHECKED,
+    most_rays: int = FINE_RAYS,
     progress: Progress = silent,
 ) -> RcsSweep:
     """Trace everything in a scene from many aspects in the far field, with the effects that the scene calls for.
@@ -131,6 +133,8 @@ def rcs_sweep(
         its track, beam, power and noise do not
     aspects : directions to the radar
     channels : polarisations; empty: those of the scene's radar
+    checked : about as many directions are traced again for the sampling error; 0: none, and the error is NaN
+    most_rays : of one direction, where their distance is automatic
     progress : called after every launch
 
     Raises
@@ -153,13 +157,13 @@ def rcs_sweep(
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
     flags, depth = _effects(scene, aspects, channels)
-    tracing = _Tracing(scene, flags, depth, progress)
+    tracing = _Tracing(scene, flags, depth, most_rays, progress)
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     if scene.geometry.n_faces:
         first = tracing.amplitudes(aspects, 0)
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
-        errors = tracing.errors(aspects, amplitude)
+        errors = tracing.errors(aspects, amplitude, checked) if checked else errors
     for i, channel in enumerate(channels):
         if channel[0] == channel[1]:
             amplitude[:, 0, i] += _points(scene, aspects.directions)
@@ -180,6 +184,7 @@ class _Tracing:
     scene: Scene
     flags: KernelFlags
     depth: int
+    most_rays: int
     progress: Progress
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
@@ -201,11 +206,11 @@ class _Tracing:
             amplitude[pick] = part.amplitude
         return dataclasses.replace(first, amplitude=amplitude)
 
-    def errors(self, aspects: Aspects, amplitude: C128) -> tuple[float, ...]:
+    def errors(self, aspects: Aspects, amplitude: C128, checked: int) -> tuple[float, ...]:
         """Energy of the error of the sum of all orders over that of the sum, dB, from some aspects traced again."""
         total = amplitude.sum(axis=1)
         n = total.shape[0]
-        pick = np.unique([*np.arange(0, n, max(1, n // CHECKED)), *np.abs(total).argmax(axis=0)])
+        pick = np.unique([*np.arange(0, n, max(1, n // checked)), *np.abs(total).argmax(axis=0)])
         some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
         other = self.amplitudes(some, 1).amplitude.sum(axis=1)
         # both are off by as much
@@ -231,6 +236,7 @@ class _Tracing:
             draw=draw,
             cell=scene.settings.scatterer_cell or 0.5 * wavelength / CELLS_PER_RESOLUTION,
             up=up,
+            most_rays=self.most_rays,
             progress=self.progress,
         )
 
