@@ -5,8 +5,20 @@ other packages only when it runs, so that ``doctor`` works where they are missin
 ``COMMANDS`` becomes a subcommand.
 """
 
-from sarmitsuba.commands import cost, doctor, explain, focus, picture, quality, render, scenes, validate
+from sarmitsuba.commands import (
+    cost,
+    doctor,
+    explain,
+    focus,
+    picture,
+    quality,
+    rcs,
+    render,
+    scenes,
+    studio,
+    validate,
+)
 
-COMMANDS = (render, focus, picture, quality, explain, cost, scenes, validate, doctor)
+COMMANDS = (render, focus, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
 
 __all__ = ["COMMANDS"]

@@ -1,25 +1,29 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.material import Material
+from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice, window_of
+from sarmitsuba.trace.launch import LaunchFrame, PulseBatch, frame_towards, lattice, project
 
-# lanes of one launch; bounds memory (a lane's outputs take about 100 bytes)
+# lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
+# direction that the launch planes' x axes follow where they can
+_ALONG = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +36,13 @@ class RcsResult:
         unless orders were kept
     channels : labels of the last axis
     rays_per_direction : rays in the launch window
+    ray_spacing : m, between them
     """
 
     amplitude: NDArray[np.complex128]
     channels: tuple[str, ...]
     rays_per_direction: int
+    ray_spacing: float
 
     def rcs_dbsm(self, channel: str | None = None) -> NDArray[np.float64]:
         """(n_directions,) RCS of all orders summed coherently, dB above 1 m^2."""
@@ -54,11 +60,16 @@ def monostatic_rcs(
     *,
     channels: tuple[str, ...] = ("HH", "VV"),
     ray_spacing: float = 0.0,
-    max_depth: int = 3,
+    max_depth: int = 0,
     distance: float = 0.0,
     keep_orders: bool = False,
     flags: KernelFlags | None = None,
     seed: int = 0,
+    draw: int = 0,
+    cell: float = 0.0,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    most_rays: int = FINE_RAYS,
+    progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
 
@@ -67,82 +78,106 @@ def monostatic_rcs(
     geometry, materials : the target, scene frame
     directions : (n, 3) unit vectors from the target to the radar
     frequency : Hz
-    ray_spacing : m; 0 = wavelength / 4.5
-    max_depth : most bounces
+    ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than ``most_rays``
+    max_depth : most bounces; 0 = 8, as in scenes
     distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad)
     keep_orders : keep bounce numbers apart
-    flags : effects; default all that the materials call for
-    seed : shift and turn of the ray lattice
+    flags : effects; default all coherent ones that the materials call for
+    seed : shift and turn of the ray lattice, and the diffuse scatterers
+    draw : number of the independent lattice of this seed
+    cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
+    up : (3,) vertical reference of the polarisation, scene frame
+    most_rays : of one direction, where their distance is automatic
+    progress : called after every launch
+
+    Raises
+    ------
+    RadarError
+        The directions are not (n, 3) finite vectors, or ``max_depth`` is negative.
 
     Notes
     -----
     Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
     """
     wavelength = SPEED_OF_LIGHT / frequency
-    look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
-    if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
-        raise RadarError(f"directions have the shape {look.shape}; (n, 3) finite vectors are needed")
-    look = look / np.linalg.norm(look, axis=1, keepdims=True)
+    depth = max_depth or DEFAULT_DEPTH
+    if depth < 0:
+        raise RadarError(f"max_depth = {max_depth} is below the bound 0; give the most bounces, or 0 for 8")
+    look = _unit_rows(directions)
     low, high = geometry.bounds
     center, radius = 0.5 * (low + high), 0.5 * geometry.diameter
-    spacing = ray_spacing or wavelength / 4.5
     # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
     far = distance or 2.0 * np.pi / wavelength * radius**2 / 1e-4
     position = center + look * far
-    along = np.array([0.0, 1.0, 0.0])
-    frame = frame_towards(position, center, along)
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    frame = frame_towards(position, center, _ALONG)
+    half = _window(geometry, position, frame)
+    spacing = ray_spacing or max(
+        wavelength / RAYS_PER_WAVELENGTH, float(np.sqrt(4.0 * half[0] * half[1] / most_rays))
     )
-    half = np.zeros(2)
-    for i in range(look.shape[0]):
-        one = frame_towards(position[i : i + 1], center, along)
-        lo, hi = window_of(corners, position[i], one)
-        half = np.maximum(half, np.maximum(np.abs(lo), np.abs(hi)))
-    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed)
-    if flags is None:
-        flags = KernelFlags(
-            channels=channels,
-            fresnel=not all(m.pec for m in materials),
-            roughness=any(m.rms_height > 0 for m in materials),
-            diffuse=False,
-            depolarisation=False,
-            polarised_diffuse=False,
-            antenna_pattern=False,
-            spreading=True,
-            taper=False,
-            multi_bounce=max_depth > 1,
-        )
+    grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
+    flags = flags or _flags_of(materials, channels, depth)
     scene = build_trace_scene(geometry, materials, wavelength)
     settings = KernelSettings(
-        wavelength=wavelength, max_depth=max_depth, cell=1.0, seed=seed, amplitude=far**2, reference_range=far
+        wavelength=wavelength,
+        max_depth=depth,
+        cell=cell or wavelength / 3.0,
+        seed=seed,
+        amplitude=far**2,
+        reference_range=far,
+        up=up,
     )
-    n_orders = max_depth if keep_orders else 1
+    n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)
-    parts = []
+    amplitude = np.empty((look.shape[0], n_orders, len(channels)), dtype=np.complex128)
     for start in range(0, look.shape[0], per_launch):
-        pick = slice(start, start + per_launch)
+        pick = slice(start, min(start + per_launch, look.shape[0]))
         batch = PulseBatch(
             position=position[pick],
             velocity=np.zeros_like(position[pick]),
-            frame=type(frame)(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
+            frame=LaunchFrame(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
         )
-        reference = device_array(mi.Float64, np.full(batch.n_pulses, far))
-        accumulator = SumAccumulator(wavelength, reference, len(channels), max_depth if keep_orders else 0)
-        _, sums = trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
-        # lanes of one direction lie together
-        parts.append(
-            np.stack(
-                [_sum_lanes(s.real, grid.n_rays) + 1j * _sum_lanes(s.imag, grid.n_rays) for s in sums],
-                axis=-1,
-            )
+        accumulator = SumAccumulator(
+            batch.n_pulses, len(channels), depth if keep_orders else 0, wavelength, far
         )
-    amplitude = np.concatenate(parts).reshape(look.shape[0], n_orders, len(channels))
-    return RcsResult(amplitude, channels, grid.n_rays)
+        trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
+        sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
+        amplitude[pick] = np.moveaxis(sums, 2, 0)
+        progress("trace", pick.stop, look.shape[0], {})
+    return RcsResult(amplitude, channels, grid.n_rays, spacing)
 
 
-def _sum_lanes(values: "mi.Float", block: int) -> NDArray[np.float64]:
-    return np.asarray(dr.block_sum(mi.Float64(values), block), dtype=np.float64)
+def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
+    """Directions as (n, 3) unit vectors."""
+    look = np.atleast_2d(np.asarray(directions, dtype=np.float64))
+    if look.ndim != 2 or look.shape[1] != 3 or not np.isfinite(look).all():
+        raise RadarError(f"directions have the shape {look.shape}; (n, 3) finite vectors are needed")
+    return np.asarray(look / np.linalg.norm(look, axis=1, keepdims=True))
+
+
+def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
+    """Half extents (2,) of the launch window that holds the bounds of the geometry from every position, m."""
+    corners = np.array(list(itertools.product(*geometry.bounds.T)))
+    half = np.zeros(2)
+    for place, center, x, y in zip(position, frame.center, frame.axis_x, frame.axis_y, strict=True):
+        one = LaunchFrame(center[None], x[None], y[None])
+        half = np.maximum(half, np.abs(project(corners, place, one)).max(axis=0))
+    return half
+
+
+def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth: int) -> KernelFlags:
+    """The coherent effects that materials call for."""
+    return KernelFlags(
+        channels=channels,
+        fresnel=not all(m.pec for m in materials),
+        roughness=any(m.rms_height > 0 for m in materials),
+        diffuse=False,
+        depolarisation=False,
+        polarised_diffuse=False,
+        antenna_pattern=False,
+        spreading=True,
+        taper=False,
+        multi_bounce=depth > 1,
+    )
 
 
 __all__ = ["RcsResult", "monostatic_rcs"]

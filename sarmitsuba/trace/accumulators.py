@@ -1,4 +1,4 @@
-"""Where contributions go: per-lane sums (RCS), per-pulse range grids (direct) or range-rate grids (block)."""
+"""Where contributions go: per-pulse sums (RCS), per-pulse range grids (direct) or range-rate grids (block)."""
 
 from __future__ import annotations
 
@@ -23,44 +23,6 @@ if TYPE_CHECKING:
 # numbers in the smallest grid (2 MB), and up to which sizes quadruple (32 MB); beyond, they double
 SMALLEST_GRID = 1 << 18
 FOURFOLD_UP_TO = 1 << 22
-
-
-class SumAccumulator:
-    """Coherent sum in the lane itself, for look-by-look radar cross sections; no memory traffic at all.
-
-    Parameters
-    ----------
-    wavelength : m
-    reference_slant_range : (n_pulses,) Dr.Jit float64, m, subtracted from slant ranges before the phase is formed
-    n_channels : amplitudes per contribution
-    max_order : orders kept apart, 1..max_order; 0 sums all orders
-    """
-
-    def __init__(
-        self, wavelength: float, reference_slant_range: mi.Float64, n_channels: int, max_order: int = 0
-    ) -> None:
-        self.wavelength = wavelength
-        self.reference = reference_slant_range
-        self.n_channels = n_channels
-        self.max_order = max_order
-
-    def begin(self) -> tuple[mi.Complex2f, ...]:
-        """One complex zero per channel and order."""
-        return tuple(mi.Complex2f(0.0, 0.0) for _ in range(self.n_channels * max(1, self.max_order)))
-
-    def add(self, state: tuple[mi.Complex2f, ...], contribution: Contribution) -> tuple[mi.Complex2f, ...]:
-        """Add into the lane's sums; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
-        active = contribution.active
-        reference = dr.gather(mi.Float64, self.reference, contribution.pulse, active)
-        phase = phase_factor(contribution.slant_range - reference, self.wavelength)
-        out = list(state)
-        order = dr.minimum(contribution.order, self.max_order) if self.max_order else contribution.order
-        for o in range(max(1, self.max_order)):
-            mine = active if self.max_order == 0 else active & (order == o + 1)
-            for i, a in enumerate(contribution.amplitudes):
-                j = o * self.n_channels + i
-                out[j] = out[j] + dr.select(mine, a * phase, mi.Complex2f(0.0))
-        return tuple(out)
 
 
 class GridAccumulator:
@@ -277,6 +239,33 @@ class DirectAccumulator(GridAccumulator):
             self.scatter(base + i, values, wi, inside)
         lost = contribution.active & (~inside | self.outside(contribution))
         return self.counted(state, contribution, lost)
+
+
+class SumAccumulator(GridAccumulator):
+    """Adds each path to its own pulse's sum, for radar cross sections over many looks.
+
+    Parameters
+    ----------
+    n_pulses : of the launch
+    reference_slant_range : m, subtracted from slant ranges before the phase is formed
+    n_channels, max_order, wavelength : as for :class:`GridAccumulator`
+    """
+
+    def __init__(
+        self, n_pulses: int, n_channels: int, max_order: int, wavelength: float, reference_slant_range: float
+    ) -> None:
+        super().__init__(max(1, max_order), 1, n_pulses, n_channels, max_order, wavelength)
+        self.reference = reference_slant_range
+
+    def add(self, state: LostCount, contribution: Contribution) -> LostCount:
+        """Add to the pulse's sum; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        offset = contribution.slant_range - dr.opaque(mi.Float64, self.reference)
+        phase = phase_factor(offset, self.wavelength)
+        values = [amplitude * phase for amplitude in contribution.amplitudes]
+        n_pulses = dr.opaque(mi.UInt32, self.shape[2])
+        cell = self.slot(contribution.order) * n_pulses + contribution.pulse
+        self.scatter(cell, values, mi.Float(1.0), contribution.active)
+        return state
 
 
 def grid_cells(x: mi.Float64, kernel: SpreadingKernel, n: int) -> tuple[mi.UInt32, list[mi.Float], mi.Bool]:

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.text import Annotation
+from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
@@ -95,6 +96,39 @@ def png(image: SarImage, options: PictureOptions | None = None, *, title: str | 
     buffer = BytesIO()
     FigureCanvasAgg(quicklook(image, options, title=title)).print_figure(buffer, format="png", dpi=_DPI)
     return buffer.getvalue()
+
+
+def panel(image: SarImage, options: PictureOptions | None = None, *, width: float = 3.4) -> Figure:
+    """Draw one channel for a narrow column of a page, with a colour bar below; ``width`` in inches at 150 dpi.
+
+    Raises
+    ------
+    DataError : an option does not fit the image
+    """
+    options = _filled(image, options, None)
+    extents = (
+        image.grid.shape[0] * image.grid.azimuth_spacing,
+        image.grid.shape[1] * image.grid.range_spacing,
+    )
+    height = width * float(np.clip(extents[0] / extents[1], 0.3, 2.0)) + 0.6
+    figure = Figure(figsize=(width, height), dpi=150, layout="constrained")
+    axes = figure.add_subplot()
+    picture = draw(image, axes, options)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_fontsize(7)
+    axes.tick_params(labelsize=6)
+    bar = figure.colorbar(picture, ax=axes, orientation="horizontal", fraction=0.05, pad=0.02)
+    bar.set_label(f"{options.channel}, {prepare(image, options, _LARGEST).label}", fontsize=7)
+    bar.ax.tick_params(labelsize=6)
+    return figure
+
+
+def pixels(figure: Figure) -> NDArray[np.uint8]:
+    """A figure as (rows, columns, 3) uint8, red, green and blue, first row on top."""
+    canvas, buffer = FigureCanvasAgg(figure), BytesIO()
+    canvas.print_figure(buffer, format="rgba", dpi=figure.dpi)
+    width, height = canvas.get_width_height()
+    return np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)[..., :3]
 
 
 def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *, columns: int = 3) -> Figure:
@@ -239,4 +273,4 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
     return ",  ".join(facts), ",  ".join(more)
 
 
-__all__ = ["bounce_orders", "draw", "png", "quicklook", "quicklook_by_order", "save"]
+__all__ = ["bounce_orders", "draw", "panel", "pixels", "png", "quicklook", "quicklook_by_order", "save"]

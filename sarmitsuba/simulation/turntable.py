@@ -1,0 +1,414 @@
+"""A target on a turntable: its radar cross section over aspects, and the image that the aspects on a circle make.
+
+Azimuth is counted from +x (east) towards +y (north) and elevation from the horizontal upwards, both of the direction
+from the target to the radar. Phase is referred to the middle of everything that there is to see.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import ensure_backend
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.errors import RadarError
+from sarmitsuba.loader.assemble import seen_by
+from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.description import FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.points import visible
+from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.trace.geometry import build_trace_scene
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# cosine of the elevation below which H and V are taken from the azimuth: the vertical no longer tells them
+STEEP = 1e-3
+# directions that are traced a second time, with other rays, for the error of the sampling
+CHECKED = 24
+# slant range over the radius of the target: curvature of the wave is then focused away and hardly turns aspects
+FAR = 1000.0
+# resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
+CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
+# aspects of an image over those that the target's width needs, and the most there are
+ASPECT_MARGIN, MOST_ASPECTS = 1.25, 4096
+# pixel spacing over the Nyquist spacing
+PIXEL_FILL = 0.5
+# of the arc's time axis; nothing depends on it
+PULSES_PER_SECOND = 100.0
+# rad; images between these elevations: from below the horizontal plane folds, from straight above nothing turns
+LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
+# rad; an antenna in the very plane of the image is raised by this much
+RAISED = 1e-4
+# rad; smallest turn that resolves anything worth a picture
+LEAST_TURN = float(np.radians(1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Aspects:
+    """Directions from the target to the radar.
+
+    Parameters
+    ----------
+    azimuth, elevation : (n,) float64, rad
+    """
+
+    azimuth: F64
+    elevation: F64
+
+    @property
+    def directions(self) -> F64:
+        """(n, 3) unit vectors."""
+        c = np.cos(self.elevation)
+        return np.stack([c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
+
+    @property
+    def by_azimuth(self) -> bool:
+        """True when the azimuth is what changes."""
+        return bool(np.ptp(self.azimuth) > 0.0)
+
+    @property
+    def whole_circle(self) -> bool:
+        """True when the azimuths, evenly spaced, go all the way round."""
+        n, turn = self.azimuth.size, float(np.ptp(self.azimuth))
+        return n > 2 and turn * n / (n - 1) >= 2.0 * np.pi * (1.0 - 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class RcsSweep:
+    """Radar cross section of a scene over aspects.
+
+    Parameters
+    ----------
+    aspects : directions to the radar
+    frequency : Hz
+    result : scattering amplitudes, bounce orders apart
+    max_depth : bounces that were followed
+    error_db : of every channel, energy of the sampling error over that of the returns, dB; NaN where nothing is traced
+    notes : one line each; what was assumed
+    """
+
+    aspects: Aspects
+    frequency: float
+    result: RcsResult
+    max_depth: int
+    error_db: tuple[float, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Bounce numbers that return anything."""
+        power = np.abs(self.result.amplitude).max(axis=(0, 2))
+        return tuple(int(i) + 1 for i in np.flatnonzero(power > 0.0))
+
+    def dbsm(self, channel: str, order: int | None = None) -> F64:
+        """(n,) RCS of one bounce number, or of all added coherently, dB above 1 m^2; -inf where nothing returns."""
+        amplitude = self.result.amplitude[:, :, self.result.channels.index(channel)]
+        picked = amplitude.sum(axis=1) if order is None else amplitude[:, order - 1]
+        with np.errstate(divide="ignore"):
+            return np.asarray(20.0 * np.log10(np.abs(picked)))
+
+
+def rcs_sweep(
+    scene: Scene,
+    aspects: Aspects,
+    *,
+    channels: tuple[str, ...] = (),
+    checked: int = CHECKED,
+    most_rays: int = FINE_RAYS,
+    progress: Progress = silent,
+) -> RcsSweep:
+    """Trace everything in a scene from many aspects in the far field, with the effects that the scene calls for.
+
+    Parameters
+    ----------
+    scene : its geometry, materials, points, frequency, ``max_depth``, ``ray_spacing``, seed and switched effects count;
+        its track, beam, power and noise do not
+    aspects : directions to the radar
+    channels : polarisations; empty: those of the scene's radar
+    checked : about as many directions are traced again for the sampling error; 0: none, and the error is NaN
+    most_rays : of one direction, where their distance is automatic
+    progress : called after every launch
+
+    Raises
+    ------
+    RadarError
+        Straight above or below, an azimuth sweep only turns the polarisation.
+
+    Notes
+    -----
+    Ignores what the kernel ignores: edge diffraction, transmission. Ground in the scene is part of the target, up to
+    its edges.
+    """
+    steep = np.cos(aspects.elevation) < STEEP
+    if aspects.by_azimuth and steep.any():
+        raise RadarError(
+            f"rcs: from an elevation of {np.degrees(aspects.elevation[steep][0]):g} deg an azimuth sweep turns nothing "
+            "but the polarisation; give an elevation between -89.9 and 89.9 deg"
+        )
+    ensure_backend()
+    channels = channels or scene.radar.channels
+    frequency = scene.radar.waveform.center_frequency
+    flags, depth = _effects(scene, aspects, channels)
+    tracing = _Tracing(scene, flags, depth, most_rays, progress)
+    shape = (aspects.azimuth.size, depth, len(channels))
+    amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
+    if scene.geometry.n_faces:
+        first = tracing.amplitudes(aspects, 0)
+        amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
+        errors = tracing.errors(aspects, amplitude, checked) if checked else errors
+    for i, channel in enumerate(channels):
+        if channel[0] == channel[1]:
+            amplitude[:, 0, i] += _points(scene, aspects.directions)
+    return RcsSweep(
+        aspects,
+        frequency,
+        RcsResult(amplitude, channels, rays, spacing),
+        depth,
+        errors,
+        _notes(scene, spacing),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Tracing:
+    """Tracing of one scene from any aspects."""
+
+    scene: Scene
+    flags: KernelFlags
+    depth: int
+    most_rays: int
+    progress: Progress
+
+    def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
+        """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
+        steep = np.sign(aspects.elevation) * (np.cos(aspects.elevation) < STEEP)
+        parts = []
+        for side in (0.0, 1.0, -1.0):
+            pick = np.flatnonzero(steep == side)
+            if not pick.size:
+                continue
+            azimuth = float(aspects.azimuth[pick[0]])
+            up = (0.0, 0.0, 1.0)
+            if side:
+                up = (-side * float(np.cos(azimuth)), -side * float(np.sin(azimuth)), 0.0)
+            parts.append((pick, self._traced(aspects.directions[pick], up, draw)))
+        first = parts[0][1]
+        amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
+        for pick, part in parts:
+            amplitude[pick] = part.amplitude
+        return dataclasses.replace(first, amplitude=amplitude)
+
+    def errors(self, aspects: Aspects, amplitude: C128, checked: int) -> tuple[float, ...]:
+        """Energy of the error of the sum of all orders over that of the sum, dB, from some aspects traced again."""
+        total = amplitude.sum(axis=1)
+        n = total.shape[0]
+        pick = np.unique([*np.arange(0, n, max(1, n // checked)), *np.abs(total).argmax(axis=0)])
+        some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
+        other = self.amplitudes(some, 1).amplitude.sum(axis=1)
+        # both are off by as much
+        error = 0.5 * np.square(np.abs(other - total[pick])).sum(axis=0)
+        energy = np.square(np.abs(total[pick])).sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return tuple(float(v) for v in 10.0 * np.log10(error / energy))
+
+    def _traced(self, directions: F64, up: tuple[float, float, float], draw: int) -> RcsResult:
+        scene = self.scene
+        wavelength = scene.radar.waveform.wavelength
+        return monostatic_rcs(
+            scene.geometry,
+            scene.materials,
+            directions,
+            scene.radar.waveform.center_frequency,
+            channels=self.flags.channels,
+            ray_spacing=scene.settings.ray_spacing,
+            max_depth=self.depth,
+            keep_orders=True,
+            flags=self.flags,
+            seed=scene.settings.seed,
+            draw=draw,
+            cell=scene.settings.scatterer_cell or 0.5 * wavelength / CELLS_PER_RESOLUTION,
+            up=up,
+            most_rays=self.most_rays,
+            progress=self.progress,
+        )
+
+
+def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[KernelFlags, int]:
+    """Effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
+    center, radius = _middle(scene)
+    position = center + aspects.directions * max(FAR * radius, 1.0)
+    radar = dataclasses.replace(
+        scene.radar,
+        track=Track.from_samples(np.arange(float(len(position))), position),
+        antenna=Antenna(),
+        channels=channels,
+        noise_temperature=0.0,
+        recorded=None,
+    )
+    settings = dataclasses.replace(scene.settings, method="hybrid")
+    plan = plan_effects(dataclasses.replace(scene, radar=radar, settings=settings))
+    flags = dataclasses.replace(
+        plan.flags, channels=channels, taper=False, antenna_pattern=False, spreading=True
+    )
+    return flags, plan.max_depth
+
+
+def _middle(scene: Scene) -> tuple[F64, float]:
+    """Middle of everything that there is to see, (3,) m, scene frame, and the radius of what surrounds it, m."""
+    clouds = [point.position[None] for point in scene.points]
+    if scene.geometry.n_faces:
+        clouds = [scene.geometry.bounds, *clouds]
+    center = 0.5 * (clouds[0].min(axis=0) + clouds[0].max(axis=0))
+    if not scene.geometry.n_faces:
+        cloud = np.concatenate(clouds)
+        center = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
+    outline = np.concatenate([scene.geometry.vertices, *clouds])
+    return center, float(np.linalg.norm(outline - center, axis=1).max())
+
+
+def _points(scene: Scene, look: F64) -> C128:
+    """Amplitudes (n,) of the ideal points, hidden where a mesh stands before them."""
+    center, radius = _middle(scene)
+    wavelength = scene.radar.waveform.wavelength
+    total = np.zeros(look.shape[0], dtype=np.complex128)
+    if not scene.points:
+        return total
+    trace_scene = None
+    if scene.geometry.n_faces:
+        trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
+    far = max(FAR * radius, 1.0)
+    for point in scene.points:
+        phase = 4.0 * np.pi / wavelength * (look @ (point.position - center)) + point.phase
+        seen = np.ones(look.shape[0])
+        if trace_scene is not None:
+            leg = point.position - (center + far * look)
+            seen = visible(trace_scene, point.position, leg, np.linalg.norm(leg, axis=1))
+        total += np.sqrt(point.rcs) * seen * np.exp(1j * phase)
+    return total
+
+
+def _notes(scene: Scene, spacing: float) -> tuple[str, ...]:
+    """What is to be said of rays that are farther apart than small and curved parts want."""
+    wavelength = scene.radar.waveform.wavelength
+    if spacing <= 1.001 * wavelength / RAYS_PER_WAVELENGTH:
+        return ()
+    return (
+        f"{scene.name}: rays are {spacing / wavelength:.2g} wavelengths apart, where small and curved parts want "
+        f"{1.0 / RAYS_PER_WAVELENGTH:.2g}; the sampling error says what that costs. Set ray_spacing for other ones",
+    )
+
+
+def image_refusal(aspects: Aspects) -> str:
+    """Why no image is made of the aspects; empty when one is."""
+    if not aspects.by_azimuth:
+        return "only a sweep of azimuth makes an image"
+    if np.ptp(aspects.azimuth) < LEAST_TURN:
+        return f"the azimuth turns by less than {np.degrees(LEAST_TURN):g} deg"
+    if not LOWEST <= aspects.elevation[0] <= HIGHEST:
+        return f"the elevation is not within 0 to {np.degrees(HIGHEST):g} deg"
+    return ""
+
+
+def turntable_scene(
+    scene: Scene, aspects: Aspects, *, channels: tuple[str, ...] = (), bandwidth: float = 0.0
+) -> Scene:
+    r"""Return the scene under a radar that flies the arc of an azimuth sweep: rendered, it is the target's image.
+
+    The arc is sampled so that nothing folds over a target of radius r, at the highest frequency:
+
+    .. math:: \Delta \phi \le \frac{\lambda}{4 r \cos\epsilon}
+
+    Parameters
+    ----------
+    scene : the target
+    aspects : azimuth sweep, see :func:`image_refusal`
+    channels : polarisations; empty: those of the scene's radar
+    bandwidth : Hz; 0 = 48 cells over the target's diameter, at most 0.4 of the frequency
+
+    Returns
+    -------
+    scene whose image stands on the horizontal plane through the target's middle; where the whole arc would be more than
+    4096 pulses, the pulses are those about the sweep's middle
+
+    Notes
+    -----
+    The radar is a thousand radii away. In the plane of the image itself it is raised by 1e-4 rad.
+    """
+    center, radius = _middle(scene)
+    frequency = scene.radar.waveform.center_frequency
+    width = float(np.linalg.norm((_outline(scene) - center)[:, :2], axis=1).max())
+    radius, width = max(radius, 1e-3), max(width, 1e-3)
+    if not bandwidth:
+        bandwidth = min(CELLS_ACROSS * SPEED_OF_LIGHT / (4.0 * radius), WIDEST_BAND * frequency)
+    elevation = max(float(aspects.elevation[0]), RAISED)
+    shortest = SPEED_OF_LIGHT / (frequency + 0.5 * bandwidth)
+    margin = 1.0 + 32.0 / CELLS_ACROSS  # side lobes beside the target
+    step = shortest / (4.0 * margin * width * np.cos(elevation)) / ASPECT_MARGIN
+    first, last = float(aspects.azimuth.min()), float(aspects.azimuth.max())
+    n = int(min(np.ceil((last - first) / step), MOST_ASPECTS - 1)) + 1
+    middle, half = 0.5 * (first + last), 0.5 * min(last - first, (n - 1) * step)
+    if aspects.whole_circle and n < MOST_ASPECTS:  # seen from the west in the middle, +x is right and +y up
+        middle, half = np.pi, np.pi * (1.0 - 1.0 / n)
+    azimuth = np.linspace(middle + half, middle - half, n)  # clockwise: the target lies to the right
+    arc = Aspects(azimuth, np.full(n, elevation))
+    position = center + scene.offset + FAR * radius * arc.directions
+    track = Track.from_samples(np.arange(n) / PULSES_PER_SECOND, position)
+    extent = 2.0 * margin * width
+    longest = SPEED_OF_LIGHT / (frequency - 0.5 * bandwidth)
+    spacing = _pixel_spacings(half, elevation, shortest, longest)
+    description = RadarInput.of(
+        RadarDescription(
+            mode="spotlight",
+            center_frequency=frequency,
+            bandwidth=bandwidth,
+            polarisation=",".join(channels or scene.radar.channels),
+            aim_x=float(center[0] + scene.offset[0]),
+            aim_y=float(center[1] + scene.offset[1]),
+            aim_z=float(center[2] + scene.offset[2]),
+        ),
+        FilmDescription(
+            image_grid="ground",
+            image_center_x=float(center[0] + scene.offset[0]),
+            image_center_y=float(center[1] + scene.offset[1]),
+            image_height=float(center[2] + scene.offset[2]),
+            image_extent_azimuth=extent,
+            image_extent_range=extent,
+            pixel_spacing_azimuth=spacing[0],
+            pixel_spacing_range=spacing[1],
+        ),
+        track,
+    )
+    used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
+    radar, image, notes = seen_by(scene.name, scene.geometry, scene.points, used, description, scene.offset)
+    return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
+
+
+def _pixel_spacings(half: float, elevation: float, shortest: float, longest: float) -> tuple[float, float]:
+    r"""Pixel spacings (azimuth, range), m: ``PIXEL_FILL`` of the Nyquist spacing of the image's spectrum.
+
+    Aspects :math:`|\phi| \le \phi_h` about the middle and wavelengths from the shortest to the longest fill
+
+    .. math:: k_a = \pm \frac{4 \pi}{\lambda_s} \cos\epsilon \sin(\min(\phi_h, \pi / 2)), \quad
+              \frac{4 \pi}{\lambda} \cos\epsilon \cos\phi_h \le k_r \le \frac{4 \pi}{\lambda_s} \cos\epsilon
+    """
+    unit = 2.0 * np.cos(elevation)  # cycles per metre times the wavelength
+    along = 2.0 * unit / shortest * np.sin(min(half, 0.5 * np.pi))
+    lowest = np.cos(min(half, np.pi))
+    across = unit / shortest - unit * lowest / (longest if lowest > 0.0 else shortest)
+    return float(PIXEL_FILL / along), float(PIXEL_FILL / across)
+
+
+def _outline(scene: Scene) -> F64:
+    """(n, 3) everything that there is to see, m, scene frame."""
+    return np.concatenate([scene.geometry.vertices, *(point.position[None] for point in scene.points)])
+
+
+__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "turntable_scene"]

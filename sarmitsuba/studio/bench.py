@@ -1,0 +1,280 @@
+"""What stands on the bench: a state that is a scene file, and what is seen of it.
+
+A state is written as a scene file and simulated from that file, so that the file which a user saves gives the same
+image to the bit.
+"""
+
+import dataclasses
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import SceneError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.loader.from_mesh import is_mesh_file
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.loader.tables import RADAR_MATERIAL
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import Method
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.turntable import Aspects, RcsSweep, rcs_sweep
+from sarmitsuba.timing import Clock
+
+F64 = NDArray[np.float64]
+
+# that of the command `render`
+WINDOW = "taylor"
+# rays of the RCS that is shown; `rcs` takes more
+RCS_RAYS = 100_000
+# of a scene whose file holds no radar
+RADAR = "airborne_x"
+# what a surface keeps of its parameters when it is made of something else: how rough it is
+_MADE_OF = ("material", "permittivity_real", "permittivity_imag", "conductivity")
+
+
+@dataclass(frozen=True)
+class BenchState:
+    """Where the sliders stand.
+
+    Parameters
+    ----------
+    source : scene file that the geometry comes from
+    look_angle_deg, heading_deg : of the radar, as in ``sar_antenna``
+    look_side : of the flight direction
+    mode : of the beam, as in ``sar_antenna``
+    slant_range : m
+    frequency : Hz
+    resolution : m, slant-range and azimuth cell
+    polarisation : one channel
+    max_depth : most bounces; 0 = automatic
+    size : factor on all coordinates of the file
+    materials : of surfaces by the ids of their BSDFs; those that are not named stay as they are
+    method : of simulation
+    """
+
+    source: Path
+    look_angle_deg: float = 45.0
+    heading_deg: float = 0.0
+    look_side: str = "right"
+    mode: str = "stripmap"
+    slant_range: float = 10e3
+    frequency: float = 9.65e9
+    resolution: float = 1.0
+    polarisation: str = "VV"
+    max_depth: int = 0
+    size: float = 1.0
+    materials: Mapping[str, str] = field(default_factory=dict)
+    method: Method = "image"
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What is seen of a state.
+
+    Parameters
+    ----------
+    state, scene : what was simulated
+    image : on the ground
+    rcs : of everything in the scene from the middle of the aperture, bounce orders apart
+    seconds : that simulating and loading took
+    """
+
+    state: BenchState
+    scene: Scene
+    image: SarImage
+    rcs: RcsSweep
+    seconds: float
+
+
+def first_state(source: str) -> BenchState:
+    """The state that shows a scene as its own radar sees it; a scene without a radar is seen by ``airborne_x``.
+
+    Raises
+    ------
+    SceneError, RadarError
+        The scene cannot be read, or is a mesh.
+    """
+    path = resolve(source)
+    if is_mesh_file(path):
+        raise SceneError(
+            f"{path.name}: the bench takes scene files; write one that names the mesh in a shape, such as "
+            f'<shape type="ply"><string name="filename" value="{path.name}"/></shape>'
+        )
+    has_radar = any(node.get("type") == "sar_antenna" for node in _parsed(path).iter("sensor"))
+    radar = load_scene(path, radar=None if has_radar else RADAR).radar
+    line = radar.aim_point - radar.track.center_position
+    distance = float(np.linalg.norm(line))
+    along = radar.track.along
+    return BenchState(
+        source=path.resolve(),
+        look_angle_deg=round(float(np.degrees(np.arccos(-line[2] / distance))), 6),
+        heading_deg=round(float(np.degrees(np.arctan2(along[0], along[1]))), 6),
+        look_side=radar.look_side,
+        mode=radar.mode,
+        slant_range=round(distance, 3),
+        frequency=radar.waveform.center_frequency,
+        resolution=float(f"{radar.waveform.range_cell:.3g}"),
+        polarisation=radar.channels[0],
+    )
+
+
+def surfaces(source: Path) -> tuple[str, ...]:
+    """Ids of the BSDFs of a scene file, whose materials can be changed."""
+    return tuple(node.attrib["id"] for node in _parsed(source).findall("bsdf") if "id" in node.attrib)
+
+
+def scene_xml(state: BenchState) -> str:
+    """The state as a scene file.
+
+    The radar is the bench's own, and so is the integrator; shapes and BSDFs are those of the source, scaled about the
+    origin and made of what the state says. Paths of meshes are absolute.
+
+    Raises
+    ------
+    SceneError
+        The source is not well-formed XML, or a material is given to a surface that is not there.
+    """
+    root = _parsed(state.source)
+    for kind in ("sensor", "integrator", "film"):
+        for node in root.findall(kind):
+            root.remove(node)
+    known = surfaces(state.source)
+    for name, material in state.materials.items():
+        if name not in known:
+            raise SceneError(f'{state.source.name}: there is no bsdf "{name}"; there are {", ".join(known)}')
+        _made_of(next(node for node in root.findall("bsdf") if node.get("id") == name), material)
+    for shape in root.findall("shape"):
+        if state.size != 1.0:
+            _scaled(shape, state.size)
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            node.set("value", str(state.source.parent / node.attrib["value"]))
+    for node in root.iter("include"):
+        node.set("filename", str(state.source.parent / node.attrib["filename"]))
+    at = len(root.findall("default"))
+    root.insert(at, _radar(state))
+    root.insert(
+        at, _element("integrator", "sar_path", {"method": state.method, "max_depth": state.max_depth})
+    )
+    ET.indent(root, "    ")
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def command(path: Path) -> str:
+    """The command line that makes the bench's image from a saved state."""
+    return f"python -m sarmitsuba render {path} -o {path.with_suffix('')} --no-error-bars --window {WINDOW}"
+
+
+def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
+    """Write the state's scene file under the next free name in a folder; returns its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = next(n for n in range(1, 1_000_000) if not (folder / f"{stem}_{n}.xml").exists())
+    path = folder / f"{stem}_{number}.xml"
+    _write(path, scene_xml(state))
+    return path
+
+
+def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter) -> View:
+    """Simulate a state from the scene file that it is, written into a folder.
+
+    Raises
+    ------
+    SceneError, RadarError, ResourceError
+        The state cannot be simulated.
+    """
+    start = clock()
+    path = folder / "now.xml"
+    _write(path, scene_xml(state))
+    scene = load_scene(path)
+    image = render(scene, range_window=WINDOW, azimuth_window=WINDOW)
+    line = scene.radar.track.center_position - scene.radar.aim_point
+    azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
+    settings = dataclasses.replace(scene.settings, ray_spacing=0.0)
+    rcs = rcs_sweep(
+        dataclasses.replace(scene, settings=settings),
+        Aspects(np.array([azimuth]), np.array([elevation])),
+        checked=0,
+        most_rays=RCS_RAYS,
+    )
+    return View(state, scene, image, rcs, clock() - start)
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_path(path) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
+
+
+def _parsed(path: Path) -> ET.Element:
+    try:
+        return ET.parse(path).getroot()
+    except ET.ParseError as error:
+        raise SceneError(f"{path}: not well-formed XML: {error}") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _radar(state: BenchState) -> ET.Element:
+    sensor = _element(
+        "sensor",
+        "sar_antenna",
+        {
+            "mode": state.mode,
+            "slant_range": state.slant_range,
+            "look_angle_deg": state.look_angle_deg,
+            "heading_deg": state.heading_deg,
+            "look_side": state.look_side,
+            "center_frequency": state.frequency,
+            "bandwidth": SPEED_OF_LIGHT / (2.0 * state.resolution),
+            "azimuth_resolution": state.resolution,
+            "polarisation": state.polarisation,
+        },
+    )
+    sensor.append(_element("film", "range_film", {"image_grid": "ground"}))
+    return sensor
+
+
+def _element(kind: str, plugin: str, values: Mapping[str, str | float | int]) -> ET.Element:
+    node = ET.Element(kind, {"type": plugin})
+    for name, value in values.items():
+        tag = {str: "string", int: "integer", float: "float"}[type(value)]
+        ET.SubElement(node, tag, {"name": name, "value": value if isinstance(value, str) else repr(value)})
+    return node
+
+
+def _made_of(node: ET.Element, material: str) -> None:
+    """Give a BSDF another material; its roughness stays where it has any."""
+    ours = node.get("type") == RADAR_MATERIAL.plugin
+    for child in list(node):
+        if not ours or child.get("name") in _MADE_OF:
+            node.remove(child)
+    node.set("type", RADAR_MATERIAL.plugin)
+    node.insert(0, ET.Element("string", {"name": "material", "value": material}))
+
+
+def _scaled(shape: ET.Element, size: float) -> None:
+    """Scale a shape about the origin, after all that places it."""
+    transform = next((node for node in shape.findall("transform") if node.get("name") == "to_world"), None)
+    if transform is None:
+        transform = ET.SubElement(shape, "transform", {"name": "to_world"})
+    ET.SubElement(transform, "scale", {"value": repr(float(size))})
+
+
+__all__ = [
+    "WINDOW",
+    "BenchState",
+    "View",
+    "command",
+    "first_state",
+    "save",
+    "scene_xml",
+    "surfaces",
+    "view_of",
+]

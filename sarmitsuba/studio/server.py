@@ -1,0 +1,304 @@
+"""The page of the bench: sliders beside a scene in three dimensions, made with viser; the only module that knows it.
+
+Sliders only say that something has changed. Whoever calls :meth:`Studio.serve` simulates, always the newest state, so
+that a slider that is dragged never waits for states that it has left behind.
+"""
+
+import dataclasses
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.radar.bands import BANDS
+from sarmitsuba.radar.mode import MODES
+from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
+from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
+from sarmitsuba.view.display import Display, PictureOptions, prepare
+from sarmitsuba.view.quicklook import panel, pixels
+
+F64 = NDArray[np.float64]
+
+AS_IT_IS = "as in the file"
+_LARGEST = 2048  # pixels of the longer side of the image on the ground
+_SIZE = 10.0  # of every scene as it is shown: near and far enough for the browser's camera
+_BEAM, _TRACK = (40, 110, 220), (20, 60, 140)
+
+
+class Studio:
+    """The bench, open to browsers.
+
+    Parameters
+    ----------
+    source : scene file or name of a shipped scene
+    folder : for what the user saves
+    host, port : that the page is served at
+
+    Attributes
+    ----------
+    state : that the sliders ask for
+    view : that was simulated last, None before the first
+    saved : what the save button has written last
+    controls : sliders and boxes by the field of the state that they change; those of surfaces as ``material NAME``
+    """
+
+    def __init__(self, source: str, folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
+        self.state = first_state(source)
+        self.folder = folder
+        self._work = tempfile.TemporaryDirectory(prefix="sarmitsuba_studio_")
+        self.view: View | None = None
+        self.saved: Path | None = None
+        self.controls: dict[str, viser.GuiInputHandle] = {}
+        self._changed = threading.Event()
+        self._changed.set()
+        self._lock = threading.Lock()
+        with _without_banner():
+            self.server = viser.ViserServer(host=host, port=port, label="sarmitsuba studio", verbose=False)
+        self.server.scene.set_up_direction("+z")
+        # no share button: it would open the page to the world through a server elsewhere
+        self.server.gui.configure_theme(control_width="large", show_share_button=False)
+        self.server.gui.main_panel.dock_right()
+        self._build()
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def serve(self, stop: Callable[[], bool] = lambda: False, patience: float = 0.5) -> None:
+        """Simulate whenever a slider has moved, until told to stop.
+
+        Parameters
+        ----------
+        stop : asked after every simulation, and every ``patience`` seconds while nothing moves
+        """
+        while not stop():
+            if self._changed.wait(patience):
+                self.step()
+
+    def step(self) -> None:
+        """Simulate what the sliders ask for now, and show it."""
+        self._changed.clear()
+        state = self.state
+        self._status.content = "*simulating ...*"
+        try:
+            view = view_of(state, Path(self._work.name))
+            self._show(view)
+        except SarmitsubaError as error:
+            self._status.content = f"**not simulated:** {' '.join(str(error).split())}"
+            return
+        self._status.content = (
+            f"{view.image.grid.shape[0]} x {view.image.grid.shape[1]} pixels by method {state.method} in "
+            f"{view.seconds:.1f} s"
+        )
+
+    def close(self) -> None:
+        """Stop serving the page."""
+        with _without_banner():
+            self.server.stop()
+        self._work.cleanup()
+
+    # ------------------------------------------------------------ controls
+
+    def _build(self) -> None:
+        gui, state = self.server.gui, self.state
+        self._status = gui.add_markdown("*simulating ...*")
+        self._picture = gui.add_image(np.full((8, 8, 3), 255, dtype=np.uint8), label="image")
+        self._rcs = gui.add_markdown("")
+        with gui.add_folder("radar"):
+            self._slider("look angle (deg)", "look_angle_deg", 10.0, 75.0, 1.0, "from straight down")
+            self._slider(
+                "heading (deg)", "heading_deg", -180.0, 180.0, 1.0, "of flight, clockwise from north (+y)"
+            )
+            self._choice("look side", "look_side", ("right", "left"))
+            self._choice("mode", "mode", MODES.names)
+            own = f"{state.frequency / 1e9:.4g} GHz"
+            bands = {own: state.frequency, **{f"{k}, {v / 1e9:g} GHz": v for k, v in BANDS.items()}}
+            band = gui.add_dropdown("band", tuple(bands), initial_value=own)
+            band.on_update(lambda _: self._set(frequency=bands[band.value]))
+            self.controls["frequency"] = band
+            self._slider(
+                "resolution (m)",
+                "resolution",
+                _short(0.5 * state.resolution),
+                _short(4.0 * state.resolution),
+                _short(0.05 * state.resolution),
+                "cell in slant range and azimuth",
+            )
+            self._choice("polarisation", "polarisation", ("HH", "HV", "VH", "VV"))
+        with gui.add_folder("target"):
+            self._slider("size", "size", 0.25, 3.0, 0.05, "factor on the whole scene, ground included")
+            for name in surfaces(state.source):
+                self._material(name)
+        with gui.add_folder("simulation"):
+            self._slider("bounces", "max_depth", 0, 8, 1, "0 = as many as matter")
+            self._choice("method", "method", ("image", "hybrid", "raster"))
+            self._along = gui.add_slider(
+                "along the aperture",
+                0.0,
+                1.0,
+                0.01,
+                0.5,
+                hint="moves the antenna and its beam; nothing is simulated",
+            )
+            self._along.on_update(lambda _: self._show_beam())
+        with gui.add_folder("keep"):
+            button = gui.add_button("save scene (XML) and command", hint=f"into {self.folder}")
+            button.on_click(lambda event: self.save(event.client))
+            self._command = gui.add_text("command", "", multiline=True, disabled=True)
+
+    def _slider(self, label: str, name: str, low: float, high: float, step: float, hint: str) -> None:
+        value = getattr(self.state, name)
+        low, high = min(low, value), max(high, value)
+        slider = self.server.gui.add_slider(label, low, high, step, value, hint=hint)
+        slider.on_update(lambda _: self._set(**{name: slider.value}))
+        self.controls[name] = slider
+
+    def _choice(self, label: str, name: str, values: tuple[str, ...]) -> None:
+        box = self.server.gui.add_dropdown(label, values, initial_value=getattr(self.state, name))
+        box.on_update(lambda _: self._set(**{name: box.value}))
+        self.controls[name] = box
+
+    def _material(self, surface: str) -> None:
+        box = self.server.gui.add_dropdown(
+            f"{surface} is", (AS_IT_IS, *MATERIALS.names), initial_value=AS_IT_IS
+        )
+
+        def changed(_: object) -> None:
+            kept = {name: what for name, what in self.state.materials.items() if name != surface}
+            self._set(materials=kept if box.value == AS_IT_IS else kept | {surface: box.value})
+
+        box.on_update(changed)
+        self.controls[f"material {surface}"] = box
+
+    def _set(self, **changes: object) -> None:
+        with self._lock:
+            self.state = dataclasses.replace(self.state, **changes)  # type: ignore[arg-type]
+        self._changed.set()
+
+    def save(self, client: viser.ClientHandle | None = None) -> None:
+        """Write the scene that is shown, which a slider may have left since; ``client`` downloads it too."""
+        if self.view is None:
+            return
+        try:
+            self.saved = save(self.view.state, self.folder, self.view.state.source.stem)
+        except OSError as error:
+            self._status.content = f"**not saved:** {self.folder}: {error.strerror}"
+            return
+        self._command.value = command(self.saved)
+        if client is not None:
+            client.send_file_download(self.saved.name, self.saved.read_bytes())
+
+    # ------------------------------------------------------------ what is seen
+
+    def _show(self, view: View) -> None:
+        options = PictureOptions(quantity="sigma0")
+        first, self.view = self.view is None, view
+        scene, geometry = self.server.scene, view.scene.geometry
+        self._picture.image = pixels(panel(view.image, options))
+        self._rcs.content = rcs_text(view)
+        for body in bodies(view.scene):
+            scene.add_mesh_simple(
+                f"/bodies/{body.name}",
+                self._placed(body.vertices),
+                body.faces,
+                color=body.colour,
+                flat_shading=True,
+                side="double",
+            )
+        display = prepare(view.image, dataclasses.replace(options, colour_map="gray"), _LARGEST)
+        plane = image_plane(view.image, grey_levels(display), geometry.diameter)
+        axes = np.stack([plane.right, plane.up, np.cross(plane.right, plane.up)], axis=1)
+        scene.add_image(
+            "/image",
+            plane.colours,
+            plane.width * self._scale,
+            plane.height * self._scale,
+            wxyz=Rotation.from_matrix(axes).as_quat(scalar_first=True),
+            position=self._placed(plane.center),
+        )
+        track = track_shown(view.scene)
+        lines = self._placed(np.stack([track[:-1], track[1:]], axis=1))
+        scene.add_line_segments("/track", lines, _TRACK, thickness=3.0, thickness_units="screen")
+        self._show_beam()
+        if first:
+            antenna = self._placed(track.mean(axis=0))
+            along, across = view.scene.radar.track.along, view.scene.radar.across
+            # from behind the radar's side, with the antenna and the ground in the picture
+            self.server.initial_camera.look_at = 0.35 * antenna
+            self.server.initial_camera.position = _SIZE * (
+                -1.6 * along - 0.2 * across + np.array([0.0, 0.0, 0.9])
+            )
+
+    @property
+    def _scale(self) -> float:
+        """What is shown over what is: every scene fits the same page."""
+        assert self.view is not None
+        image = self.view.scene.image
+        return _SIZE / max(self.view.scene.geometry.diameter, image.extent_azimuth, image.extent_range)
+
+    def _placed(self, points: F64) -> NDArray[np.float32]:
+        """Points (..., 3) of the scene as they are shown, about the aim point."""
+        assert self.view is not None
+        return np.asarray((points - self.view.scene.radar.aim_point) * self._scale, dtype=np.float32)
+
+    def _show_beam(self) -> None:
+        """The antenna and its beam where the slider along the aperture stands."""
+        if self.view is None:
+            return
+        beam = beam_at(self.view.scene, float(self._along.value))
+        scene = self.server.scene
+        vertices, faces = beam.mesh
+        scene.add_mesh_simple(
+            "/beam",
+            self._placed(vertices),
+            faces,
+            color=_BEAM,
+            opacity=0.15,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        rim = np.stack([beam.rim, np.roll(beam.rim, -1, axis=0)], axis=1)
+        lines = self._placed(np.concatenate([rim, np.stack([beam.antenna, beam.middle])[None]]))
+        scene.add_line_segments("/beam/lines", lines, _BEAM, thickness=2.0, thickness_units="screen")
+        scene.add_icosphere("/antenna", 0.02 * _SIZE, color=_TRACK, position=self._placed(beam.antenna))
+
+
+def _without_banner() -> AbstractContextManager[object]:
+    """Keep viser from printing, which it does whatever it is told; only the command line prints here."""
+    return redirect_stdout(StringIO())
+
+
+def grey_levels(display: Display) -> NDArray[np.uint8]:
+    """Brightness of every value of a picture, black to white as it is drawn."""
+    black, white = display.limits
+    share = (np.nan_to_num(display.values, neginf=black) - black) / (white - black)
+    return np.asarray(255.0 * np.clip(share, 0.0, 1.0), dtype=np.uint8)
+
+
+def rcs_text(view: View) -> str:
+    """What the whole scene returns to the radar from the middle of the aperture, as Markdown."""
+    channel = view.state.polarisation
+    lines = [f"**RCS of the whole scene from here, {channel}:** {view.rcs.dbsm(channel)[0]:.1f} dBsm"]
+    for order in view.rcs.orders:
+        lines.append(
+            f"- {order} bounce{'s' if order > 1 else ''}: {view.rcs.dbsm(channel, order)[0]:.1f} dBsm"
+        )
+    return "\n".join(lines)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+__all__ = ["AS_IT_IS", "Studio", "grey_levels", "rcs_text"]

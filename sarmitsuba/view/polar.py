@@ -1,0 +1,93 @@
+"""Radar cross section over aspect: polar where much of the circle is swept, else decibels over the angle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+
+F64 = NDArray[np.float64]
+
+# deg; a smaller sweep is a sliver in polar axes
+POLAR_FROM = 90.0
+# curves that stay so far below the strongest are not drawn, dB
+SPAN_DB = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class AspectCurves:
+    """Radar cross sections of one channel over the swept angle.
+
+    Parameters
+    ----------
+    title : above the panel
+    total : (n,) dBsm
+    parts : (n,) dBsm by name, such as ``2 bounces``
+    """
+
+    title: str
+    total: F64
+    parts: Mapping[str, F64]
+
+
+def aspect_figure(
+    angle_deg: F64, curves: Sequence[AspectCurves], *, swept: str, title: str, span_db: float = SPAN_DB
+) -> Figure:
+    """Draw one panel per channel, its bounce orders in colour below the black sum.
+
+    Parameters
+    ----------
+    angle_deg : (n,) swept angle, ascending; 0 to the right, counted counter-clockwise
+    curves : of every channel
+    swept : name of the angle, ``azimuth`` or ``elevation``
+    title : first line
+    span_db : from the centre of the plot, or its bottom, to the strongest return
+
+    Raises
+    ------
+    DataError : nothing returns in any channel
+    """
+    finite = [c.total[np.isfinite(c.total)] for c in curves]
+    if not any(v.size for v in finite):
+        raise DataError("RCS: nothing returns from any direction; there is nothing to draw")
+    top = 5.0 * float(np.ceil(max(float(v.max()) for v in finite if v.size) / 5.0))
+    polar = float(np.ptp(angle_deg)) >= POLAR_FROM
+    size = (6.2 * len(curves), 7.0) if polar else (8.0, 3.4 * len(curves) + 0.6)
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    figure.suptitle(title, fontsize=10)
+    for i, one in enumerate(curves):
+        place = (1, len(curves), i + 1) if polar else (len(curves), 1, i + 1)
+        axes = figure.add_subplot(*place, projection="polar" if polar else None)
+        around, *lines = _closed(angle_deg, [one.total, *one.parts.values()], whole=polar)
+        x = np.radians(around) if polar else around
+        for name, line in zip(("sum", *one.parts), lines, strict=True):
+            if np.isfinite(line).any() and line.max() >= top - span_db:
+                style = {"color": "black", "linewidth": 1.3} if name == "sum" else {"linewidth": 0.8}
+                axes.plot(x, np.maximum(line, top - span_db), label=name, **style)
+        axes.set_ylim(top - span_db, top)
+        axes.set_title(f"{one.title}, dBsm over {swept}" if polar else one.title, fontsize=9)
+        axes.tick_params(labelsize=8)
+        axes.grid(True, linewidth=0.3)
+        if isinstance(axes, PolarAxes):
+            axes.set_rlabel_position(67.5)
+        else:
+            axes.set_xlabel(f"{swept} (deg)", fontsize=9)
+            axes.set_ylabel("RCS (dBsm)", fontsize=9)
+            axes.set_xlim(float(angle_deg.min()), float(angle_deg.max()))
+        axes.legend(fontsize=7, loc="lower right", bbox_to_anchor=(1.08, -0.06) if polar else None)
+    return figure
+
+
+def _closed(angle: F64, lines: Sequence[F64], *, whole: bool) -> list[F64]:
+    """Angle and lines, with the first point again at the end where evenly spaced angles go all the way round."""
+    n = angle.size
+    if not whole or float(np.ptp(angle)) * n / (n - 1) < 360.0 - 1e-6:
+        return [angle, *lines]
+    return [np.append(angle, angle[0] + 360.0), *(np.append(line, line[0]) for line in lines)]
+
+
+__all__ = ["AspectCurves", "aspect_figure"]

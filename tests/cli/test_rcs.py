@@ -1,0 +1,117 @@
+"""The command `rcs`: what it writes, what it refuses, and that meshes and bands work as for other commands."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from sarmitsuba.cli import main
+from sarmitsuba.io import read_image
+from sarmitsuba.theory.rcs import plate_amplitude
+
+
+def table(folder: Path) -> dict[str, np.ndarray]:
+    with (folder / "rcs.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+def test_sweep_writes_table_plot_image_and_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    arguments = [
+        "rcs",
+        "dihedral",
+        "-o",
+        str(out),
+        "--azimuth",
+        "150:210:2",
+        "--frequency",
+        "2e9",
+        "--pol",
+        "VV",
+    ]
+    assert main(arguments) == 0
+    shown = capsys.readouterr()
+    assert "VV: strongest" in shown.out and "sampling error" in shown.out
+    found = table(out)
+    assert found["azimuth_deg"][[0, -1]].tolist() == [150.0, 210.0] and len(found["azimuth_deg"]) == 31
+    assert set(found["elevation_deg"]) == {30.0}
+    assert {"VV_dbsm", "VV_phase_deg", "VV_order_1_dbsm", "VV_order_2_dbsm"} < set(found)
+    assert int(found["VV_dbsm"].argmax()) == 15  # 180 deg: from -x, into the corner
+    image = read_image(out / "image.h5")
+    assert image.channels == ("VV",) and image.wavelength == pytest.approx(299792458.0 / 2e9)
+    for name in ("rcs.png", "quicklook.png"):
+        assert (out / name).stat().st_size > 5000
+    record = json.loads((out / "parameters.json").read_text())
+    assert record["center_frequency_hz"] == 2e9 and record["max_depth"] == 8 and record["orders"] == [1, 2]
+    before = (out / "rcs.csv").read_bytes()
+    assert main(arguments) == 0  # the same results may be written again
+    assert (out / "rcs.csv").read_bytes() == before
+    arguments[5] = "150:210:3"
+    assert main(arguments) == 2 and "--force" in capsys.readouterr().err
+    assert main([*arguments, "--force", "--no-image"]) == 0
+    assert not (out / "image.h5").exists() and len(table(out)["azimuth_deg"]) == 21
+
+
+def test_mesh_without_a_radar_and_an_elevation_sweep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plate = trimesh.Trimesh(
+        [[-0.4, -0.3, 0], [0.4, -0.3, 0], [0.4, 0.3, 0], [-0.4, 0.3, 0]], [[0, 1, 2], [0, 2, 3]]
+    )
+    plate.export(tmp_path / "plate.ply")
+    monkeypatch.chdir(tmp_path)
+    options = [
+        "--material",
+        "concrete=pec",
+        "--up",
+        "z",
+        "--azimuth",
+        "0",
+        "--elevation",
+        "60:90:1",
+        "--band",
+        "S",
+    ]
+    assert main(["rcs", "plate.ply", *options[2:]]) == 0
+    assert "no image" in capsys.readouterr().err
+    found = table(tmp_path / "rcs_plate")
+    assert found["elevation_deg"][-1] == 90.0
+    wavelength = 299792458.0 / 3.2e9
+    expected = plate_amplitude(0.8, 0.6, wavelength, np.cos(np.radians(found["elevation_deg"])))
+    # concrete: the plate's pattern, weaker by its reflection, 8 dB at normal incidence
+    loss = 20 * np.log10(np.abs(expected[-1])) - found["HH_dbsm"][-1]
+    assert 5.0 < loss < 10.0
+    assert found["HH_dbsm"].argmax() == 30 and abs(found["HH_dbsm"][-1] - found["VV_dbsm"][-1]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--azimuth", "0:90:1", "--elevation", "0:45:1"], "both swept"),
+        (["--azimuth", "0:x:1"], "neither an angle"),
+        (["--azimuth", "90:0:1"], "LAST is below FIRST"),
+        (["--azimuth", "0:360:0"], "STEP is not above 0"),
+        (["--azimuth", "0:360:1e-6"], "more than 100000 directions"),
+        (["--elevation", "91"], "outside -90 to 90"),
+        (["--azimuth=-200:200:1"], "more than the circle"),
+        (["--elevation", "90"], "turns nothing but the polarisation"),
+        (["--pol", "HX"], "not a list of channels"),
+        (["--max-depth", "-1"], "--max-depth"),
+        (["--frequency", "5"], "--frequency"),
+        (["--window", "round"], "round"),
+    ],
+)
+def test_bad_input_is_one_line(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = main(["rcs", "plate", "-o", str(tmp_path / "out"), *options])
+    except SystemExit as stop:  # the parser's own
+        status = int(str(stop.code))
+    error = capsys.readouterr().err
+    assert status == 2 and said in error and error.count("error:") == 1
+    assert not (tmp_path / "out").exists()

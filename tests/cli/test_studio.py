@@ -1,0 +1,194 @@
+"""The bench: its state is a scene file whose command gives the same image; its sliders, its page, its geometry."""
+
+import dataclasses
+import shlex
+import socket
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sarmitsuba
+from sarmitsuba.cli import main
+from sarmitsuba.errors import SceneError
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.io import read_image
+from sarmitsuba.studio.bench import BenchState, command, first_state, save, scene_xml, surfaces, view_of
+from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
+
+
+def drawn_state(seed: int) -> BenchState:
+    """Sliders somewhere, on a small scene."""
+    rng = np.random.default_rng(seed)
+    return dataclasses.replace(
+        first_state("tower"),
+        look_angle_deg=float(rng.uniform(25, 55)),
+        heading_deg=float(rng.uniform(-180, 180)),
+        look_side=str(rng.choice(["left", "right"])),
+        mode=str(rng.choice(["stripmap", "spotlight"])),
+        frequency=float(rng.choice([1.2575e9, 5.405e9, 9.65e9])),
+        resolution=float(rng.uniform(1.5, 3.0)),
+        polarisation=str(rng.choice(["HH", "VV"])),
+        max_depth=int(rng.integers(0, 4)),
+        size=float(rng.uniform(0.4, 0.9)),
+        materials={"concrete": str(rng.choice(["pec", "wood", "glass"])), "soil": "wet_ground"},
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_saved_command_makes_the_same_image_to_the_bit(seed: int, tmp_path: Path) -> None:
+    state = drawn_state(seed)
+    view = view_of(state, tmp_path)
+    path = save(state, tmp_path / "kept")
+    assert path.name == "bench_1.xml" and save(state, tmp_path / "kept").name == "bench_2.xml"
+    words = shlex.split(command(path))
+    assert words[:3] == ["python", "-m", "sarmitsuba"]
+    assert main([*words[3:], "--quiet"]) == 0
+    again = read_image(tmp_path / "kept" / "bench_1" / "image.h5")
+    assert view.image.data.any() and again.layers == view.image.layers
+    assert np.array_equal(again.data, view.image.data)
+    assert np.array_equal(again.grid.azimuth, view.image.grid.azimuth)
+
+
+@pytest.mark.filterwarnings("ignore:.*has no radar parameters")
+def test_first_state_is_what_the_scene_says(tmp_path: Path) -> None:
+    state, scene = first_state("dihedral"), sarmitsuba.load_scene("dihedral")
+    assert (state.look_angle_deg, state.heading_deg, state.slant_range) == (45.0, 0.0, 10000.0)
+    assert state.frequency == scene.radar.waveform.center_frequency and state.polarisation == "HH"
+    view = view_of(state, tmp_path)
+    # the double bounce, 8 pi a^2 b^2 / lambda^2 less the automatic rays' error
+    assert view.rcs.dbsm("HH")[0] == pytest.approx(44.157, abs=0.1)
+    assert np.array_equal(view.scene.geometry.vertices, scene.geometry.vertices)
+    bare = tmp_path / "bare.xml"
+    bare.write_text(
+        '<scene version="3.0.0"><shape type="cube"><bsdf type="diffuse"/></shape><sensor type="perspective"/></scene>'
+    )
+    assert first_state(str(bare)).frequency == 9.65e9  # no radar of its own: a shipped one's
+
+
+def test_size_and_material_change_what_they_say(tmp_path: Path) -> None:
+    plain = first_state("tower")
+    state = dataclasses.replace(plain, size=2.5, materials={"gravel": "metal"})
+    paths = []
+    for i, one in enumerate((plain, state)):
+        paths.append(tmp_path / f"{i}.xml")
+        paths[-1].write_text(scene_xml(one))
+    small, large = (sarmitsuba.load_scene(path) for path in paths)
+    assert np.allclose(large.geometry.vertices, 2.5 * small.geometry.vertices, rtol=1e-12, atol=1e-12)
+    before, after = ({m.name: m for m in scene.materials} for scene in (small, large))
+    assert after["gravel"].rms_height == before["gravel"].rms_height == 0.01
+    assert after["gravel"].diffuse_law == before["gravel"].diffuse_law
+    assert abs(after["gravel"].permittivity) > 1e5 > abs(before["gravel"].permittivity)
+    assert after["soil"] == before["soil"]
+    assert surfaces(plain.source) == ("soil", "concrete", "gravel")
+
+
+def test_what_the_bench_cannot_take_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SceneError, match="there is no bsdf"):
+        scene_xml(dataclasses.replace(first_state("tower"), materials={"roof": "pec"}))
+    (tmp_path / "box.ply").write_text("ply\n")
+    with pytest.raises(SceneError, match="the bench takes scene files"):
+        first_state(str(tmp_path / "box.ply"))
+    (tmp_path / "torn.xml").write_text("<scene>")
+    with pytest.raises(SceneError, match="not well-formed"):
+        first_state(str(tmp_path / "torn.xml"))
+    assert main(["studio", "tower", "--port", "0", "-o", str(tmp_path / "out")]) == 2
+    assert "--port 0 is not from 1 to 65535" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_beam_follows_the_mode_and_directions_stay_true(side: str, tmp_path: Path) -> None:
+    for mode in ("spotlight", "stripmap"):
+        state = dataclasses.replace(first_state("tower"), mode=mode, look_side=side, heading_deg=70.0)
+        (tmp_path / "scene.xml").write_text(scene_xml(state))
+        scene = sarmitsuba.load_scene(tmp_path / "scene.xml")
+        first, middle, last = (beam_at(scene, share) for share in (0.0, 0.5, 1.0))
+        radar = scene.radar
+        for share, beam in ((0.0, first), (1.0, last)):
+            true = radar.track.position[round(share * (radar.track.n_pulses - 1))] - radar.aim_point
+            near = beam.antenna - radar.aim_point
+            assert np.allclose(near / np.linalg.norm(near), true / np.linalg.norm(true), atol=1e-12)
+        moved = last.middle - first.middle
+        if mode == "spotlight":
+            assert np.abs(moved).max() < 1e-6
+        else:
+            assert np.allclose(moved, last.antenna - first.antenna, atol=1e-6)
+            assert np.linalg.norm(moved) > 1.0
+        # the rim is as wide as the image, about its centre
+        center = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
+        assert np.allclose(middle.rim.mean(axis=0), center, atol=0.5)
+        span = np.ptp(middle.rim @ np.stack([radar.track.along, radar.across], axis=1), axis=0)
+        assert np.allclose(span, [scene.image.extent_azimuth, scene.image.extent_range], rtol=1e-6)
+        assert track_shown(scene).shape == radar.track.position.shape
+        assert sum(len(body.faces) for body in bodies(scene)) == scene.geometry.n_faces
+
+
+@pytest.mark.parametrize("left", [False, True])
+def test_image_lies_where_its_pixels_are(left: bool) -> None:
+    angle = 0.7
+    along = np.array([np.sin(angle), np.cos(angle), 0.0])
+    across = np.array([along[1], -along[0], 0.0]) * (-1.0 if left else 1.0)
+    grid = ImageGrid(
+        "ground",
+        np.arange(-3.0, 4.0),
+        np.arange(-10.0, 11.0, 2.0),
+        np.array([5.0, 6.0, 2.0]),
+        along,
+        across,
+        2.0,
+    )
+    image = sarmitsuba.SarImage(
+        np.zeros((1, *grid.shape), dtype=np.complex64), (), grid, 0.03, 1.0, 1.0, np.full(grid.shape[1], 0.7)
+    )
+    grey = np.random.default_rng(0).integers(0, 255, grid.shape).astype(np.uint8)
+    plane = image_plane(image, grey, 0.0)
+    rows, columns = grey.shape
+    for row, column in ((0, 0), (2, 7), (6, 10)):
+        place = grid.positions_on_line(row)[column] - plane.center
+        right = int(np.floor((place @ plane.right / plane.width + 0.5) * columns))
+        down = int(np.floor((0.5 - place @ plane.up / plane.height) * rows))
+        assert plane.colours[down, right, 0] == grey[row, column]
+    assert np.cross(plane.right, plane.up)[2] > 0.99  # seen from above
+
+
+def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="the page of the bench; in the studio extra")
+    from sarmitsuba.studio.server import Studio
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    studio = Studio("plate", tmp_path, port=port)
+    try:
+        assert studio.address == f"http://127.0.0.1:{port}"
+        page = urllib.request.urlopen(studio.address).read()
+        assert b"<html" in page.lower()
+        studio.step()
+        assert studio.view is not None and studio.view.state.look_angle_deg == studio.state.look_angle_deg
+        before = studio.view
+        asked = {"look_angle_deg": 30.0, "mode": "spotlight", "size": 2.0, "max_depth": 2}
+        for name, value in asked.items():
+            studio.controls[name].value = value
+        turns = iter(range(400))  # callbacks of the page run in threads of their own
+        studio.serve(lambda: next(turns, None) is None or _has(studio, asked), patience=0.05)
+        assert _has(studio, asked)
+        assert studio.view.image.grid.shape != before.image.grid.shape
+        studio.save()
+        assert studio.saved is not None and studio.saved.name == "plate_1.xml"
+        assert studio.saved.read_text() == scene_xml(studio.view.state)
+        studio.controls["frequency"].value = next(
+            o for o in studio.controls["frequency"].options if o.startswith("L,")
+        )
+        turns = iter(range(400))
+        studio.serve(
+            lambda: next(turns, None) is None or _has(studio, {"frequency": 1.2575e9}), patience=0.05
+        )
+        assert _has(studio, {"frequency": 1.2575e9})
+    finally:
+        studio.close()
+
+
+def _has(studio: object, asked: dict[str, object]) -> bool:
+    state = getattr(studio.view, "state", None)
+    return all(getattr(state, name) == value for name, value in asked.items())
