@@ -178,16 +178,9 @@ def trace_paths(
         (grids,) = run.lattices(run.sampling, pass_index)
         for pulse in wanted:
             parts += [_of_grid(run, tracer, grid, pulse, gate) for grid in grids if grid.serves(pulse)]
-    most = max((part.points.shape[1] for part in parts), default=1)
-    parts = [_widened(part, most) for part in parts]
-    joined = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parts])
-        for f in fields(PathTable)
-        if f.name not in _NAMES
-    }
-    phase = np.exp(-2j * np.pi / radar.waveform.wavelength * joined["length"])
-    joined["amplitude"] = joined["amplitude"] * phase[:, None]
-    table = filled(parts[0], joined)
+    table = joined(parts)
+    phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
+    table = replace(table, amplitude=table.amplitude * phase[:, None])
     table = table[np.lexsort((-table.power, table.pulse))]
     return table if strongest == 1.0 else table.strongest(strongest)
 
@@ -320,6 +313,14 @@ def _empty(scene: Scene) -> PathTable:
     )
 
 
+def joined(tables: Sequence[PathTable]) -> PathTable:
+    """One table of the rows of several of the same scene, table after table."""
+    most = max(table.points.shape[1] for table in tables)
+    wide = [_widened(table, most) for table in tables]
+    columns = [f.name for f in fields(PathTable) if f.name not in _NAMES]
+    return filled(wide[0], {name: np.concatenate([getattr(t, name) for t in wide]) for name in columns})
+
+
 def _widened(table: PathTable, most: int) -> PathTable:
     """The table with room for that many bounces."""
     more = most - table.points.shape[1]
@@ -331,4 +332,4 @@ def _widened(table: PathTable, most: int) -> PathTable:
     return filled(table, {**numbers, "points": points})
 
 
-__all__ = ["KINDS", "PathTable", "trace_paths"]
+__all__ = ["KINDS", "PathTable", "joined", "trace_paths"]
