@@ -1,1 +1,1 @@
-"""One self-contained HTML page of a run: the scene in 3-D, the radar's passage, its echoes and the image that they make."""
+"""The page that shows a run: numbers, geometry and image in one self-contained HTML file."""
