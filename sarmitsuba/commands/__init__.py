@@ -5,8 +5,8 @@ other packages only when it runs, so that ``doctor`` works where they are missin
 ``COMMANDS`` becomes a subcommand.
 """
 
-from sarmitsuba.commands import cost, doctor, explain, focus, picture, quality, render, scenes, validate
+from sarmitsuba.commands import cost, doctor, explain, focus, picture, quality, render, scenes, validate, view
 
-COMMANDS = (render, focus, picture, quality, explain, cost, scenes, validate, doctor)
+COMMANDS = (render, focus, view, picture, quality, explain, cost, scenes, validate, doctor)
 
 __all__ = ["COMMANDS"]

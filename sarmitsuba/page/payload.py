@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.page.geometry import PageMesh, page_mesh
 from sarmitsuba.page.paths import PagePaths, page_paths
+from sarmitsuba.page.profiles import page_grid, page_profiles
 from sarmitsuba.page.run_folder import RunFolder
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.radar import Radar
@@ -85,11 +86,15 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "channel": name,
         "wavelength": image.wavelength,
         "grid": _grid(grid, center),
+        "pixels": _nested(*page_grid(image.grid)),
         "image": _image(image, name),
         "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
         "radar": None,
+        "echo": None,
         "paths": None,
     }
+    if run.raw is not None:
+        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:
         flown = run.raw.flown if run.raw is not None else None
@@ -164,6 +169,19 @@ def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
         "beam": beam,
         "window": (float(window.start_range.min()), float(window.start_range.max()) + window.extent),
     }
+
+
+def _nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
+    """Numbers and arrays in one nest; ``band.gap`` goes into ``band``."""
+    found: dict[str, dict[str, Value]] = {"": dict(header)}
+    for name, array in arrays.items():
+        inner, _, key = name.rpartition(".")
+        if inner not in found:
+            inside = header[inner]
+            found[inner] = dict(inside) if isinstance(inside, Mapping) else {}
+            found[""][inner] = found[inner]
+        found[inner][key] = array
+    return found[""]
 
 
 def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
