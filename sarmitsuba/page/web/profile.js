@@ -115,7 +115,7 @@ export class Signals {
       context.moveTo(0, y(db));
       context.lineTo(width, y(db));
       context.stroke();
-      context.fillText(`${db} dB`, 4 * pixel, y(db) + (db > -SPAN ? 12 : -3) * pixel);
+      if (db > -SPAN) context.fillText(`${db} dB`, 4 * pixel, y(db) + 12 * pixel);
     }
     context.beginPath();
     for (let x = 0; x < width; x++) {

@@ -1,6 +1,6 @@
 // What a click shows, in the scene and in words: the paths behind a pixel, and where the echoes of a wall are drawn.
 
-import { add, dot, landings, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { add, dot, landings, norm, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { orderColour } from "sarmitsuba/world.js";
 
 const NAMES = ["", "one bounce", "two bounces", "three bounces"];
@@ -107,12 +107,14 @@ export class Story {
     if (cell === null) return this.dark(place, head);
     const { paths } = look;
     const [first, end] = [paths.first[cell.place], paths.first[cell.place + 1]];
-    const list = Array.from({ length: end - first }, (_, i) => first + i).sort((a, b) => paths.share[b] - paths.share[a]);
     const shares = Array.from(paths.by_order.subarray(6 * cell.place, 6 * cell.place + 6), (v) => v / 255);
     const main = shares.indexOf(Math.max(...shares)) + 1;
+    const ofMain = (path) => Math.min(paths.order[path], 6) === main;
+    // those of the strongest number of bounces first
+    const list = Array.from({ length: end - first }, (_, i) => first + i).sort((a, b) => ofMain(b) - ofMain(a) || paths.share[b] - paths.share[a]);
     this.cell = { cell, list, main };
     const middle = pointOf(look.grid, [(cell.row + 0.5) * paths.cell_size[0] - 0.5, (cell.column + 0.5) * paths.cell_size[1] - 0.5]);
-    const lead = list.find((path) => Math.min(paths.order[path], 6) === main) ?? list[0];
+    const [lead] = list;
     const parts = shares.map((s, i) => [i + 1, s]).filter(([, s]) => s > 0.005)
       .map(([order, s]) => `<span class="o${Math.min(order, 4)}">${percent(s)} ${bounces(order)}</span>`).join(", ");
     this.show(`${head}<h2>The paths behind this spot</h2><p>${this.meaning(lead, middle, main)}</p>
@@ -187,12 +189,21 @@ export class Story {
       }
       return "<b>A single bounce</b> off the ground and straight back: it is drawn where it is.";
     }
-    if (order === 2) {
-      return `<b>Two bounces:</b> off one surface, off another, and back. Where a wall meets the ground every such path is as long as the way to the corner
-        between them and back, however high the wall is hit (here ${metres(high)} up). All of them add up in one bright line at the wall's foot.`;
+    const antenna = row(look.radar.position, paths.pulse[path]);
+    const detour = 0.5 * paths.length[path] - Math.min(...points.map((point) => norm(sub(point, antenna))));
+    const spread = Math.max(...points.map((point) => norm(sub(point, points[0]))));
+    const where = Math.abs(away) < 0.02 * world.radius ? "right there" : `${metres(Math.abs(away))} ${away > 0 ? "behind" : "before"} it`;
+    if (detour < 3 * look.image.resolution[1] && spread < 0.1 * world.radius) {
+      return `<b>A corner, ${metres(high)} up.</b> ${order === 2 ? "Two" : "Several"} faces that meet here throw the pulse back to where it came from, all of it in step: a
+        strong echo. ${high > HIGH * world.radius ? `${where === "right there" ? "" : `Like everything high it leans towards the radar: it is drawn ${where}.`}` : ""}`;
     }
-    return `<b>${bounces(order)[0].toUpperCase()}${bounces(order).slice(1)}:</b> the detour makes the path longer, and all that the radar knows is its length. So the
-      echo is drawn ${metres(Math.abs(away))} ${away > 0 ? "behind" : "before"} its highest bounce, at a place where nothing need be: a ghost.`;
+    if (order === 2) {
+      return `<b>Two bounces:</b> off one surface, off another, and back. Where a wall meets the ground, every such path is exactly as long as the way to the
+        foot of the wall and back, however high the wall is hit (here ${metres(high)} up). So the whole wall adds up in one bright line, drawn ${where === "right there" ? "at its foot" : where}.`;
+    }
+    const name = bounces(order);
+    return `<b>${name[0].toUpperCase()}${name.slice(1)}:</b> the pulse went ${metres(detour)} out of its way each way. All that the radar knows is how long it took, so the
+      echo is drawn ${where}, where nothing need be: a ghost.`;
   }
 
   /** A pixel without a path kept: shadow, or weak. */
@@ -227,23 +238,22 @@ export class Story {
     const antenna = row(look.radar.position, pulse);
     const nearer = unit(sub(antenna, point));
     const before = add(point, scaled(nearer, 4e-3 * world.radius));
-    const below = world.firstHit(before, [before[0], before[1], before[2] - 4 * world.radius], 0);
-    const ground = below ? below.point.z : grid.height;
-    const high = point[2] - ground;
-    const places = landings(antenna, row(look.radar.velocity, pulse), point, ground, grid);
-    const foot = [point[0], point[1], ground];
     const lit = world.lit(before, pulse);
-    const titles = ["drawn here: one bounce (layover)", "two bounces: the foot", "three bounces: a ghost"];
+    const below = facts.steep ? world.firstHit(before, [before[0], before[1], before[2] - 4 * world.radius], 0) : null;
+    const ground = below ? below.point.z : grid.height;
+    const high = point[2] - (facts.steep ? ground : grid.height);
     const upright = high > HIGH * world.radius;
+    const foot = [point[0], point[1], ground];
+    const places = landings(antenna, row(look.radar.velocity, pulse), point, ground, grid).slice(0, facts.steep && upright ? 3 : 1);
+    const titles = ["one bounce: layover", "two bounces: the foot", "three bounces: a ghost"];
     world.addSpot("wall", point, 0xffffff, "clicked", "");
     const rows = [];
     for (const landing of places) {
-      if (!landing.point || (landing.order > 1 && !upright)) continue;
-      const label = upright ? titles[landing.order - 1] : "drawn here";
-      world.addSpot(`landing${landing.order}`, landing.point, orderColour(landing.order), label, `o${landing.order}`);
+      if (!landing.point) continue;
+      world.addSpot(`landing${landing.order}`, landing.point, orderColour(landing.order), upright ? titles[landing.order - 1] : "drawn here", `o${landing.order}`);
       const away = dot(sub(landing.point, foot), grid.across);
       rows.push(`<tr data-landing="${landing.order}"><td class="o${landing.order}">${bounces(landing.order)}</td><td class="number">${metres(landing.range - norm(antenna), 2)}</td>
-        <td>${Math.abs(away) < 0.05 ? "at the foot" : `${metres(Math.abs(away))} ${away < 0 ? "before" : "behind"} the foot`}</td></tr>`);
+        <td>${Math.abs(away) < 0.05 ? "where it stands" : `${metres(Math.abs(away))} ${away < 0 ? "nearer to the radar" : "further away"}`}</td></tr>`);
     }
     if (upright) {
       this.arc(point, pulse);
@@ -251,14 +261,14 @@ export class Story {
     }
     const name = escapeText([facts.mesh, facts.material].filter(Boolean).join(", "));
     this.landed = places;
+    const sees = lit ? "The radar sees it." : "<b>It lies in shadow:</b> something stands between it and the radar, so nothing of this comes back from here.";
+    const why = !upright ? "" : `The single echo is drawn nearer to the radar than the point stands, because what is high is nearer to the radar than its foot
+      (white arc: all of it is equally far).${facts.steep ? ` The echo over the ground and the wall is as long as the way to the foot, and is drawn there. The one that touches the
+      ground twice seems to come from a mirror image under the ground, and is drawn behind. <span class="quiet">Two and three bounces need smooth, level ground before the
+      wall.</span>` : ""}`;
     this.show(`${head}<h2>Where this point is drawn</h2>
-      <p>${name ? `${name}: ` : ""}${upright ? `${metres(high)} above what lies below it.` : "level with the ground."}
-      ${lit ? "The radar sees it." : "<b>It lies in shadow:</b> something stands between it and the radar, so nothing of this comes back."}</p>
-      <table><thead><tr><th>Echo</th><th>Range from the image's middle</th><th>On the ground</th></tr></thead><tbody>${rows.join("")}</tbody></table>
-      <p>${upright ? `The single echo is drawn nearer to the radar than the wall stands, because a high point is nearer to the radar than its foot. The echo
-      over the ground and the wall is drawn at the foot. The one that touches the ground twice seems to come from a mirror image under the ground, and is drawn behind.` : ""}
-      <span class="quiet">Two and three bounces count on smooth, level ground under the point.</span></p>`);
+      <p>${name ? `${name}: ` : ""}${upright ? `${metres(high)} above ${facts.steep ? "what lies below it" : "the ground"}.` : "level with the ground."} ${sees}</p>
+      <table><thead><tr><th>Echo</th><th>Range from the image's middle</th><th>Drawn</th></tr></thead><tbody>${rows.join("")}</tbody></table>
+      <p>${why}</p>`);
   }
 }
-
-export { pixelOf };

@@ -1,6 +1,6 @@
 // A guided tour: what this scene shows, step by step, each with a view, something drawn and a few sentences.
 
-import { add, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { add, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { pointsOf } from "sarmitsuba/story.js";
 
 /** Index of the greatest of some numbers; -1 where none is above the bound. */
@@ -27,8 +27,8 @@ function brightest(look, order) {
   const { paths } = look;
   return greatest(paths.cell.length, (c) => {
     let sum = 0;
-    for (let i = paths.first[c]; i < paths.first[c + 1]; i++) if (paths.order[i] === order) sum += paths.amplitude[i];
-    return paths.by_order[6 * c + order - 1] > 128 ? sum : 0;
+    for (let i = paths.first[c]; i < paths.first[c + 1]; i++) if (paths.order[i] === order && roundabout(look, i)) sum += paths.amplitude[i];
+    return paths.by_order[6 * c + order - 1] > 100 ? sum : 0;
   });
 }
 
@@ -45,6 +45,34 @@ function cellOfPath(look, path) {
   let c = 0;
   while (look.paths.first[c + 1] <= path) c++;
   return c;
+}
+
+/** Whether the pulse of a path went out of its way: no corner that it met in one place. */
+function roundabout(look, path) {
+  const antenna = row(look.radar.position, look.paths.pulse[path]);
+  const nearest = Math.min(...pointsOf(look, path).map((point) => norm(sub(point, antenna))));
+  return 0.5 * look.paths.length[path] - nearest > 8 * look.image.resolution[1];
+}
+
+/** The end of the shadow that a high point's body throws on the ground, and the edge that it comes from; null: none. */
+function shadowOf(look, world, high) {
+  const antenna = row(look.radar.position, look.radar.time.length >> 1);
+  const sight = unit(sub(high, antenna));
+  const ground = look.grid.height + 1e-3 * world.radius;
+  const level = Math.hypot(sight[0], sight[1]);
+  const away = [sight[0] / level, sight[1] / level, 0];
+  const reach = (2.5 * (high[2] - look.grid.height) * level) / -sight[2];
+  const foot = [high[0], high[1], ground];
+  let last = null;
+  for (let i = 1; i <= 400; i++) {
+    const point = add(foot, scaled(away, (i / 400) * reach));
+    const hit = world.firstHit(point, antenna);
+    if (hit) last = { end: point, edge: hit.point.toArray() };
+    else if (last) break;
+  }
+  // the very edge is what the last dark ray grazes; one that ended at the search's end is no edge
+  if (!last || norm(sub(last.end, foot)) > 0.99 * reach) return null;
+  return { ...last, length: Math.hypot(last.end[0] - last.edge[0], last.end[1] - last.edge[1]) };
 }
 
 /** The steps that this look can show. */
@@ -84,7 +112,13 @@ function stepsOf({ page, store, world, story }) {
 
 function buildingSteps({ look, store, world, story }) {
   const steps = [];
-  const still = { playing: false, building: false, drape: "ground", range: null, sweep: false };
+  // the neighbourhood of some points that is worth seeing
+  const around = (points) => {
+    const center = scaled(points.reduce(add), 1 / points.length);
+    const reach = Math.max(...points.map((point) => norm(sub(point, center))), 2.2 * (high ? high[2] - look.grid.height : 0), 0.25 * world.radius);
+    return { center: [center[0], center[1], 0.5 * (center[2] + look.grid.height)], radius: Math.min(reach, world.radius) };
+  };
+  const still = { pulse: look.radar.time.length >> 1, playing: false, building: false, drape: "ground", range: null, sweep: false };
   const top = highest(look);
   const high = top >= 0 ? pointsOf(look, top)[0] : null;
   if (high && high[2] - look.grid.height > 0.02 * world.radius) {
@@ -92,30 +126,29 @@ function buildingSteps({ look, store, world, story }) {
       text: `<h2>Why high things lean towards the radar</h2>`,
       go: (head) => {
         store.set(still);
-        world.view("scene");
+        world.view("scene", around([high]));
         story.pixel(cellPixel(look, cellOfPath(look, top)), { reach: 0, head });
       },
     });
-    const pulse = look.radar.time.length >> 1;
-    const antenna = row(look.radar.position, pulse);
-    const down = unit(sub(high, antenna));
-    const end = add(high, scaled(down, (look.grid.height - high[2]) / down[2]));
-    steps.push({
-      text: `<h2>Where the shadow falls</h2><p>The straight line from the radar over the highest edge meets the ground behind the building. Up to there no pulse reaches
-        the ground: nothing comes back, and the image is black. The scene is lit here as if the radar were a lamp, so its shadow and the black of the
-        image are the same place. Turn the image off and on with <kbd>I</kbd>.</p>`,
-      go: (head) => {
-        store.set({ ...still, shadow: true });
-        world.view("scene");
-        world.clearPick();
-        const toRadar = add(high, scaled(down, -1.2 * world.radius));
-        world.addLine([toRadar, high, end], 0xffd166, { width: 0.9, arrows: true });
-        world.addSpot("edge", high, 0xffd166, "edge", "o1");
-        world.addSpot("end", end, 0xffffff, "shadow ends here", "");
-        store.set({ picked: pixelOf(look.grid, end) });
-        story.show(head);
-      },
-    });
+    const shadow = shadowOf(look, world, high);
+    if (shadow) {
+      steps.push({
+        text: `<h2>Where the shadow falls</h2><p>The straight line from the radar over the edge meets the ground ${shadow.length.toFixed(0)} m further. Between them no pulse
+          reaches the ground: nothing comes back, and the image is black there. The scene is lit here as if the radar were a lamp, so the lamp's shadow and the black of the
+          image are the same place. Turn the image off and on with <kbd>I</kbd>.</p>`,
+        go: (head) => {
+          store.set({ ...still, shadow: true });
+          world.view("scene", around([shadow.edge, shadow.end]));
+          world.clearPick();
+          const toRadar = add(shadow.edge, scaled(unit(sub(shadow.edge, shadow.end)), 1.2 * world.radius));
+          world.addLine([toRadar, shadow.edge, shadow.end], 0xffd166, { width: 0.9, arrows: true });
+          world.addSpot("edge", shadow.edge, 0xffd166, "edge", "o1");
+          world.addSpot("end", shadow.end, 0xffffff, "shadow ends here", "");
+          store.set({ picked: pixelOf(look.grid, shadow.end) });
+          story.show(head);
+        },
+      });
+    }
   }
   const foot = brightest(look, 2);
   if (foot >= 0) {
@@ -123,7 +156,7 @@ function buildingSteps({ look, store, world, story }) {
       text: `<h2>The bright line at the foot</h2>`,
       go: (head) => {
         store.set(still);
-        world.view("scene");
+        world.view("scene", around([pointOf(look.grid, cellPixel(look, foot))]));
         story.pixel(cellPixel(look, foot), { reach: 0, head });
       },
     });
@@ -134,7 +167,7 @@ function buildingSteps({ look, store, world, story }) {
       text: `<h2>Ghosts</h2>`,
       go: (head) => {
         store.set(still);
-        world.view("scene");
+        world.view("scene", around([pointOf(look.grid, cellPixel(look, ghost))]));
         story.pixel(cellPixel(look, ghost), { reach: 0, head });
       },
     });
@@ -183,4 +216,3 @@ export class Tour {
   }
 }
 
-export { pointOf };

@@ -1,76 +1,17 @@
 // The scene in 3-D with the radar's passage: platform, beam, line of sight, range shells, shadow, image, paths.
 
 import * as THREE from "three";
-import { GLTFLoader } from "three/gltf_loader";
 import { OrbitControls } from "three/orbit_controls";
 
+import { Labels } from "sarmitsuba/labels.js";
 import { add, dot, footprint, norm, onPlane, pointOf, rangeAndRate, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { cleared, loadModel, platformModel } from "sarmitsuba/models.js";
 
 const vector = (a) => new THREE.Vector3(a[0], a[1], a[2]);
 const BEAM = 0x5cc8ff;
 const SHELL = 0xffffff;
 export const ORDER_COLOURS = [0xffd166, 0xffd166, 0x2ee6a8, 0xff7a9c, 0xc3a6ff];
 export const orderColour = (order) => ORDER_COLOURS[Math.min(order, ORDER_COLOURS.length - 1)];
-
-// what materials look like to the eye, by words of their names
-const MATERIALS = [
-  [/water/, 0x2f6f9f], [/grass|leaves|veget|tree/, 0x5f8f4a], [/soil|ground|earth|sand/, 0x8d7b5e],
-  [/asphalt|road|street/, 0x5d6269], [/paving|stone|marble/, 0x9a968c], [/glass/, 0x86b7c9],
-  [/metal|steel|pec|alumin|iron/, 0xb9c3cc], [/brick|tile/, 0xa5644c], [/gravel/, 0x8d8a83], [/wood|plywood|chip/, 0xa58257],
-  [/concrete|plaster|ceiling/, 0xa9aaa6],
-];
-const PLAIN = [0xa9aaa6, 0xb59f7b, 0x8f9fb5, 0x9fb58f, 0xb58f9f];
-
-function materialColour(name, index) {
-  const found = MATERIALS.find(([words]) => words.test(name.toLowerCase()));
-  return found ? found[1] : PLAIN[index % PLAIN.length];
-}
-
-function freed(object) {
-  object.traverse((part) => {
-    part.geometry?.dispose();
-    part.material?.dispose();
-  });
-}
-
-/** Texts that stand at points of the scene. */
-class Labels {
-  constructor(element) {
-    this.element = element;
-    this.entries = new Map();
-  }
-
-  put(key, text, point, className = "") {
-    let entry = this.entries.get(key);
-    if (!entry) {
-      entry = { node: document.createElement("span") };
-      this.element.append(entry.node);
-      this.entries.set(key, entry);
-    }
-    entry.point = vector(point);
-    entry.node.textContent = text;
-    entry.node.className = `label ${className}`;
-  }
-
-  drop(prefix) {
-    for (const [key, entry] of this.entries) {
-      if (key.startsWith(prefix)) {
-        entry.node.remove();
-        this.entries.delete(key);
-      }
-    }
-  }
-
-  place(camera, width, height) {
-    for (const { node, point } of this.entries.values()) {
-      const seen = point.clone().project(camera);
-      const hidden = seen.z > 1 || Math.abs(seen.x) > 1.02 || Math.abs(seen.y) > 1.02;
-      node.style.visibility = hidden ? "hidden" : "visible";
-      node.style.left = `${0.5 * (seen.x + 1) * width}px`;
-      node.style.top = `${0.5 * (1 - seen.y) * height}px`;
-    }
-  }
-}
 
 export class World {
   /**
@@ -79,8 +20,9 @@ export class World {
    */
   constructor({ canvas, labels, page, store, onWall, onPixel }) {
     Object.assign(this, { canvas, page, store, onWall, onPixel });
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.autoUpdate = false; // it is the same from frame to frame
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.scene = new THREE.Scene();
@@ -90,7 +32,7 @@ export class World {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.request());
     this.labels = new Labels(labels);
-    this.sky = new THREE.HemisphereLight(0xcfe2ff, 0x4a4a55, 0.75);
+    this.sky = new THREE.HemisphereLight(0xcfe2ff, 0x7a7a88, 1.0);
     this.light = new THREE.DirectionalLight(0xfff2d8, 2.6);
     this.light.castShadow = true;
     this.scene.add(this.sky, this.light, this.light.target);
@@ -111,37 +53,16 @@ export class World {
 
   /** Read the meshes; resolves when the scene can be drawn. */
   async load() {
-    const loader = new GLTFLoader();
     for (const [number, facts] of this.page.scenes.entries()) {
-      const model = new THREE.Group();
-      if (facts.glb.length) {
-        const gltf = await loader.parseAsync(facts.glb.buffer, "");
-        for (const part of [...gltf.scene.children]) this.addPart(model, part, facts);
-      }
+      this.models[number] = await loadModel(facts);
       facts.glb = null;
-      this.models[number] = model;
-      this.scene.add(model);
+      this.scene.add(this.models[number]);
     }
     this.measure();
     this.showLook();
     new ResizeObserver(() => this.resize()).observe(this.canvas.parentElement);
     this.resize();
     this.view("overview");
-  }
-
-  addPart(model, part, facts) {
-    const name = part.userData.name ?? part.name;
-    const [mesh, material] = name.split(/[/_]/).map(Number);
-    part.traverse((node) => {
-      if (!node.isMesh) return;
-      node.geometry.deleteAttribute("normal");
-      const colour = materialColour(facts.materials[material] ?? "", material);
-      node.material = new THREE.MeshLambertMaterial({ color: colour, side: THREE.DoubleSide, flatShading: true });
-      node.castShadow = true;
-      node.receiveShadow = true;
-      node.userData = { mesh: facts.meshes[mesh] ?? "", material: facts.materials[material] ?? "" };
-    });
-    model.add(part);
   }
 
   /** Size of what there is to see: that of the image's ground, widened to the scene up to twice that. */
@@ -166,6 +87,7 @@ export class World {
     this.models.forEach((model, number) => {
       if (model) model.visible = number === look.scene;
     });
+    this.lamp = null;
     this.setBuildings();
     this.place = this.placing();
     this.drawTrack();
@@ -183,7 +105,7 @@ export class World {
     const middle = row(radar.position, n >> 1);
     const along = unit([...row(radar.velocity, n >> 1).slice(0, 2), 0]);
     const ends = [row(radar.position, 0), row(radar.position, n - 1)].map((p) => Math.abs(dot(p, along)));
-    const nearer = Math.min(1, (2.1 * this.radius) / norm(middle));
+    const nearer = Math.min(1, (1.75 * this.radius) / norm(middle));
     const shorter = Math.min(1, (1.2 * this.radius) / Math.max(...ends, 1e-9));
     return (point) => {
       const forward = dot(point, along);
@@ -194,8 +116,7 @@ export class World {
   drawTrack() {
     const { radar } = this.look;
     const group = this.groups.track;
-    freed(group);
-    group.clear();
+    cleared(group);
     this.labels.drop("track");
     if (!radar) return;
     const n = radar.time.length;
@@ -206,32 +127,14 @@ export class World {
     group.add(line(0, n, 0x7f92a6));
     this.flown = line(0, n, 0xffd166);
     group.add(this.flown);
-    this.platform = this.makePlatform();
+    const far = this.store.get("scale") === "true" ? 0.4 * norm(row(radar.position, n >> 1)) : 0;
+    this.platform = platformModel(0.08 * (far + this.radius));
     group.add(this.platform);
-  }
-
-  makePlatform() {
-    const size = 0.055 * (this.store.get("scale") === "true" ? 1.4 * norm(row(this.look.radar.position, 0)) * 0.3 + this.radius : this.radius);
-    const skin = new THREE.MeshLambertMaterial({ color: 0xf2f5f8, emissive: 0x556677 });
-    const body = new THREE.Mesh(new THREE.CylinderGeometry(0.13 * size, 0.2 * size, 2 * size, 12), skin);
-    const nose = new THREE.Mesh(new THREE.ConeGeometry(0.2 * size, 0.5 * size, 12), skin);
-    nose.position.y = -1.25 * size;
-    nose.rotation.x = Math.PI;
-    const wing = new THREE.Mesh(new THREE.BoxGeometry(2.6 * size, 0.4 * size, 0.07 * size), skin);
-    const tail = new THREE.Mesh(new THREE.BoxGeometry(0.9 * size, 0.25 * size, 0.06 * size), skin);
-    tail.position.y = 0.85 * size;
-    const fin = new THREE.Mesh(new THREE.BoxGeometry(0.06 * size, 0.3 * size, 0.5 * size), skin);
-    fin.position.set(0, 0.85 * size, 0.25 * size);
-    const group = new THREE.Group();
-    group.add(body, nose, wing, tail, fin);
-    group.userData.size = size;
-    return group;
   }
 
   drawPoints() {
     const group = this.groups.points;
-    freed(group);
-    group.clear();
+    cleared(group);
     const facts = this.page.scenes[this.look.scene ?? -1];
     for (const point of facts?.points ?? []) {
       const dot_ = new THREE.Mesh(new THREE.SphereGeometry(0.012 * this.radius, 12, 8), new THREE.MeshBasicMaterial({ color: 0xff5c5c }));
@@ -243,8 +146,7 @@ export class World {
   /** The image on the ground, or in the slant plane, where range is drawn to scale. */
   drawDrape() {
     const group = this.groups.drape;
-    freed(group);
-    group.clear();
+    cleared(group);
     const mode = this.store.get("drape");
     this.drape = null;
     if (mode === "off" || !this.texture) return;
@@ -312,8 +214,7 @@ export class World {
   /** Lines of equal range on the ground, equally far apart in range. */
   drawRulings() {
     const group = this.groups.rulings;
-    freed(group);
-    group.clear();
+    cleared(group);
     this.labels.drop("ruling");
     const { radar, grid } = this.look;
     if (!radar || !this.store.get("rulings")) return;
@@ -367,6 +268,11 @@ export class World {
 
   aimLight(antenna) {
     const direction = unit(antenna);
+    const on = this.store.get("shadow");
+    // a lamp that moved by less than this, rad, throws the same shadow
+    if (this.lamp && this.light.castShadow === on && norm(sub(direction, this.lamp)) < 2e-3) return;
+    this.lamp = direction;
+    this.renderer.shadowMap.needsUpdate = true;
     const away = 4 * this.radius;
     this.light.position.copy(vector(scaled(direction, away)));
     const camera = this.light.shadow.camera;
@@ -376,13 +282,12 @@ export class World {
     if (this.light.shadow.mapSize.x !== 2048) this.light.shadow.mapSize.set(2048, 2048);
     this.light.shadow.bias = -2e-4;
     this.light.shadow.normalBias = 3e-3 * this.radius;
-    this.light.castShadow = this.store.get("shadow");
+    this.light.castShadow = on;
   }
 
   drawBeam(pulse, antenna, shown) {
     const group = this.groups.beam;
-    freed(group);
-    group.clear();
+    cleared(group);
     this.labels.drop("beam");
     const { radar, grid } = this.look;
     const axes = [radar.boresight, radar.azimuth_axis, radar.elevation_axis].map((axis) => row(axis, pulse));
@@ -410,8 +315,7 @@ export class World {
   /** The wave at one range: part of a sphere about the antenna, and its line on the ground. */
   drawShell() {
     const group = this.groups.shell;
-    freed(group);
-    group.clear();
+    cleared(group);
     this.labels.drop("shell");
     const { radar, grid } = this.look;
     const from_center = this.store.get("range");
@@ -458,6 +362,7 @@ export class World {
   setBuildings() {
     const glass = this.store.get("buildings") === "glass";
     const hidden = this.store.get("buildings") === "hidden";
+    this.renderer.shadowMap.needsUpdate = true;
     for (const model of this.models) {
       model?.traverse((node) => {
         if (!node.isMesh) return;
@@ -474,8 +379,7 @@ export class World {
   // ---- what was clicked ------------------------------------------------------------------------------------------
 
   clearPick() {
-    freed(this.groups.pick);
-    this.groups.pick.clear();
+    cleared(this.groups.pick);
     this.labels.drop("pick");
     this.request();
   }
@@ -588,33 +492,31 @@ export class World {
       const { uv } = image[0];
       this.onPixel([uv.y * grid.shape[0] - 0.5, uv.x * grid.shape[1] - 0.5]);
     } else if (wall) {
-      this.onWall(wall.point.toArray(), wall.object.userData);
+      this.onWall(wall.point.toArray(), { ...wall.object.userData, steep: Math.abs(wall.face.normal.z) < 0.5 });
     }
   }
 
   // ---- the camera -----------------------------------------------------------------------------------------------
 
-  view(name) {
+  /**
+   * @param {string} name overview, scene, radar or map
+   * @param {{center: number[], radius: number} | null} part of the scene that is to fill the view; null: all of it
+   */
+  view(name, part = null) {
     const { radar, grid } = this.look;
-    const r = this.radius;
-    const along = grid.along;
-    const across = grid.across;
-    const antenna = radar ? row(radar.position, radar.time.length >> 1) : scaled(across, -1);
-    const shown = radar ? this.place(antenna) : scaled(across, -r);
-    let target = [0, 0, 0];
-    let from;
+    const r = part?.radius ?? this.radius;
+    const center = part?.center ?? [0, 0, 0];
+    const { along, across } = grid;
+    const antenna = radar ? row(radar.position, radar.time.length >> 1) : scaled(across, -this.radius);
+    const from = (direction, away) => this.lookAt(add(center, scaled(unit(direction), away * r)), center);
     if (name === "overview") {
-      target = scaled(shown, 0.42);
-      const size = 0.62 * norm(shown) + 0.95 * r;
-      from = add(target, scaled(unit(add(add(scaled(along, -1), scaled(across, 0.12)), [0, 0, 0.32])), 2.0 * size));
-    } else if (name === "scene") {
-      from = scaled(unit(add(add(scaled(along, -0.75), scaled(across, -0.55)), [0, 0, 0.62])), 2.5 * r);
-    } else if (name === "radar") {
-      from = scaled(unit(antenna), 3.6 * r);
-    } else {
-      from = add(scaled(across, -1e-3 * r), [0, 0, 3.4 * r]);
-    }
-    this.lookAt(from, target);
+      const shown = this.place(antenna);
+      const target = scaled(shown, 0.45);
+      const away = 1.75 * (0.55 * norm(shown) + 0.8 * r);
+      this.lookAt(add(target, scaled(unit(add(add(scaled(along, -1), scaled(across, -0.1)), [0, 0, 0.34])), away)), target);
+    } else if (name === "scene") from(add(add(scaled(along, -0.8), scaled(across, -0.5)), [0, 0, 0.6]), 2.5);
+    else if (name === "radar") from(antenna, 3.4);
+    else from(add(scaled(across, -1e-3), [0, 0, 1]), 3.2);
   }
 
   lookAt(from, target) {
