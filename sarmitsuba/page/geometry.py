@@ -64,11 +64,11 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
 
 def _fewer(
     vertices: F64, faces: NDArray[np.int32], most_faces: int
-) -> tuple[F64, NDArray[np.int64], NDArray[np.int64], float]:
+) -> tuple[F64, NDArray[np.integer], NDArray[np.integer], float]:
     """Vertices on a grid, faces that are left, their old numbers, and the edge of the grid (0: all are left)."""
     numbers = np.arange(faces.shape[0])
     if faces.shape[0] <= most_faces:
-        return np.round(vertices / GRID) * GRID, faces.astype(np.int64), numbers, 0.0
+        return np.asarray(np.round(vertices / GRID) * GRID), faces.astype(np.int64), numbers, 0.0
     edge = GRID
     size = float(np.ptp(vertices, axis=0).max())
     while True:
@@ -78,7 +78,7 @@ def _fewer(
         a, b, c = merged.T
         alive = np.flatnonzero((a != b) & (b != c) & (c != a))
         if alive.size <= most_faces:
-            return cells * edge, merged[alive], numbers[alive], edge
+            return np.asarray(cells * edge, dtype=np.float64), merged[alive], numbers[alive], edge
 
 
 __all__ = ["GRID", "MOST_FACES", "PageMesh", "page_mesh"]

@@ -1,6 +1,7 @@
 """The ray paths behind the pixels of an image, few enough to travel inside a page."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,13 +89,13 @@ def page_paths(
         parts.append(table[keep])
         numbers.append(i * shape[1] + j)
     table, number = joined(parts), np.concatenate(numbers)
-    amplitude = np.abs(table.amplitude[:, table.channels.index(channel)])
+    amplitude: F64 = np.abs(table.amplitude[:, table.channels.index(channel)]).astype(np.float64)
     order = np.minimum(table.order, ORDERS) - 1
     n_cells = shape[0] * shape[1]
-    total = np.bincount(number, amplitude, n_cells)
-    power = np.bincount(number, amplitude**2, n_cells)
+    total = np.bincount(number, weights=amplitude, minlength=n_cells)
+    power = np.bincount(number, weights=amplitude**2, minlength=n_cells)
     found = np.bincount(number, minlength=n_cells)
-    by_order = np.bincount(number * ORDERS + order, amplitude, n_cells * ORDERS).reshape(n_cells, ORDERS)
+    by_order = np.bincount(number * ORDERS + order, weights=amplitude, minlength=n_cells * ORDERS)
     rows = _chosen(number, order, amplitude, power, most)
     cells, counts = np.unique(number[rows], return_counts=True)
     divisor = np.maximum(total[cells], 1e-300)
@@ -105,7 +106,9 @@ def page_paths(
         cell=cells.astype(np.int32),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
         found=found[cells].astype(np.int32),
-        by_order=np.round(255.0 * by_order[cells] / divisor[:, None]).astype(np.uint8),
+        by_order=np.round(255.0 * by_order.reshape(n_cells, ORDERS)[cells] / divisor[:, None]).astype(
+            np.uint8
+        ),
         table=table[rows],
         share=(amplitude[rows] / np.maximum(total[number[rows]], 1e-300)).astype(np.float32),
     )
@@ -151,7 +154,7 @@ def _served_rows(scene: Scene, grid: ImageGrid) -> list[tuple[int, float, float]
         return whole
     edges = np.linspace(-0.5, n_rows - 0.5, count + 1)
     served = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         spot = grid.positions_on_line(round(0.5 * (low + high)))[grid.shape[1] // 2]
         line = spot - track.position
         line /= np.linalg.norm(line, axis=1, keepdims=True)
@@ -162,7 +165,7 @@ def _served_rows(scene: Scene, grid: ImageGrid) -> list[tuple[int, float, float]
 
 
 def _chosen(
-    number: NDArray[np.int64], order: NDArray[np.int32], amplitude: F64, power: F64, most: int
+    number: NDArray[np.int64], order: NDArray[np.integer], amplitude: F64, power: F64, most: int
 ) -> NDArray[np.int64]:
     """Rows to keep: the strongest few of each order in the brightest cells; cell after cell, strongest first."""
     rows = np.lexsort((-amplitude, order, number))
@@ -182,4 +185,13 @@ def _chosen(
     return np.asarray(rows[np.lexsort((-amplitude[rows], number[rows]))])
 
 
-__all__ = ["FLOOR_DB", "MOST_PATHS", "MOST_PER_ORDER", "ORDERS", "PagePaths", "cell_pixels", "page_paths", "pixels_of"]
+__all__ = [
+    "FLOOR_DB",
+    "MOST_PATHS",
+    "MOST_PER_ORDER",
+    "ORDERS",
+    "PagePaths",
+    "cell_pixels",
+    "page_paths",
+    "pixels_of",
+]

@@ -114,8 +114,9 @@ def _scene(record: dict[str, Json]) -> Scene | None:
     options = None
     if isinstance(mesh, dict):
         materials = mesh.get("materials")
+        up = mesh["up"]
         options = MeshOptions(
-            str(mesh["up"]),
+            "y" if up == "y" else "z" if up == "z" else "auto",
             str(mesh["unit"]),
             {str(k): str(v) for k, v in materials.items()} if isinstance(materials, dict) else {},
         )

@@ -65,8 +65,8 @@ class Packer:
         return {"$": len(self.blobs) - 1, "dtype": plain.dtype.name, "shape": list(plain.shape)}
 
 
-def write_page(path: Path, payload: Mapping[str, Value]) -> int:
-    """Write the page, whole or not at all. Return its bytes.
+def write_page(path: Path, payload: Mapping[str, Value]) -> None:
+    """Write the page, whole or not at all.
 
     Parameters
     ----------
@@ -92,7 +92,6 @@ def write_page(path: Path, payload: Mapping[str, Value]) -> int:
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match.group(1)], text)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return len(text.encode())
 
 
 def _modules(web: Traversable) -> dict[str, str]:
