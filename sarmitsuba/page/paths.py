@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.path_table import PathTable, joined, trace_paths
+from sarmitsuba.simulation.path_table import PathTable, PathTracer, joined
+from sarmitsuba.simulation.sampling.plan import azimuth_cell
 
 F64 = NDArray[np.float64]
 
 # paths kept in all, and of one bounce order in one cell of the image
-MOST_PATHS, MOST_PER_ORDER = 24_000, 3
+MOST_PATHS, MOST_PER_ORDER = 48_000, 3
+# cells along the edge of a part of the image that is traced at once
+TILE = 256
 # cells weaker than the strongest by more than this are left out, dB
 FLOOR_DB = 70.0
 # orders that shares are given for; those above count with the last
@@ -77,41 +80,120 @@ def page_paths(
     """
     size = cell_pixels(grid, cell)
     shape = (-(-grid.shape[0] // size[0]), -(-grid.shape[1] // size[1]))
-    row_of_pulse = _served_rows(scene, grid)
-    parts, numbers = [], []
-    for pulse, low, high in row_of_pulse:
-        table = trace_paths(scene, pulse, seed=seed)
-        row, column = pixels_of(table, scene, grid, pulse)
-        inside = (row >= low) & (row < high) & (column >= -0.5) & (column < grid.shape[1] - 0.5)
-        keep = np.flatnonzero(inside)
-        i = np.floor((row[keep] + 0.5) / size[0]).astype(np.int64)
-        j = np.floor((column[keep] + 0.5) / size[1]).astype(np.int64)
-        parts.append(table[keep])
-        numbers.append(i * shape[1] + j)
-    table, number = joined(parts), np.concatenate(numbers)
-    amplitude: F64 = np.abs(table.amplitude[:, table.channels.index(channel)]).astype(np.float64)
-    order = np.minimum(table.order, ORDERS) - 1
+    tracer = PathTracer(scene, seed=seed)
+    parts = [
+        _of_tile(tracer, scene, grid, channel, size, shape, tile)
+        for tile in _tiles(shape, _served_rows(scene, grid, size[0]))
+    ]
+    table = joined([part.table for part in parts])
+    number, amplitude = (
+        np.concatenate([getattr(p, name) for p in parts]) for name in ("number", "amplitude")
+    )
     n_cells = shape[0] * shape[1]
-    total = np.bincount(number, weights=amplitude, minlength=n_cells)
-    power = np.bincount(number, weights=amplitude**2, minlength=n_cells)
-    found = np.bincount(number, minlength=n_cells)
-    by_order = np.bincount(number * ORDERS + order, weights=amplitude, minlength=n_cells * ORDERS)
-    rows = _chosen(number, order, amplitude, power, most)
+    total, power = sum(part.total for part in parts), sum(part.power for part in parts)
+    rows = _brightest(number, amplitude, np.asarray(power), most)
     cells, counts = np.unique(number[rows], return_counts=True)
-    divisor = np.maximum(total[cells], 1e-300)
+    divisor = np.maximum(np.asarray(total)[cells], 1e-300)
+    by_order = np.asarray(sum(part.by_order for part in parts)).reshape(n_cells, ORDERS)
     return PagePaths(
-        pulses=tuple(pulse for pulse, _, _ in row_of_pulse),
+        pulses=tuple(np.unique(table.pulse).tolist()),
         cell_size=size,
         shape=shape,
         cell=cells.astype(np.int32),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        found=found[cells].astype(np.int32),
-        by_order=np.round(255.0 * by_order.reshape(n_cells, ORDERS)[cells] / divisor[:, None]).astype(
-            np.uint8
-        ),
+        found=np.asarray(sum(part.found for part in parts))[cells].astype(np.int32),
+        by_order=np.round(255.0 * by_order[cells] / divisor[:, None]).astype(np.uint8),
         table=table[rows],
-        share=(amplitude[rows] / np.maximum(total[number[rows]], 1e-300)).astype(np.float32),
+        share=(amplitude[rows] / np.repeat(divisor, counts)).astype(np.float32),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Tile:
+    """Paths of a part of the image: the strongest few of every order and cell, and what all of them add up to.
+
+    Parameters
+    ----------
+    table : kept paths
+    number, amplitude : of the kept paths; cell of the image, absolute value
+    total, power, found, by_order : per cell of the whole image; sums of amplitudes and powers, paths, sums per order
+    """
+
+    table: PathTable
+    number: NDArray[np.int64]
+    amplitude: F64
+    total: F64
+    power: F64
+    found: NDArray[np.int64]
+    by_order: F64
+
+
+def _tiles(
+    shape: tuple[int, int], served: list[tuple[int, int, int]]
+) -> list[tuple[int, int, int, int, int]]:
+    """Parts of the image, so that the paths of one fit into memory: pulse, first and last row and column of cells."""
+    found = []
+    for pulse, top, bottom in served:
+        rows = np.linspace(top, bottom, -(-(bottom - top) // TILE) + 1).round().astype(int).tolist()
+        columns = np.linspace(0, shape[1], -(-shape[1] // TILE) + 1).round().astype(int).tolist()
+        found += [(pulse, i, k, j, n) for i, k in pairwise(rows) for j, n in pairwise(columns)]
+    return found
+
+
+def _of_tile(
+    tracer: PathTracer,
+    scene: Scene,
+    grid: ImageGrid,
+    channel: str,
+    size: tuple[int, int],
+    shape: tuple[int, int],
+    tile: tuple[int, int, int, int, int],
+) -> _Tile:
+    """Trace the paths of one part of the image."""
+    pulse, top, bottom, left, right = tile
+    rows = np.clip(
+        [top * size[0], 0.5 * (top + bottom) * size[0], bottom * size[0] - 1], 0, grid.shape[0] - 1
+    )
+    columns = np.clip(
+        [left * size[1], 0.5 * (left + right) * size[1], right * size[1] - 1], 0, grid.shape[1] - 1
+    )
+    spots = np.array([grid.positions_on_line(int(r))[columns.astype(int)] for r in rows])
+    reach = _reach(scene, pulse, spots)
+    table = tracer.trace(pulse, near=spots[1, 1], cells=reach)
+    row, column = pixels_of(table, scene, grid, pulse)
+    with np.errstate(invalid="ignore"):
+        i, j = np.floor((row + 0.5) / size[0]), np.floor((column + 0.5) / size[1])
+        keep = np.flatnonzero((i >= top) & (i < bottom) & (j >= left) & (j < right))
+    table, number = table[keep], (i[keep] * shape[1] + j[keep]).astype(np.int64)
+    amplitude: F64 = np.abs(table.amplitude[:, table.channels.index(channel)]).astype(np.float64)
+    order = np.minimum(table.order, ORDERS) - 1
+    n_cells = shape[0] * shape[1]
+
+    def sums(weights: F64 | None, of: NDArray[np.integer] = number, n: int = n_cells) -> F64:
+        return np.asarray(np.bincount(of, weights=weights, minlength=n))
+
+    few = _few(number, order, amplitude)
+    return _Tile(
+        table=table[few],
+        number=number[few],
+        amplitude=amplitude[few],
+        total=sums(amplitude),
+        power=sums(amplitude**2),
+        found=np.bincount(number, minlength=n_cells),
+        by_order=sums(amplitude, number * ORDERS + order, n_cells * ORDERS),
+    )
+
+
+def _reach(scene: Scene, pulse: int, spots: F64) -> float:
+    """Resolution cells from the middle of a part of the image, (3, 3, 3) m, that its paths stand away at most."""
+    track, cell = scene.radar.track, scene.radar.waveform.range_cell
+    way = track.position[pulse] - spots.reshape(-1, 3)
+    distance = np.linalg.norm(way, axis=1)
+    ahead = way @ track.velocity[pulse] / np.linalg.norm(track.velocity[pulse])
+    in_range = np.abs(distance - distance[4]).max() / cell
+    in_azimuth = np.abs(ahead - ahead[4]).max() / azimuth_cell(scene)
+    # the gate is straight in range and rate where a part of the image is not quite
+    return float(1.1 * max(in_range, in_azimuth) + 4.0)
 
 
 def cell_pixels(grid: ImageGrid, cell: tuple[float, float]) -> tuple[int, int]:
@@ -139,46 +221,45 @@ def pixels_of(table: PathTable, scene: Scene, grid: ImageGrid, pulse: int) -> tu
     return row, column
 
 
-def _served_rows(scene: Scene, grid: ImageGrid) -> list[tuple[int, float, float]]:
-    """Pulses to trace, each with the rows of the image that it serves."""
+def _served_rows(scene: Scene, grid: ImageGrid, size: int) -> list[tuple[int, int, int]]:
+    """Pulses to trace, each with the first and last row of cells that it serves."""
     radar = scene.radar
-    track, n_rows = radar.track, grid.shape[0]
-    whole = [(track.center_index, -0.5, n_rows - 0.5)]
-    if not (np.isfinite(radar.half_aperture) and radar.mode_law.own_apertures):
-        return whole
-    middle = grid.positions_on_line(n_rows // 2).mean(axis=0)
-    distance = float(np.linalg.norm(track.center_position - middle))
-    reach = distance * radar.half_aperture  # half of what a pulse serves along the flight, m
-    count = int(np.ceil(n_rows * grid.azimuth_spacing / reach))
-    if count <= 1:
-        return whole
-    edges = np.linspace(-0.5, n_rows - 0.5, count + 1)
+    track, n_rows = radar.track, -(-grid.shape[0] // size)
+    reach = np.inf
+    if np.isfinite(radar.half_aperture) and radar.mode_law.own_apertures:
+        middle = grid.positions_on_line(grid.shape[0] // 2).mean(axis=0)
+        # half of what a pulse serves along the flight, m
+        reach = float(np.linalg.norm(track.center_position - middle)) * radar.half_aperture
+    count = max(1, int(np.ceil(grid.shape[0] * grid.azimuth_spacing / reach)))
+    if count == 1:
+        return [(track.center_index, 0, n_rows)]
     served = []
-    for low, high in pairwise(edges):
-        spot = grid.positions_on_line(round(0.5 * (low + high)))[grid.shape[1] // 2]
-        line = spot - track.position
+    for top, bottom in pairwise(np.linspace(0, n_rows, count + 1).round().astype(int).tolist()):
+        row = min((top + bottom) * size // 2, grid.shape[0] - 1)
+        line = grid.positions_on_line(row)[grid.shape[1] // 2] - track.position
         line /= np.linalg.norm(line, axis=1, keepdims=True)
         # the pulse whose beam meets that row
         pulse = int(np.argmin(np.abs(np.einsum("ni,ni->n", line, radar.pointing.azimuth_axis))))
-        served.append((pulse, float(low), float(high)))
+        served.append((pulse, top, bottom))
     return served
 
 
-def _chosen(
-    number: NDArray[np.int64], order: NDArray[np.integer], amplitude: F64, power: F64, most: int
-) -> NDArray[np.int64]:
-    """Rows to keep: the strongest few of each order in the brightest cells; cell after cell, strongest first."""
+def _few(number: NDArray[np.int64], order: NDArray[np.integer], amplitude: F64) -> NDArray[np.int64]:
+    """Rows of the strongest few paths of every order and cell."""
     rows = np.lexsort((-amplitude, order, number))
     group = number[rows] * ORDERS + order[rows]
-    starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]])) if rows.size else rows
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
     rank = np.arange(rows.size) - np.repeat(starts, np.diff(np.append(starts, rows.size)))
-    bright = power[number[rows]] > power.max(initial=0.0) * 10.0 ** (-0.1 * FLOOR_DB)
-    rows = rows[(rank < MOST_PER_ORDER) & bright]
-    brightest = np.argsort(-power, kind="stable")
-    place = np.empty(brightest.size, dtype=np.int64)
-    place[brightest] = np.arange(brightest.size)
+    return np.asarray(rows[rank < MOST_PER_ORDER])
+
+
+def _brightest(number: NDArray[np.int64], amplitude: F64, power: F64, most: int) -> NDArray[np.int64]:
+    """Rows of the brightest cells, as many whole cells as there is room for; cell after cell, strongest first."""
+    rows = np.flatnonzero(power[number] > power.max(initial=0.0) * 10.0 ** (-0.1 * FLOOR_DB))
+    place = np.empty(power.size, dtype=np.int64)
+    place[np.argsort(-power, kind="stable")] = np.arange(power.size)
     rows = rows[np.argsort(place[number[rows]], kind="stable")]
-    if rows.size > most:  # whole cells only
+    if rows.size > most:
         last = number[rows[most]]
         rows = rows[:most]
         rows = rows[number[rows] != last]
