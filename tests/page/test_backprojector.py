@@ -8,8 +8,9 @@ import pytest
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.ideal import ideal_echoes
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focusers.backprojection import backproject
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import coherence
 from sarmitsuba.image.sar_image import ImageGrid
@@ -62,7 +63,9 @@ def drawn(seed: int, **changes: Any) -> Look:
     # the scene's own frame is about its points: put one at the aim
     targets = [PointTarget(f"p{i}", point, 1.0) for i, point in enumerate(points)]
     scene = build_scene(points=targets, radar=replace(radar, aim_x=0.0, aim_y=0.0, aim_z=0.0), film=film)
-    raw = ideal_echoes(scene.radar, points - scene.offset, rng.uniform(0.3, 3.0, 10), rng.uniform(0.0, 6.3, 10))
+    raw = ideal_echoes(
+        scene.radar, points - scene.offset, rng.uniform(0.3, 3.0, 10), rng.uniform(0.0, 6.3, 10)
+    )
     return Look(raw, default_grid(scene.radar, scene.image))
 
 
@@ -105,6 +108,11 @@ def check(got: Any, want: Any, least: float = 0.9995) -> None:
     assert abs(20.0 * np.log10(np.linalg.norm(got) / np.linalg.norm(want))) < 0.05
 
 
+def ours(raw: RawData, grid: ImageGrid, **windows: str) -> Any:
+    """Our backprojection of the one layer there is."""
+    return backproject(raw, grid, **windows)[0]
+
+
 def kept(raw: RawData, pulses: Any) -> RawData:
     """Some of the pulses, as a radar that sent no others would have recorded them."""
     radar = raw.radar
@@ -129,33 +137,37 @@ CASES = {
     **{f"spotlight {seed}": (seed, {}) for seed in range(5)},
     "spotlight with a beam": (
         11,
-        {"pattern": "gaussian", "azimuth_beamwidth_deg": 0.6, "elevation_beamwidth_deg": 0.8},
+        {"pattern": "gaussian", "azimuth_beamwidth_deg": 1.2, "elevation_beamwidth_deg": 1.6},
     ),
     "stripmap 12": (12, STRIPMAP),
     "stripmap 13": (13, {**STRIPMAP, "pattern": "gaussian", "slant_range": 4e3}),
     "from 700 km": (14, SPACE),
     "stripmap from 700 km": (
         15,
-        {**STRIPMAP, **SPACE, "azimuth_beamwidth_deg": 0.6, "azimuth_resolution": 2.0},
+        {**STRIPMAP, **SPACE, "azimuth_beamwidth_deg": 0.3, "azimuth_resolution": 6.0},
     ),
 }
 
 
-@pytest.mark.parametrize("device", ["gpu", "cpu"])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "device"),
+    [
+        *((case, "gpu") for case in CASES),
+        *((case, "cpu") for case in ("spotlight 0", "spotlight with a beam", "stripmap 13", "from 700 km")),
+    ],
+)
 def test_the_browsers_image_is_ours(case: str, device: str, in_browser: Any) -> None:
     seed, changes = CASES[case]
     look = drawn(seed, **changes)
-    check(in_browser(look, device), focus(look.raw, look.grid).total())
+    check(in_browser(look, device), ours(look.raw, look.grid))
 
 
-@pytest.mark.parametrize("case", ["spotlight 1", "stripmap 12"])
-@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize(("case", "n"), [("spotlight 1", 2), ("spotlight 4", 3), ("stripmap 12", 4)])
 def test_dropped_pulses_are_those_never_sent(case: str, n: int, in_browser: Any) -> None:
     seed, changes = CASES[case]
     look = drawn(seed, **changes)
-    full = focus(look.raw, look.grid).total()
-    want = focus(kept(look.raw, slice(None, None, n)), look.grid).total()
+    full = ours(look.raw, look.grid)
+    want = ours(kept(look.raw, slice(None, None, n)), look.grid)
     # the comparison must see the ambiguities: without them it would hold for the whole aperture too
     assert abs(coherence(full, want)) < 0.99
     check(in_browser(look, keepEvery=n), want)
@@ -165,7 +177,7 @@ def test_a_shorter_aperture_is_that_of_the_pulses_left(in_browser: Any) -> None:
     look = drawn(2)
     n = look.raw.radar.track.n_pulses
     pulses = slice(round(0.2 * n), round(0.55 * n))
-    want = focus(kept(look.raw, pulses), look.grid, azimuth_window="hamming").total()
+    want = ours(kept(look.raw, pulses), look.grid, azimuth_window="hamming")
     got = in_browser(look, **{"from": 0.2, "to": 0.55, "azimuthWindow": "hamming"})
     check(got, want)
 
@@ -174,17 +186,23 @@ def test_a_shorter_stripmap_aperture_is_a_narrower_band(in_browser: Any) -> None
     look = drawn(12, **STRIPMAP)
     radar = look.raw.radar
     narrow = replace(radar, half_aperture=0.5 * radar.half_aperture)
-    want = focus(replace(look.raw, radar=narrow), look.grid).total()
+    want = ours(replace(look.raw, radar=narrow), look.grid)
     check(in_browser(look, **{"from": 0.25, "to": 0.75}), want)
 
 
-@pytest.mark.parametrize("case", ["spotlight 0", "stripmap 12"])
-@pytest.mark.parametrize("names", [("hamming", "taylor:4:-35"), ("taylor:4:-35", "hamming"), ("hann", "hann")])
+@pytest.mark.parametrize(
+    ("case", "names"),
+    [
+        ("spotlight 0", ("hamming", "taylor:4:-35")),
+        ("spotlight 0", ("hann", "hann")),
+        ("stripmap 12", ("taylor:4:-35", "hamming")),
+    ],
+)
 def test_windows_are_ours(case: str, names: tuple[str, str], in_browser: Any) -> None:
     seed, changes = CASES[case]
     look = drawn(seed, **changes)
     azimuth, range_ = names
-    want = focus(look.raw, look.grid, azimuth_window=azimuth, range_window=range_).total()
+    want = ours(look.raw, look.grid, azimuth_window=azimuth, range_window=range_)
     check(in_browser(look, azimuthWindow=azimuth, rangeWindow=range_), want)
 
 
@@ -196,8 +214,10 @@ def test_window_functions_are_ours(bench: Any) -> None:
         np.testing.assert_allclose(got, parse_window(name)(u), atol=1e-12)  # tol: float64 rounding
 
 
-@pytest.mark.parametrize("kind", ["linear", "quadratic", "sinusoidal"])
-@pytest.mark.parametrize("device", ["gpu", "cpu"])
+@pytest.mark.parametrize(
+    ("kind", "device"),
+    [("linear", "gpu"), ("quadratic", "cpu"), ("sinusoidal", "gpu"), ("sinusoidal", "cpu")],
+)
 def test_a_track_error_is_a_track_recorded_wrongly(kind: str, device: str, in_browser: Any) -> None:
     look = drawn(3)
     radar = look.raw.radar
@@ -208,9 +228,9 @@ def test_a_track_error_is_a_track_recorded_wrongly(kind: str, device: str, in_br
     line = position - center
     moved = position + error[:, None] * line / np.linalg.norm(line, axis=1, keepdims=True)
     wrong = replace(look.raw, radar=replace(radar, track=replace(radar.track, position=moved)))
-    want = focus(wrong, look.grid).total()
+    want = ours(wrong, look.grid)
     # it is no small thing
-    assert abs(coherence(focus(look.raw, look.grid).total(), want)) < 0.95
+    assert abs(coherence(ours(look.raw, look.grid), want)) < 0.95
     check(in_browser(look, device, error={"kind": kind, "amplitude": amplitude, "cycles": 2.5}), want)
 
 
@@ -251,7 +271,7 @@ def test_the_phase_is_kept_half_a_kilometre_from_the_centre(distance: float, ben
     antenna = distance * np.array(
         [np.sin(look) * np.cos(heading), np.sin(look) * np.sin(heading), np.cos(look)]
     )
-    axis = np.sort(rng.uniform(-1.0, 1.0)) + np.linspace(-500.0, 498.0, n)
+    axis = rng.uniform(-1.0, 1.0) + np.linspace(-500.0, 498.0, n)
     along, across = [0.6, 0.8, 0.0], [0.8, -0.6, 0.0]
     header = {
         "wavelength": wavelength,
@@ -277,7 +297,9 @@ def test_the_phase_is_kept_half_a_kilometre_from_the_centre(distance: float, ben
     )
     out = bench.run(FOCUS, data=(header, arrays), grid=grid, device="gpu", settings={})
     got = floats(out["re"], (n, n)) + 1j * floats(out["im"], (n, n))
-    points = np.array([0.0, 0.0, 1.5]) + axis[:, None, None] * np.array(along) + axis[:, None] * np.array(across)
+    points = (
+        np.array([0.0, 0.0, 1.5]) + axis[:, None, None] * np.array(along) + axis[:, None] * np.array(across)
+    )
     delta = points.astype(np.longdouble) - antenna.astype(np.longdouble)
     path = np.sqrt((delta**2).sum(axis=-1)) - np.sqrt((antenna.astype(np.longdouble) ** 2).sum())
     turns = 2.0 * path / np.longdouble(wavelength)
@@ -312,8 +334,10 @@ def test_a_window_or_error_that_is_not_there_is_said(bench: Any) -> None:
 
 def test_quantised_profiles_are_the_recorded_ones() -> None:
     """By the formula of the class, from the raw data alone."""
-    look = drawn(5)
-    radar, one = look.raw.radar, page_profiles(look.raw, look.grid)
+    radar = ideal_radar(n_samples=400)
+    raw = ideal_echoes(radar, [[3.0, -4.0, 1.0], [-9.0, 12.0, 0.0]], [2.0, 1.0])
+    look = Look(raw, default_grid(raw, {"grid": "slant", "extent_azimuth": 40.0, "extent_range": 50.0}))
+    one = page_profiles(raw, look.grid)
     assert one.samples.shape[1] < radar.window.n_samples  # something was cut
     for t in (0, radar.track.n_pulses // 2, radar.track.n_pulses - 1):
         line = radar.track.position[t] - page_center(look.grid)
