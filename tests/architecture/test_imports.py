@@ -12,6 +12,7 @@ FLOORS = (
     ("", "__main__", "cli", "commands", "doctor", "plugins"),
     ("cost",),
     ("validation",),
+    ("page",),
     ("view",),
     ("simulation",),
     ("quality",),
