@@ -15,7 +15,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 # bins kept before and behind the image's own: what a range window's side lobes reach
-_GUARD = 32
+_GUARD = 64
 # points on each edge of the image at which its ranges are looked up
 _EDGE = 65
 # largest value of an int16 that has its negative

@@ -96,7 +96,7 @@ class Bench:
         page.goto(file.as_uri())
 
     def run(self, script: str, **values: Any) -> Any:
-        """Value of the body of an async function; ``values`` are its arguments by name, pairs (header, arrays) whole."""
+        """Value of the body of an async function; ``values`` are its arguments by name, pairs (header, arrays) too."""
         plain = {}
         for name, value in values.items():
             whole = isinstance(value, tuple)

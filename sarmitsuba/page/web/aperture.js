@@ -76,3 +76,41 @@ export function beamGain(beam, t, x, y, z) {
   const v = sinc(Math.PI * SINC_HALF_POWER * e);
   return u * u * v * v;
 }
+
+/**
+ * What the aperture that is left can do at the scene's centre.
+ * @returns {{pulses: number, azimuth: number, range: number, apart: number}} pulses used; cells in azimuth and slant
+ *   range, m, as wide as a rectangle of the impulse response's energy and peak; distance in azimuth between the copies
+ *   of a point that pulses so far apart leave, m
+ */
+export function apertureFacts(data, settings) {
+  const s = { ...PLAIN, ...settings };
+  const { weights, band } = aperturePlan(data, s);
+  const used = [];
+  weights.forEach((weight, t) => weight > 0 && used.push(t));
+  const broadening = (text) => {
+    const window = parseWindow(text);
+    let [sum, squares] = [0, 0];
+    const n = 1024;
+    for (let i = 0; i < n; i++) {
+      const w = window((i + 0.5) / n - 0.5);
+      sum += w;
+      squares += w * w;
+    }
+    return (squares * n) / sum ** 2;
+  };
+  const direction = (t) => [0, 1, 2].map((i) => data.antenna[3 * t + i] / data.referenceRange[t]);
+  let turn = 0;
+  for (let k = 1; k < used.length; k++) {
+    const [a, b] = [direction(used[k - 1]), direction(used[k])];
+    turn += Math.hypot(...a.map((value, i) => value - b[i]));
+  }
+  const step = turn / Math.max(used.length - 1, 1);
+  const angle = band ? Math.min(2 * band.half, turn + step) : turn + step;
+  return {
+    pulses: used.length,
+    azimuth: (broadening(s.azimuthWindow) * data.wavelength) / (2 * angle),
+    range: (broadening(s.rangeWindow) * data.binSpacing) / data.bandFraction,
+    apart: data.wavelength / (2 * step),
+  };
+}

@@ -7,8 +7,8 @@
 // Precision. Ranges and phases are float64 once per pulse and block of pixels, here in JavaScript; the shader only adds
 // what a pixel's small offset q from its block's middle changes,
 //   dR = (2 u.q + q^2/R) / (1 + sqrt(1 + (2 u.q + q^2/R) / R)),
-// whose float32 rounding is below 1e-3 rad because a block is at most BLOCK_RADIUS wavelengths wide. No trick with
-// compensated float32 sums is needed, which a shader compiler may undo.
+// whose float32 rounding is below 1e-3 rad because a block is a few hundred wavelengths of range wide at most. No trick
+// with compensated float32 sums is needed, which a shader compiler may undo.
 //
 // data: {
 //   wavelength m; nPulses; nBins; binSpacing m of slant range; bandFraction bandwidth / sampling rate;
@@ -27,9 +27,14 @@
 import { PLAIN, aperturePlan, beamGain } from "sarmitsuba/aperture.js";
 import { OVERSAMPLING, RangeProfiles } from "sarmitsuba/range_profiles.js";
 
-// half diagonal of a block in wavelengths: 2 x 160 turns, of which float32 keeps 2e-5 turns = 1e-4 rad
-const BLOCK_RADIUS = 160;
-const BLOCK_SIZES = [32, 16, 8, 4, 2, 1];
+// what a block may be wide along each of its axes, each way from its middle:
+// wavelengths of range, 100 + 100 of which are 400 turns, of which float32 keeps 2e-5 turns = 1e-4 rad
+const BLOCK_WAVES = 100;
+// half beams, over which the gain is taken as linear
+const BLOCK_BEAMS = 0.1;
+// the range, over which the sine along the flight is taken as linear: to the square of this
+const BLOCK_RANGES = 1 / 400;
+const BLOCK_SIZES = [64, 32, 16, 8, 4, 2, 1];
 // pulses whose profiles share a texture
 const GROUP = 64;
 const WINDOW_NODES = 1025;
@@ -48,11 +53,21 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 uniform sampler2D sums, table, profiles, offsets, bandWindow;
-uniform int nPulses, blocksHigh, blockShift, last;
+uniform ivec2 blockShift;
+uniform int nPulses, blocksHigh, last;
 uniform float turnsPerMetre, binsPerMetre, halfBand;
 out vec4 result;
 
 const int TEXELS = ${weighted ? 4 : 2};
+
+// cosine and sine of |y| <= 1/2 turns by their halves: least squares over the half turn, error below 2e-6, where the
+// language promises 5e-4 of its own
+vec2 phasor(float y) {
+  float z = y * y;
+  float s = y * (3.14158197 + z * (-5.16714121 + z * (2.54188617 - z * 0.55460646)));
+  float c = 0.99999995 + z * (-4.93479283 + z * (4.05841130 + z * (-1.33187624 + z * 0.21968885)));
+  return vec2(1.0 - 2.0 * s * s, 2.0 * s * c);
+}
 
 void main() {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -75,10 +90,10 @@ void main() {
     float f = place - whole, g = 1.0 - f;
     int row = code / ${2 * BIN_OFFSET};
     float f2 = f * f, g2 = g * g;
-    vec2 value = (g2 * g) * texelFetch(profiles, ivec2(bin, row), 0).xy
-      + (4.0 - 3.0 * f2 * (2.0 - f)) * texelFetch(profiles, ivec2(bin + 1, row), 0).xy
-      + (4.0 - 3.0 * g2 * (2.0 - g)) * texelFetch(profiles, ivec2(bin + 2, row), 0).xy
-      + (f2 * f) * texelFetch(profiles, ivec2(bin + 3, row), 0).xy;
+    vec4 low = texelFetch(profiles, ivec2(bin, row), 0);  // two samples each
+    vec4 high = texelFetch(profiles, ivec2(bin + 2, row), 0);
+    vec2 value = (g2 * g) * low.xy + (4.0 - 3.0 * f2 * (2.0 - f)) * low.zw
+      + (4.0 - 3.0 * g2 * (2.0 - g)) * high.xy + (f2 * f) * high.zw;
 
     float stretch = 1.0 + dR * b.x;
     float amplitude = b.w * b.y * stretch * stretch;
@@ -98,8 +113,7 @@ void main() {
         : ""
     }
     float turns = a.x + dR * turnsPerMetre;
-    float phase = 6.283185307179586 * (turns - floor(turns + 0.5));
-    vec2 turn = amplitude * (1.0 / 6.0) * vec2(cos(phase), sin(phase));
+    vec2 turn = amplitude * (1.0 / 6.0) * phasor(turns - floor(turns + 0.5));
     sum.xyz += vec3(value.x * turn.x - value.y * turn.y, value.x * turn.y + value.y * turn.x, power);
   }
   result = sum;
@@ -107,25 +121,36 @@ void main() {
 
 /** The blocks of a grid: middles, and every pixel's offset from its own block's. */
 class Blocks {
-  constructor(grid, wavelength) {
-    const step = (axis) => (axis.length > 1 ? Math.abs(axis[1] - axis[0]) : 0);
-    const radius = (size) => 0.5 * size * Math.hypot(step(grid.rows), step(grid.columns));
-    this.size = BLOCK_SIZES.find((size) => radius(size) <= BLOCK_RADIUS * wavelength) ?? 1;
-    const of = (axis) => {
-      const middle = new Float64Array(Math.ceil(axis.length / this.size));
-      const offset = new Float32Array(axis.length);
-      middle.forEach((_, b) => {
-        const first = b * this.size;
-        const last = Math.min(first + this.size, axis.length) - 1;
-        middle[b] = 0.5 * (axis[first] + axis[last]);
-        for (let i = first; i <= last; i++) offset[i] = axis[i] - middle[b];
-      });
-      return { middle, offset };
-    };
-    this.rows = of(grid.rows);
-    this.columns = of(grid.columns);
+  constructor(data, grid) {
+    this.rows = Blocks.along(data, grid.along, grid.rows);
+    this.columns = Blocks.along(data, grid.across, grid.columns);
     this.high = this.rows.middle.length;
     this.wide = this.columns.middle.length;
+  }
+
+  static along(data, axis, places) {
+    const range = data.referenceRange.reduce((a, b) => Math.min(a, b));
+    let slope = Math.abs(places.at(-1) - places[0]) / range;
+    for (let t = 0; t < data.nPulses; t++) {
+      const along = axis.reduce((sum, value, i) => sum + value * data.antenna[3 * t + i], 0);
+      slope = Math.max(slope, Math.abs(along) / data.referenceRange[t]);
+    }
+    const most = Math.min(
+      (BLOCK_WAVES * data.wavelength) / slope,
+      data.beam ? (BLOCK_BEAMS * range) / Math.max(...data.beam.perWidth) : Infinity,
+      data.band ? BLOCK_RANGES * range : Infinity,
+    );
+    const step = places.length > 1 ? Math.abs(places[1] - places[0]) : 0;
+    const size = BLOCK_SIZES.find((size) => 0.5 * size * step <= most) ?? 1;
+    const middle = new Float64Array(Math.ceil(places.length / size));
+    const offset = new Float32Array(places.length);
+    middle.forEach((_, b) => {
+      const first = b * size;
+      const last = Math.min(first + size, places.length) - 1;
+      middle[b] = 0.5 * (places[first] + places[last]);
+      for (let i = first; i <= last; i++) offset[i] = places[i] - middle[b];
+    });
+    return { middle, offset, shift: Math.log2(size) };
   }
 }
 
@@ -141,7 +166,7 @@ class GpuSums {
     this.gl = gl;
     this.data = data;
     this.grid = grid;
-    this.blocks = new Blocks(grid, data.wavelength);
+    this.blocks = new Blocks(data, grid);
     this.weighted = Boolean(data.beam || data.band);
     this.texels = this.weighted ? 4 : 2;
     const { high, wide, rows, columns } = this.blocks;
@@ -173,7 +198,7 @@ class GpuSums {
   static fits(gl, data, grid) {
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     const nStored = (data.nBins - 1) * OVERSAMPLING + 4;
-    const { high, wide } = new Blocks(grid, data.wavelength);
+    const { high, wide } = new Blocks(data, grid);
     return nStored <= Math.min(most, BIN_OFFSET) && Math.max(grid.nx, grid.ny, 4 * wide, high) <= most;
   }
 
@@ -225,14 +250,18 @@ class GpuSums {
     }
   }
 
-  /** The texture with the profiles of a group of pulses. */
+  /** The texture with the profiles of a group of pulses: every sample beside the next, two look-ups for four taps. */
   group(index) {
     if (!this.groups[index]) {
       const { nStored } = this.profiles;
       const count = Math.min(GROUP, this.data.nPulses - index * GROUP);
-      const values = new Float32Array(2 * nStored * count);
-      for (let i = 0; i < count; i++) this.profiles.fill(index * GROUP + i, values, i * nStored);
-      this.groups[index] = this.texture(this.gl.RG32F, nStored, count, this.gl.RG, values);
+      const line = new Float32Array(2 * nStored + 2);
+      const pairs = new Float32Array(4 * nStored * count);
+      for (let i = 0; i < count; i++) {
+        this.profiles.fill(index * GROUP + i, line, 0);
+        for (let k = 0; k < nStored; k++) pairs.set(line.subarray(2 * k, 2 * k + 4), 4 * (i * nStored + k));
+      }
+      this.groups[index] = this.texture(this.gl.RGBA32F, nStored, count, this.gl.RGBA, pairs);
     }
     return this.groups[index];
   }
@@ -270,7 +299,7 @@ class GpuSums {
     gl.activeTexture(gl.TEXTURE0);
     gl.uniform1i(this.at("nPulses"), pulses.length);
     gl.uniform1i(this.at("blocksHigh"), blocks.high);
-    gl.uniform1i(this.at("blockShift"), Math.log2(blocks.size));
+    gl.uniform2i(this.at("blockShift"), blocks.columns.shift, blocks.rows.shift);
     gl.uniform1i(this.at("last"), this.profiles.last);
     gl.uniform1f(this.at("turnsPerMetre"), 2 / this.data.wavelength);
     gl.uniform1f(this.at("binsPerMetre"), OVERSAMPLING / this.data.binSpacing);
@@ -430,10 +459,10 @@ class CpuSums {
         if (bin < 0 || bin >= profiles.last) continue;
         const f = place - bin;
         const g = 1 - f;
-        const taps = [g * g * g, 4 - 3 * f * f * (2 - f), 4 - 3 * g * g * (2 - g), f * f * f];
+        const [t0, t1, t2, t3] = [g * g * g, 4 - 3 * f * f * (2 - f), 4 - 3 * g * g * (2 - g), f * f * f];
         const i = 2 * bin;
-        const re = taps[0] * line[i] + taps[1] * line[i + 2] + taps[2] * line[i + 4] + taps[3] * line[i + 6];
-        const im = taps[0] * line[i + 1] + taps[1] * line[i + 3] + taps[2] * line[i + 5] + taps[3] * line[i + 7];
+        const re = t0 * line[i] + t1 * line[i + 2] + t2 * line[i + 4] + t3 * line[i + 6];
+        const im = t0 * line[i + 1] + t1 * line[i + 3] + t2 * line[i + 5] + t3 * line[i + 7];
         const w = weight * this.share(t, x / range, y / range, z / range, range);
         const gain = data.beam ? beamGain(data.beam, t, x / range, y / range, z / range) : 1;
         const amplitude = (w * gain * (range / reference) ** 2) / 6;

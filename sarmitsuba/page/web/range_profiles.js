@@ -132,8 +132,8 @@ export class RangeProfiles {
       re[k] *= gains[k];
       im[k] *= gains[k];
     }
-    // negative frequencies move to the end of the longer spectrum, from the far end on: the places overlap
-    for (let k = n - 1; k >= n / 2; k--) {
+    // negative frequencies move to the end of the longer spectrum
+    for (let k = n / 2; k < n; k++) {
       const to = k + nUp - n;
       re[to] = re[k] * gains[k];
       im[to] = im[k] * gains[k];

@@ -39,6 +39,7 @@ export const WINDOW_NAMES = Object.keys(FAMILIES);
 export function parseWindow(text) {
   const [name, ...rest] = text.split(":");
   if (!(name in FAMILIES)) throw new Error(`window ${text}: unknown; choose one of ${WINDOW_NAMES.join(", ")}`);
+  if (!rest.map(Number).every(Number.isFinite)) throw new Error(`window ${text}: parameters must be numbers`);
   const weight = FAMILIES[name](...rest.map(Number));
   return (u) => (Math.abs(u) <= 0.5 ? weight(u) : 0);
 }
