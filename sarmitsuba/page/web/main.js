@@ -1,11 +1,12 @@
 // The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
 
-import { createBackprojector } from "sarmitsuba/backprojector.js";
-import { pointOf } from "sarmitsuba/localise.js";
-import { paint, quantile, sigmaDb, sumOf } from "sarmitsuba/picture.js";
+import { createComparison } from "sarmitsuba/compare.js";
+import { createImageView } from "sarmitsuba/image_view.js";
+import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
 import { Signals } from "sarmitsuba/profile.js";
+import { createRefocus } from "sarmitsuba/refocus.js";
 import { Store } from "sarmitsuba/store.js";
-import { Story, escapeText, prepare } from "sarmitsuba/story.js";
+import { Story, prepare } from "sarmitsuba/story.js";
 import { Tour } from "sarmitsuba/tour.js";
 import { readPayload } from "sarmitsuba/unpack.js";
 import { World } from "sarmitsuba/world.js";
@@ -23,24 +24,25 @@ const SWITCHES = [
   ["beam", "Beam", "b"],
   ["shell", "Wave", "w"],
   ["rulings", "Ranges", "r"],
+  ["building", "Image builds up", "p"],
 ];
 const KEYS = [
   ["Space", "play or pause"], ["← →", "one pulse back or on (with Shift: ten)"], ["Home, End", "first, last pulse"],
   ["1 2 3 4", "overview, close-up, from the radar, map"], ["I", "image: on the ground, in the slant plane, off"],
   ["G", "scene: solid, glass, hidden"], ["E", "distance of the radar: shortened or true"], ["S", "radar shadow"], ["B", "beam"],
-  ["W", "wave (range shell)"], ["R", "lines of equal range"], ["P", "image building up, or finished"], ["L", "next look"], ["T", "guided tour"],
+  ["W", "wave (range shell)"], ["R", "lines of equal range"], ["P", "image building up, or finished"], ["L", "next look"],
+  ["C", "compare two looks"], ["F", "focus again, or explanation"], ["T", "guided tour"],
   ["Esc", "clear what was clicked"], ["?", "this help"],
 ];
 
 class Page {
   constructor(data) {
     this.data = data;
-    data.looks.forEach(prepare);
+    for (const look of data.looks) prepare(look, data.center);
     this.store = new Store({
       look: 0, pulse: 0, playing: false, seconds: 10, range: null, sweep: false, drape: "ground", buildings: "solid", scale: "near",
       shadow: true, beam: true, shell: true, rulings: false, building: false, picked: null, path: null,
     });
-    this.canvas = document.createElement("canvas");
     this.signals = new Signals({ profile: $("profile"), raw: $("raw"), page: data, store: this.store });
     this.world = new World({
       canvas: $("world-canvas"), labels: $("labels"), page: data, store: this.store,
@@ -59,8 +61,7 @@ class Page {
     this.controls();
     this.listen();
     await this.world.load();
-    await this.showLook();
-    this.world.setImage(this.canvas);
+    this.showLook();
     this.world.view("overview");
     this.story.welcome();
     requestAnimationFrame((now) => this.tick(now));
@@ -91,6 +92,10 @@ class Page {
     $("pulse").addEventListener("input", () => this.store.set({ pulse: Number($("pulse").value), playing: false }));
     $("tour").addEventListener("click", () => this.tour.start());
     $("help").addEventListener("click", () => this.help());
+    $("compare").hidden = this.data.looks.length < 2;
+    $("compare").addEventListener("click", () => this.compare());
+    $("comparison").addEventListener("close", () => this.comparison?.remove());
+    for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.showTab(tab.id));
     $("help-text").innerHTML = `<h2>Keys</h2><table>${KEYS.map(([key, text]) => `<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`).join("")}</table>
       <h2>Mouse</h2><p>Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes are drawn. Drag in the
       echo for the wave at one range; drag in the raw data to go to a pulse.</p>
@@ -159,11 +164,15 @@ class Page {
       world.view("overview");
     });
     store.on(["building"], () => this.buildUp());
+    store.on(["picked"], ({ picked }) => {
+      this.view.setCursor(picked && { row: Math.round(picked[0]), column: Math.round(picked[1]) });
+      if (picked) this.showTab("tab-story");
+    });
     document.addEventListener("keydown", (event) => this.key(event));
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || $("help-text").open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || $("help-text").open || $("comparison").open) return;
     if (["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.key !== "Escape") return;
     const { store } = this;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
@@ -181,7 +190,8 @@ class Page {
     else if (key === "ArrowRight") go(store.get("pulse") + step);
     else if (key === "Home") go(0);
     else if (key === "End") go(last);
-    else if (key === "p") this.turn("building");
+    else if (key === "c" && this.data.looks.length > 1) this.compare();
+    else if (key === "f") this.showTab($("refocus").hidden ? "tab-refocus" : "tab-story");
     else if (key === "l") store.set({ look: (store.get("look") + 1) % this.data.looks.length });
     else if (key === "t") this.tour.start();
     else if (key === "Escape") this.tour.end();
@@ -192,7 +202,7 @@ class Page {
 
   // ---- what is shown ---------------------------------------------------------------------------------------------
 
-  async showLook() {
+  showLook() {
     const { look, store, world } = this;
     for (const node of $("looks").children) node.setAttribute("aria-pressed", String(Number(node.dataset.look) === store.get("look")));
     const { radar } = look;
@@ -202,15 +212,88 @@ class Page {
     const last = Math.max((radar?.time.length ?? 1) - 1, 0);
     $("pulse").max = last;
     $("play").disabled = !radar;
-    this.projector?.free();
-    this.projector = null;
-    store.set({ pulse: Math.min(store.get("pulse") || last >> 1, last), picked: null });
-    this.paintFinished();
+    store.set({ pulse: Math.min(store.get("pulse") || last >> 1, last), picked: null, building: false });
+    this.showImage();
     world.measure();
     world.showLook();
     this.signals.draw();
     this.showTime();
     this.caption();
+  }
+
+  /** The look's image beside the scene and on its ground, and what focuses its pulses again. */
+  showImage() {
+    const { look, world } = this;
+    const image = { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area };
+    if (this.view) this.view.setImage(image, look.pixels);
+    else {
+      this.view = createImageView($("image"), {
+        image,
+        grid: look.pixels,
+        onPick: ({ row, column }) => this.story.pixel([row, column]),
+        onCursor: (_, point) => world.showCursor(point && sub(point, this.data.center)),
+        onPaint: () => world.imageChanged(),
+      });
+    }
+    world.setImage(this.view.canvas);
+    this.refocus?.remove();
+    this.refocus = null;
+    $("refocus").replaceChildren();
+    if (!look.echo) {
+      $("refocus").textContent = "This run kept no raw data: there are no pulses to focus again.";
+      return;
+    }
+    const about = document.createElement("p");
+    about.className = "quiet";
+    about.textContent = "Here your browser makes the image from the recorded pulses. Leave some out, take a shorter stretch of the flight, another window, or a wrong track, and see what it does.";
+    $("refocus").append(about);
+    this.refocus = createRefocus($("refocus"), {
+      data: look.echo,
+      grid: look.pixels,
+      onImage: (sum) => this.view.setLive(sum),
+    });
+  }
+
+  /** The image of the pulses so far, made here from the recorded echoes; or the finished one again. */
+  buildUp() {
+    const { store, look } = this;
+    if (!this.refocus) return;
+    if (store.get("building")) {
+      this.built = true;
+      this.refocus.setEnd(store.get("pulse") + 1);
+    } else if (this.built) {
+      this.built = false;
+      this.refocus.end = look.echo.nPulses;
+      this.refocus.wanted = null;
+      Promise.resolve(this.refocus.running).then(() => this.view.setLive(null));
+    }
+  }
+
+  /** Two images beside each other, in turn, or their difference: the one shown and the next. */
+  compare() {
+    const { looks } = this.data;
+    const now = this.store.get("look");
+    const [first, second] = [looks[now], looks[(now + 1) % looks.length]].map((look) => ({
+      title: this.nameOf(look),
+      image: { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area },
+      grid: look.pixels,
+    }));
+    $("comparison").showModal();
+    this.comparison = createComparison($("comparison-images"), {
+      first,
+      second,
+      onPick: (_, point) => {
+        $("comparison").close();
+        this.story.pixel(pixelOf(looks[now].grid, sub(point, this.data.center)));
+      },
+    });
+  }
+
+  showTab(id) {
+    for (const tab of document.querySelectorAll("[role=tab]")) {
+      tab.setAttribute("aria-selected", String(tab.id === id));
+      $(tab.getAttribute("aria-controls")).hidden = tab.id !== id;
+    }
   }
 
   caption() {
@@ -231,61 +314,6 @@ class Page {
     const pulse = this.store.get("pulse");
     $("pulse").value = pulse;
     $("pulse-text").textContent = `${pulse + 1} of ${radar.time.length}, ${radar.time[pulse].toFixed(3)} s`;
-  }
-
-  paintFinished() {
-    const { image, grid } = this.look;
-    const orders = new Set(image.layers.map((layer) => layer.order));
-    this.db = sigmaDb(sumOf(image, orders), image.cell_area, grid.shape[1]);
-    this.white = quantile(this.db, 0.998) + 3;
-    this.black = this.white - 50;
-    paint(this.canvas, this.db, grid.shape, this.black, this.white);
-    this.world.imageChanged();
-    this.showPicture();
-  }
-
-  showPicture() {
-    const area = $("image");
-    if (this.canvas.parentElement !== area) {
-      area.append(this.canvas);
-      this.canvas.id = "picture";
-      this.canvas.addEventListener("click", (event) => {
-        const frame = this.canvas.getBoundingClientRect();
-        const { grid } = this.look;
-        const row = (1 - (event.clientY - frame.top) / frame.height) * grid.shape[0] - 0.5;
-        this.story.pixel([row, ((event.clientX - frame.left) / frame.width) * grid.shape[1] - 0.5]);
-      });
-    }
-  }
-
-  /** The image of the pulses so far, made here from the recorded echoes. */
-  async buildUp() {
-    const { look, store } = this;
-    if (!store.get("building")) {
-      if (this.built) this.paintFinished();
-      this.built = false;
-      return;
-    }
-    if (!look.echo || this.busy) return;
-    this.busy = true;
-    this.built = true;
-    if (!this.projector) {
-      this.projector = await createBackprojector(null, look.echo, look.pixels);
-      this.done = 0;
-    }
-    const end = store.get("pulse") + 1;
-    if (end < this.done) {
-      this.projector.reset();
-      this.done = 0;
-    }
-    if (end > this.done) this.projector.add(this.done, end);
-    this.done = end;
-    const db = await this.projector.magnitudeDb();
-    for (let i = 0; i < db.length; i++) db[i] -= 10 * Math.log10(look.image.cell_area[i % look.grid.shape[1]]);
-    paint(this.canvas, db, look.grid.shape, this.black, this.white);
-    this.world.imageChanged();
-    this.busy = false;
-    if (store.get("pulse") + 1 !== this.done) this.buildUp();
   }
 
   /** One frame of whatever moves. */
@@ -319,7 +347,7 @@ function fail(error) {
 
 try {
   const page = new Page(await readPayload());
-  window.sarmitsuba = { page, pointOf, escapeText };
+  window.sarmitsuba = { page, pointOf }; // for tests, and for the curious
   await page.start();
   document.documentElement.dataset.ready = "true";
 } catch (error) {

@@ -61,8 +61,9 @@ export function pointsOf(look, path) {
   return Array.from({ length: paths.order[path] }, (_, i) => row(paths.points, first + i));
 }
 
-/** Where the points of every path start; called once per look. */
-export function prepare(look) {
+/** Add what follows from a look's numbers: its image's middle from the page's origin, where the points of every path start. */
+export function prepare(look, center) {
+  look.middle = sub(look.pixels.center, center);
   if (!look.paths) return;
   const starts = new Int32Array(look.paths.order.length + 1);
   for (let i = 0; i < look.paths.order.length; i++) starts[i + 1] = starts[i] + look.paths.order[i];
@@ -252,7 +253,7 @@ export class Story {
       if (!landing.point) continue;
       world.addSpot(`landing${landing.order}`, landing.point, orderColour(landing.order), upright ? titles[landing.order - 1] : "drawn here", `o${landing.order}`);
       const away = dot(sub(landing.point, foot), grid.across);
-      rows.push(`<tr data-landing="${landing.order}"><td class="o${landing.order}">${bounces(landing.order)}</td><td class="number">${metres(landing.range - norm(antenna), 2)}</td>
+      rows.push(`<tr data-landing="${landing.order}"><td class="o${landing.order}">${bounces(landing.order)}</td><td class="number">${metres(landing.range - norm(sub(antenna, look.middle)), 2)}</td>
         <td>${Math.abs(away) < 0.05 ? "where it stands" : `${metres(Math.abs(away))} ${away < 0 ? "nearer to the radar" : "further away"}`}</td></tr>`);
     }
     if (upright) {

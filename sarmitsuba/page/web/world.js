@@ -206,6 +206,21 @@ export class World {
     this.request();
   }
 
+  /** A mark where the image's cursor stands on the ground; null: nowhere. */
+  showCursor(point) {
+    if (!this.cursor) {
+      this.cursor = new THREE.Mesh(
+        new THREE.SphereGeometry(0.008 * this.radius, 12, 8),
+        new THREE.MeshBasicMaterial({ color: 0xffd166, depthTest: false, transparent: true }),
+      );
+      this.cursor.renderOrder = 6;
+      this.scene.add(this.cursor);
+    }
+    this.cursor.visible = point !== null;
+    if (point) this.cursor.position.copy(vector(point));
+    this.request();
+  }
+
   imageChanged() {
     if (this.texture) this.texture.needsUpdate = true;
     this.request();
@@ -220,7 +235,7 @@ export class World {
     if (!radar || !this.store.get("rulings")) return;
     const antenna = row(radar.position, radar.time.length >> 1);
     const velocity = row(radar.velocity, radar.time.length >> 1);
-    const center = norm(antenna);
+    const center = norm(sub(antenna, this.look.middle));
     const depth = this.radius;
     const step = niceStep(depth / 5);
     const material = new THREE.LineBasicMaterial({ color: 0x9fb2c6, transparent: true, opacity: 0.55 });
@@ -318,12 +333,12 @@ export class World {
     cleared(group);
     this.labels.drop("shell");
     const { radar, grid } = this.look;
-    const from_center = this.store.get("range");
-    if (!radar || from_center === null || !this.store.get("shell")) return this.request();
+    const fromMiddle = this.store.get("range");
+    if (!radar || fromMiddle === null || !this.store.get("shell")) return this.request();
     const pulse = this.store.get("pulse");
     const antenna = row(radar.position, pulse);
     const velocity = row(radar.velocity, pulse);
-    const range = norm(antenna) + from_center;
+    const range = norm(sub(antenna, this.look.middle)) + fromMiddle;
     const sight = unit(scaled(antenna, -1));
     const course = unit(velocity);
     const side = unit(sub(course, scaled(sight, dot(course, sight))));
