@@ -126,11 +126,11 @@ def page_profiles(raw: RawData, grid: ImageGrid, channel: str | None = None) -> 
     reference = np.linalg.norm(antenna, axis=1)
 
     near, far = _ranges(radar, grid)
+    if not ((far >= window.start_range) & (near <= window.start_range + window.extent)).any():
+        raise DataError("page: no pulse recorded any range of the image; move the image's centre")
     first = np.floor((near - window.start_range) / window.sample_spacing).astype(np.int64) - _GUARD
     last = np.ceil((far - window.start_range) / window.sample_spacing).astype(np.int64) + _GUARD
     n_bins = int(min((last - first).max() + 1, window.n_samples))
-    if not ((first + n_bins > 0) & (first < window.n_samples)).any():
-        raise DataError("page: no pulse recorded any range of the image; move the image's centre")
     first = np.clip(first, 0, window.n_samples - n_bins)  # only what was recorded
 
     columns = first[:, None] + np.arange(n_bins)

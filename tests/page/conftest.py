@@ -4,6 +4,7 @@ import base64
 import json
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +29,19 @@ FLAGS = (
 )
 
 
-@pytest.fixture(scope="session")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A browser context without network and with WebGL in software."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="drives the browser; in the test extra")
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the path")
-    with sync_api.sync_playwright() as playwright:
+def browser() -> str | None:
+    """The first browser on the path."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@contextmanager
+def opened(path: str, folder: Path) -> Iterator[Any]:
+    """A browser context without network and with WebGL in software; ``folder`` is its empty profile."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
         context = playwright.chromium.launch_persistent_context(
-            str(tmp_path_factory.mktemp("browser")),
+            str(folder),
             executable_path=path,
             args=list(FLAGS),
             offline=True,
@@ -45,6 +49,17 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         )
         yield context
         context.close()
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A browser context without network and with WebGL in software."""
+    pytest.importorskip("playwright.sync_api", reason="drives the browser; in the test extra")
+    path = browser()
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the path")
+    with opened(path, tmp_path_factory.mktemp("browser")) as context:
+        yield context
 
 
 def encode(arrays: dict[str, Any]) -> dict[str, Any]:

@@ -234,6 +234,18 @@ def test_a_track_error_is_a_track_recorded_wrongly(kind: str, device: str, in_br
     check(in_browser(look, device, error={"kind": kind, "amplitude": amplitude, "cycles": 2.5}), want)
 
 
+def test_an_image_beyond_the_record_is_zero_there_as_ours_is(in_browser: Any) -> None:
+    radar = ideal_radar(n_samples=90)
+    raw = ideal_echoes(radar, [[3.0, -4.0, 0.0], [-9.0, 12.0, 0.0]], [2.0, 1.0])
+    look = Look(raw, default_grid(raw, {"grid": "slant", "extent_azimuth": 40.0, "extent_range": 220.0}))
+    want = ours(raw, look.grid)
+    assert (want == 0.0).any(axis=0).any()
+    for device in ("gpu", "cpu"):
+        got = in_browser(look, device)
+        assert ((got == 0.0) == (want == 0.0)).mean() > 0.99  # tol: pixels on the record's very end
+        check(got, want)
+
+
 def test_pulse_by_pulse_ends_where_all_at_once_does(bench: Any) -> None:
     """Half-way the image is that of half the pulses."""
     look = drawn(4)
