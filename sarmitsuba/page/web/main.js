@@ -139,7 +139,7 @@ class Page {
       world.showPulse();
       this.signals.draw();
       this.showTime();
-      this.buildUp();
+      if (store.get("building")) this.buildUp();
     });
     store.on(["playing"], () => {
       $("play").textContent = store.get("playing") ? "Pause" : "Play";
@@ -247,10 +247,18 @@ class Page {
     about.className = "quiet";
     about.textContent = "Here your browser makes the image from the recorded pulses. Leave some out, take a shorter stretch of the flight, another window, or a wrong track, and see what it does.";
     $("refocus").append(about);
+    this.changed = false;
     this.refocus = createRefocus($("refocus"), {
       data: look.echo,
       grid: look.pixels,
-      onImage: (sum) => this.view.setLive(sum),
+      start: look.windows ?? {},
+      onImage: (sum) => {
+        if (this.changed || this.store.get("building")) this.view.setLive(sum);
+      },
+      onSettings: (settings) => {
+        this.changed = JSON.stringify(settings) !== JSON.stringify({ ...this.refocus.start, error: settings.error }) || settings.error.kind !== "none";
+        if (!this.changed && !this.store.get("building")) this.view.setLive(null);
+      },
     });
   }
 
@@ -259,13 +267,11 @@ class Page {
     const { store, look } = this;
     if (!this.refocus) return;
     if (store.get("building")) {
-      this.built = true;
       this.refocus.setEnd(store.get("pulse") + 1);
-    } else if (this.built) {
-      this.built = false;
+    } else {
       this.refocus.end = look.echo.nPulses;
-      this.refocus.wanted = null;
-      Promise.resolve(this.refocus.running).then(() => this.view.setLive(null));
+      if (this.changed) this.refocus.setEnd(look.echo.nPulses);
+      else if (this.view.live) this.view.setLive(null);
     }
   }
 

@@ -46,10 +46,11 @@ function spread(sum, small, grid) {
 }
 
 class Refocus {
-  constructor(element, { data, grid, onImage, onSettings }) {
+  constructor(element, { data, grid, start = {}, onImage, onSettings }) {
     useStyle();
     Object.assign(this, { data, grid, onImage, onSettings });
-    this.settings = { ...PLAIN, error: { ...PLAIN.error } };
+    this.start = { ...PLAIN, ...start };
+    this.settings = { ...this.start, error: { ...PLAIN.error } };
     this.small = previewGrid(grid);
     this.end = data.nPulses;
     this.projectors = {};
@@ -74,8 +75,9 @@ class Refocus {
       this.to.set(Math.round(100 * to));
       set({ to }, final);
     });
-    this.azimuth = menu("Window over the aperture", WINDOWS, (azimuthWindow) => set({ azimuthWindow }));
-    this.range = menu("over the bandwidth", WINDOWS, (rangeWindow) => set({ rangeWindow }));
+    const windows = (own) => (own in WINDOWS ? WINDOWS : { ...WINDOWS, [own]: own });
+    this.azimuth = menu("Window over the aperture", windows(this.start.azimuthWindow), (azimuthWindow) => set({ azimuthWindow }));
+    this.range = menu("over the bandwidth", windows(this.start.rangeWindow), (rangeWindow) => set({ rangeWindow }));
     const error = (changes, final) => set({ error: { ...this.settings.error, ...changes } }, final);
     this.kind = menu("Error of the track", ERRORS, (kind) => error({ kind }, true));
     const waves = { low: 0, high: 2, step: 0.02, value: 0, unit: "wavelengths" };
@@ -100,7 +102,7 @@ class Refocus {
 
   /** All pulses as they were recorded. */
   restore() {
-    return this.change({ ...PLAIN, error: { ...PLAIN.error } });
+    return this.change({ ...this.start, error: { ...PLAIN.error } });
   }
 
   show() {
@@ -190,7 +192,7 @@ class Refocus {
 
 /**
  * @param {HTMLElement} element in which the controls are put
- * @param {object} options data, grid: see backprojector.js; onImage({re, im}, {preview, done, end}): the image so far;
+ * @param {object} options data, grid: see backprojector.js; start: settings to begin with and to come back to; onImage({re, im}, {preview, done, end}): the image so far;
  *   onSettings(settings): see PLAIN in aperture.js
  */
 export function createRefocus(element, options) {

@@ -102,7 +102,7 @@ function stepsOf({ page, store, world, story }) {
         with the right delay for a place makes what is there stand out and all else cancel. Watch the image become sharp while the radar flies.</p>`,
       go: () => {
         world.view("overview");
-        store.set({ drape: "ground", building: true, pulse: 0, playing: true, sweep: false, range: null });
+        store.set({ drape: "ground", building: true, pulse: 0, playing: true, sweep: false, rulings: false, range: null });
       },
     });
   }
@@ -118,7 +118,7 @@ function buildingSteps({ look, store, world, story }) {
     const reach = Math.max(...points.map((point) => norm(sub(point, center))), 2.2 * (high ? high[2] - look.grid.height : 0), 0.25 * world.radius);
     return { center: [center[0], center[1], 0.5 * (center[2] + look.grid.height)], radius: Math.min(reach, world.radius) };
   };
-  const still = { pulse: look.radar.time.length >> 1, playing: false, building: false, drape: "ground", range: null, sweep: false };
+  const still = { pulse: look.radar.time.length >> 1, playing: false, building: false, drape: "ground", range: null, sweep: false, rulings: false };
   const top = highest(look);
   const high = top >= 0 ? pointsOf(look, top)[0] : null;
   if (high && high[2] - look.grid.height > 0.02 * world.radius) {
