@@ -17,8 +17,9 @@ from sarmitsuba.commands import (
     scenes,
     studio,
     validate,
+    view,
 )
 
-COMMANDS = (render, focus, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
 
 __all__ = ["COMMANDS"]

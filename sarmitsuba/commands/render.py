@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
-from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
+from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
+from sarmitsuba.commands.view import PAGE, view_folder
 from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
@@ -62,6 +63,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-focus", action="store_true", help="write the raw data and stop")
     parser.add_argument(
+        "--page",
+        action="store_true",
+        help="also make the page that `view` makes: the run in 3-D, for a browser",
+    )
+    parser.add_argument(
         "--force",
         action="store_true",
         help="simulate anew and replace the results in OUT, also those of another scene; other files stay",
@@ -93,6 +99,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "scene": str(scene.path or scene.name),
             "radar_file": args.radar,
             "definitions": dict(args.define),
+            "mesh": mesh_record(args),
             "seed": settings.seed,
             "versions": results.versions(),
             "backend": backend,
@@ -107,6 +114,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
+        if args.page:
+            done = view_folder(folder, console)
         console.say(f"{done} ({watch.total:.1f} s)")
     return 0
 
@@ -162,6 +171,8 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
             f"method {settings.method} makes one pass only; leave out target_error_db and time_limit (--target-error, "
             "--time-limit), or use --method hybrid"
         )
+    if args.page and args.no_focus:
+        raise DataError("--page shows the image, and --no-focus makes none; leave one of them out")
     if not args.no_focus:
         check_focusing(scene.radar, scene.image, args)
     formats = results.Formats.parse(args.format)
@@ -171,6 +182,8 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     names = results.expected_names(
         formats, scene.radar.channels, raw=with_raw, image=not args.no_focus, orders=settings.keep_orders
     )
+    if args.page:
+        names += (PAGE,)
     folder.check(mark, names, force=args.force)
     folder.check_space(results.least_bytes(scene, formats, raw=with_raw, image=not args.no_focus))
     return mark

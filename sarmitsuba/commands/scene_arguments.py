@@ -1,7 +1,7 @@
 """Arguments that name a scene, the same for every command that takes one."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
@@ -56,12 +56,27 @@ def scene_of(args: argparse.Namespace) -> "Scene":
     from sarmitsuba.loader.load import load_scene
 
     radar = resolve_radar(args.radar) if args.radar else None
-    mesh = None
-    if args.up or args.unit or args.material:
+    mesh, told = None, mesh_record(args)
+    if told is not None:
         from sarmitsuba.loader.from_mesh import MeshOptions
 
-        mesh = MeshOptions(args.up or "auto", args.unit or "auto", dict(args.material))
+        mesh = MeshOptions(**told)
     return load_scene(args.scene, radar=radar, parameters=dict(args.define), mesh=mesh)
+
+
+class MeshRecord(TypedDict):
+    """What the command line says about a mesh file, as it is recorded."""
+
+    up: Literal["auto", "y", "z"]
+    unit: str
+    materials: dict[str, str]
+
+
+def mesh_record(args: argparse.Namespace) -> MeshRecord | None:
+    """What :func:`scene_of` was told about a mesh file, for the record of the run; None where nothing was said."""
+    if not (args.up or args.unit or args.material):
+        return None
+    return {"up": args.up or "auto", "unit": args.unit or "auto", "materials": dict(args.material)}
 
 
 def _definition(text: str) -> tuple[str, str]:
@@ -71,4 +86,4 @@ def _definition(text: str) -> tuple[str, str]:
     return name, value
 
 
-__all__ = ["add_scene_arguments", "scene_of"]
+__all__ = ["add_scene_arguments", "mesh_record", "scene_of"]

@@ -163,33 +163,53 @@ def trace_paths(
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
     there is room for is run once more.
     """
-    settings = replace(scene.settings, method="raw", keep_subsets=False, keep_orders=False)
-    if seed is not None:
-        settings = replace(settings, seed=seed)
-    wanted = _pulse_numbers(scene.radar, pulses)
-    if not cells > 0.0:
-        raise RadarError(f"cells = {cells:g} is not above 0")
-    run = Run(replace(scene, settings=settings), plan=plan)
-    radar = run.scene.radar
-    gate = None if near is None else _gate(run.scene, np.asarray(near, dtype=np.float64), cells)
-    parts = [_of_points(run, pulse, gate) for pulse in wanted]
-    if run.sampling is not None:
-        tracer = run.tracer(run.sampling)
-        (grids,) = run.lattices(run.sampling, pass_index)
-        for pulse in wanted:
-            parts += [_of_grid(run, tracer, grid, pulse, gate) for grid in grids if grid.serves(pulse)]
-    most = max((part.points.shape[1] for part in parts), default=1)
-    parts = [_widened(part, most) for part in parts]
-    joined = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parts])
-        for f in fields(PathTable)
-        if f.name not in _NAMES
-    }
-    phase = np.exp(-2j * np.pi / radar.waveform.wavelength * joined["length"])
-    joined["amplitude"] = joined["amplitude"] * phase[:, None]
-    table = filled(parts[0], joined)
-    table = table[np.lexsort((-table.power, table.pulse))]
+    table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
+        pulses, near=near, cells=cells
+    )
     return table if strongest == 1.0 else table.strongest(strongest)
+
+
+class PathTracer:
+    """Traces the paths of one pulse, pixel or part of the image after another, of a scene that is prepared once.
+
+    Parameters
+    ----------
+    scene, seed, plan, pass_index : as for :func:`trace_paths`
+    """
+
+    def __init__(
+        self, scene: Scene, *, seed: int | None = None, plan: EffectsPlan | None = None, pass_index: int = 0
+    ) -> None:
+        settings = replace(scene.settings, method="raw", keep_subsets=False, keep_orders=False)
+        if seed is not None:
+            settings = replace(settings, seed=seed)
+        self._run = Run(replace(scene, settings=settings), plan=plan)
+        self._tracer: Tracer | None = None
+        self._grids: tuple[LaunchGrid, ...] = ()
+        if self._run.sampling is not None:
+            self._tracer = self._run.tracer(self._run.sampling)
+            (grids,) = self._run.lattices(self._run.sampling, pass_index)
+            self._grids = tuple(grids)
+
+    def trace(
+        self, pulses: int | Sequence[int] | None = None, *, near: ArrayLike | None = None, cells: float = 1.0
+    ) -> PathTable:
+        """All paths, strongest first within a pulse; see :func:`trace_paths`."""
+        run = self._run
+        radar = run.scene.radar
+        wanted = _pulse_numbers(radar, pulses)
+        if not cells > 0.0:
+            raise RadarError(f"cells = {cells:g} is not above 0")
+        gate = None if near is None else _gate(run.scene, np.asarray(near, dtype=np.float64), cells)
+        parts = [_of_points(run, pulse, gate) for pulse in wanted]
+        if self._tracer is not None:
+            for pulse in wanted:
+                serving = (grid for grid in self._grids if grid.serves(pulse))
+                parts += [_of_grid(run, self._tracer, grid, pulse, gate) for grid in serving]
+        table = joined(parts)
+        phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
+        table = replace(table, amplitude=table.amplitude * phase[:, None])
+        return table[np.lexsort((-table.power, table.pulse))]
 
 
 def _pulse_numbers(radar: Radar, pulses: int | Sequence[int] | None) -> list[int]:
@@ -320,6 +340,14 @@ def _empty(scene: Scene) -> PathTable:
     )
 
 
+def joined(tables: Sequence[PathTable]) -> PathTable:
+    """One table of the rows of several of the same scene, table after table."""
+    most = max(table.points.shape[1] for table in tables)
+    wide = [_widened(table, most) for table in tables]
+    columns = [f.name for f in fields(PathTable) if f.name not in _NAMES]
+    return filled(wide[0], {name: np.concatenate([getattr(t, name) for t in wide]) for name in columns})
+
+
 def _widened(table: PathTable, most: int) -> PathTable:
     """The table with room for that many bounces."""
     more = most - table.points.shape[1]
@@ -331,4 +359,4 @@ def _widened(table: PathTable, most: int) -> PathTable:
     return filled(table, {**numbers, "points": points})
 
 
-__all__ = ["KINDS", "PathTable", "trace_paths"]
+__all__ = ["KINDS", "PathTable", "PathTracer", "joined", "trace_paths"]

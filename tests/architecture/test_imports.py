@@ -13,6 +13,7 @@ FLOORS = (
     ("cost",),
     ("validation",),
     ("studio",),
+    ("page",),
     ("view",),
     ("simulation",),
     ("quality",),

@@ -1,0 +1,64 @@
+"""Write a page that shows what happened: the scene in 3-D, the radar flying by, its echoes, the image and its paths."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.output import OutputFolder
+
+NAME = "view"
+HELP = "make a page that shows a run in 3-D, to be opened in a browser"
+
+PAGE = "page.html"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "folders",
+        metavar="OUT",
+        nargs="+",
+        help="folders that `render` or `focus` wrote; further ones are shown beside the first: another mode, focuser, "
+        "method, polarisation or date",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="page to write (default: page.html in the first OUT)"
+    )
+    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Write the page."""
+    folders = [Path(folder) for folder in args.folders]
+    if args.output:
+        target = Path(args.output)
+        _make(folders, target, args.channel, console)
+    else:
+        target = view_folder(OutputFolder(folders[0]), console, folders[1:], args.channel)
+    console.say(f"{target} ({target.stat().st_size / 1e6:.1f} MB; open it in a browser)")
+    return 0
+
+
+def view_folder(
+    folder: OutputFolder, console: Console, others: Sequence[Path] = (), channel: str | None = None
+) -> Path:
+    """Write the page of a folder of results into it. Return the page's path."""
+    with folder.writing(PAGE) as target:
+        _make([folder.path, *others], target, channel, console)
+    return target
+
+
+def _make(folders: list[Path], target: Path, channel: str | None, console: Console) -> None:
+    from sarmitsuba.page.payload import page_payload
+    from sarmitsuba.page.run_folder import read_run
+    from sarmitsuba.page.write import write_page
+
+    runs = [read_run(folder) for folder in folders]
+    for run_folder in runs:
+        for note in run_folder.notes:
+            console.note(note)
+    write_page(target, page_payload(runs, channel, console.say))
+
+
+__all__ = ["HELP", "NAME", "PAGE", "add_arguments", "run", "view_folder"]

@@ -1,0 +1,238 @@
+"""What a page knows: numbers of the scene, of every look of a radar at it, and of the image that the look made."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.page.geometry import PageMesh, page_mesh
+from sarmitsuba.page.paths import PagePaths, page_paths
+from sarmitsuba.page.profiles import page_grid, page_profiles
+from sarmitsuba.page.run_folder import RunFolder
+from sarmitsuba.radar.mode import MODES
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.path_table import KINDS
+from sarmitsuba.version import __version__
+
+F64 = NDArray[np.float64]
+# text, numbers and arrays, nested; arrays travel as binary
+Value = Mapping[str, "Value"] | Sequence["Value"] | NDArray[np.generic] | str | int | float | bool | None
+# what is being worked on, for a person waiting
+Say = Callable[[str], None]
+
+# the strongest pixel's value in the stored image: float16 then reaches 140 dB below it before it loses digits
+STORED_PEAK = 1024.0
+
+
+def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> dict[str, Value]:
+    """Everything that a page shows.
+
+    Parameters
+    ----------
+    runs : one look each; the first is shown first
+    channel : polarisation shown; None takes each run's first
+    say : receives a line as the work proceeds
+    """
+    grid = runs[0].image.grid.in_frame(np.zeros(3))
+    center = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+    scenes: list[Value] = []
+    meshes: dict[bytes, int] = {}
+    looks: list[Value] = []
+    for run in runs:
+        number: int | None = None
+        if run.scene is not None:
+            geometry = replace(run.scene.geometry, vertices=run.scene.geometry.vertices + run.scene.offset)
+            mesh = page_mesh(geometry, center)
+            if mesh.glb not in meshes:
+                meshes[mesh.glb] = len(scenes)
+                scenes.append(_scene(run.scene, mesh, center))
+            number = meshes[mesh.glb]
+        looks.append({"scene": number, **_look(run, channel, center, say)})
+    return {
+        "title": runs[0].scene.name if runs[0].scene is not None else runs[0].path.name,
+        "version": __version__,
+        "center": center,
+        "scenes": scenes,
+        "looks": looks,
+    }
+
+
+def _scene(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
+    """Geometry, materials and ideal points, positions from the page's origin."""
+    return {
+        "glb": np.frombuffer(mesh.glb, dtype=np.uint8),
+        "faces": mesh.n_faces,
+        "merged": mesh.merged,
+        "meshes": scene.geometry.mesh_names,
+        "materials": [material.name for material in scene.materials],
+        "ground": float(scene.geometry.ground_height + scene.offset[2] - center[2]),
+        "points": [
+            {"name": point.name, "position": point.position + scene.offset - center, "rcs": point.rcs}
+            for point in scene.points
+        ],
+    }
+
+
+def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[str, Value]:
+    """One radar's passage and what came of it."""
+    image = run.image
+    name = channel or image.channels[0]
+    grid = image.grid.in_frame(np.zeros(3))
+    look: dict[str, Value] = {
+        "name": run.path.name,
+        "channel": name,
+        "wavelength": image.wavelength,
+        "grid": _grid(grid, center),
+        "pixels": _nested(*page_grid(image.grid)),
+        "image": _image(image, name),
+        "windows": _windows(image),
+        "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
+        "radar": None,
+        "echo": None,
+        "paths": None,
+    }
+    if run.raw is not None:
+        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name).payload())
+    radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
+    if radar is not None:
+        flown = run.raw.flown if run.raw is not None else None
+        if flown is not None:
+            radar = replace(radar, track=flown)
+        look["radar"] = _radar(radar.in_file_frame(), grid, center)
+    if run.scene is not None:
+        say(f"{run.path}: tracing the paths behind the pixels")
+        cell = (image.azimuth_resolution_cell, image.range_resolution_cell)
+        if grid.kind == "ground":
+            cell = (cell[0], cell[1] / float(np.sin(np.median(image.incidence_angle))))
+        paths = page_paths(run.scene, grid.in_frame(run.scene.offset), cell, name, seed=run.seed)
+        look["paths"] = _paths(paths, run.scene, center, name)
+    return look
+
+
+def _grid(grid: ImageGrid, center: F64) -> dict[str, Value]:
+    return {
+        "kind": grid.kind,
+        "shape": grid.shape,
+        "azimuth": (float(grid.azimuth[0]), grid.azimuth_spacing),
+        "range": (float(grid.range[0]), grid.range_spacing),
+        "origin": grid.origin - center,
+        "along": grid.along,
+        "across": grid.across,
+        "height": grid.height - float(center[2]),
+    }
+
+
+def _image(image: SarImage, channel: str) -> dict[str, Value]:
+    """Complex layers per bounce order, or one of all orders (0), as float16 pairs of RCS amplitude times ``scale``."""
+    orders: dict[int, NDArray[np.complex64]] = {}
+    for layer, plane in zip(image.layers, image.data, strict=True):
+        if layer.channel == channel:
+            orders[layer.order] = orders.get(layer.order, np.zeros_like(plane)) + plane
+    if not orders:
+        image.total(channel)  # says which there are
+    peak = max(float(np.abs(plane).max()) for plane in orders.values())
+    scale = STORED_PEAK / peak if peak > 0.0 else 1.0
+    return {
+        "scale": scale,
+        "cell_area": image.cell_area[image.grid.shape[0] // 2].astype(np.float32),
+        "resolution": (image.azimuth_resolution_cell, image.range_resolution_cell),
+        "layers": [
+            {
+                "order": order,
+                "re": (plane.real * scale).astype(np.float16),
+                "im": (plane.imag * scale).astype(np.float16),
+            }
+            for order, plane in sorted(orders.items())
+        ],
+    }
+
+
+def _windows(image: SarImage) -> dict[str, Value] | None:
+    """Windows that the image was made with; None where it was not focused from pulses."""
+    focus = image.metadata.get("focus", {})
+    if "azimuth_window" not in focus:
+        return None
+    return {"azimuthWindow": focus["azimuth_window"], "rangeWindow": focus["range_window"]}
+
+
+def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
+    """Track, beam and receive window, from the page's origin."""
+    track, pointing, window = radar.track, radar.pointing, radar.window
+    widths, beam = _beam(radar, grid)
+    return {
+        "mode": radar.mode,
+        "mode_doc": MODES[radar.mode].doc if radar.mode in [mode.name for mode in MODES] else "",
+        "side": radar.look_side,
+        "frequency": radar.waveform.center_frequency,
+        "bandwidth": radar.waveform.bandwidth,
+        "time": track.time - track.time[0],
+        "position": track.position - center,
+        "velocity": track.velocity,
+        "boresight": pointing.boresight.astype(np.float32),
+        "azimuth_axis": pointing.azimuth_axis.astype(np.float32),
+        "elevation_axis": pointing.elevation_axis.astype(np.float32),
+        "beam_widths": widths,
+        "beam": beam,
+        "window": (float(window.start_range.min()), float(window.start_range.max()) + window.extent),
+    }
+
+
+def _nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
+    """Numbers and arrays in one nest; ``band.gap`` goes into ``band``."""
+    found: dict[str, dict[str, Value]] = {"": dict(header)}
+    for name, array in arrays.items():
+        inner, _, key = name.rpartition(".")
+        if inner not in found:
+            inside = header[inner]
+            found[inner] = dict(inside) if isinstance(inside, Mapping) else {}
+            found[""][inner] = found[inner]
+        found[inner][key] = array
+    return found[""]
+
+
+def _beam(radar: Radar, grid: ImageGrid) -> tuple[tuple[float, float], str]:
+    """Widths of the cone that is drawn, azimuth and elevation, rad, and what they are."""
+    antenna = radar.antenna
+    if antenna.pattern != "isotropic":
+        return (antenna.azimuth_beamwidth, antenna.elevation_beamwidth), "antenna"
+    middle = radar.track.center_index
+    corners = grid.positions()[:: grid.shape[0] - 1 or 1, :: grid.shape[1] - 1 or 1].reshape(-1, 3)
+    line = corners - radar.track.position[middle]
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    azimuth = 2.0 * float(np.abs(np.arcsin(line @ radar.pointing.azimuth_axis[middle])).max())
+    elevation = 2.0 * float(np.abs(np.arcsin(line @ radar.pointing.elevation_axis[middle])).max())
+    if np.isfinite(radar.half_aperture):
+        return (2.0 * float(np.arcsin(min(radar.half_aperture, 1.0))), elevation), "processed"
+    return (azimuth, elevation), "image"
+
+
+def _paths(paths: PagePaths, scene: Scene, center: F64, channel: str) -> dict[str, Value]:
+    """Paths with their points one after the other; path i has ``order[i]`` of them."""
+    table = paths.table
+    there = np.isfinite(table.points[:, :, 0])
+    points = table.points[there] + scene.offset - center
+    return {
+        "pulses": paths.pulses,
+        "cell_size": paths.cell_size,
+        "shape": paths.shape,
+        "cell": paths.cell,
+        "first": paths.first,
+        "found": paths.found,
+        "by_order": paths.by_order,
+        "kinds": KINDS,
+        "kind": table.kind,
+        "order": table.order.astype(np.uint8),
+        "pulse": table.pulse,
+        "length": table.length,
+        "amplitude": np.abs(table.amplitude[:, table.channels.index(channel)]).astype(np.float32),
+        "share": paths.share,
+        "points": points.astype(np.float32),
+        "material": table.material[there].astype(np.int16),
+        "mesh": table.shape[there].astype(np.int32),
+    }
+
+
+__all__ = ["Say", "Value", "page_payload"]

@@ -1,0 +1,142 @@
+"""A folder that ``render`` or ``focus`` wrote, read back: its image, its raw data and the scene they are of."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.range_compression import range_compress
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io import FORMATS, read_image, read_raw
+from sarmitsuba.io.encoding import Json
+from sarmitsuba.scene.scene import Scene
+
+RECORD = "parameters.json"
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """What a page is made from.
+
+    Parameters
+    ----------
+    path : the folder
+    image : focused
+    raw : range compressed; None where the run made none (methods ``image`` and ``raster``)
+    scene : None where the data are not of a scene file
+    record : contents of parameters.json
+    notes : what is missing and why, one line each
+    """
+
+    path: Path
+    image: SarImage
+    raw: RawData | None
+    scene: Scene | None
+    record: dict[str, Json]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seed(self) -> int | None:
+        """Random seed of the run."""
+        seed = self.record.get("seed")
+        return seed if isinstance(seed, int) else None
+
+
+def read_run(path: Path) -> RunFolder:
+    """Read a folder of results.
+
+    Raises
+    ------
+    DataError
+        There is no image or no record in it, or the scene is not the one that the results are of.
+    """
+    record = _record(path)
+    image_path = _result(path, "image")
+    if image_path is None:
+        raise DataError(f"{path}: there is no image in it; give a folder that `render` or `focus` wrote")
+    image = read_image(image_path)
+    notes = []
+    scene_record, raw_path = record, _result(path, "raw")
+    if record.get("command") == "focus":
+        raw_path = Path(str(record["raw_file"]))
+        beside = raw_path.parent / RECORD
+        scene_record = _record(raw_path.parent) if beside.is_file() else {}
+    raw = None
+    if raw_path is None or not raw_path.exists():
+        notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
+    else:
+        raw = range_compress(read_raw(raw_path))
+    scene = _scene(scene_record)
+    if scene is None:
+        notes.append(f"{path}: the scene file is not known; the page shows the track and the image alone")
+    elif raw is not None:
+        _check_same(path, scene, raw)
+    return RunFolder(path, image, raw, scene, scene_record or record, tuple(notes))
+
+
+def _record(folder: Path) -> dict[str, Json]:
+    path = folder / RECORD
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DataError(f"{folder}: {RECORD} cannot be read; give a folder that `render` wrote") from error
+    if not isinstance(facts, dict):
+        raise DataError(f"{path}: this is not the record of a run")
+    return facts
+
+
+def _result(folder: Path, stem: str) -> Path | None:
+    """The file of raw data or of the image, in whatever format; HDF5, which holds everything, first."""
+    for entry in sorted(FORMATS, key=lambda entry: entry.name != "hdf5"):
+        if entry.read_image if stem == "image" else entry.read_raw:
+            for suffix in entry.suffixes:
+                if (folder / f"{stem}{suffix}").is_file():
+                    return folder / f"{stem}{suffix}"
+    return None
+
+
+def _scene(record: dict[str, Json]) -> Scene | None:
+    """The scene of a run, loaded again as it was."""
+    from sarmitsuba.loader.from_mesh import MeshOptions
+    from sarmitsuba.loader.library import resolve_radar
+    from sarmitsuba.loader.load import load_scene
+
+    source, given = record.get("scene"), record.get("definitions")
+    if not isinstance(source, str):
+        return None
+    if not Path(source).exists():
+        raise DataError(f"{source}: the scene of these results is not there any more; render it again")
+    definitions = {str(k): str(v) for k, v in given.items()} if isinstance(given, dict) else {}
+    radar, mesh = record.get("radar_file"), record.get("mesh")
+    options = None
+    if isinstance(mesh, dict):
+        materials = mesh.get("materials")
+        up = mesh["up"]
+        options = MeshOptions(
+            "y" if up == "y" else "z" if up == "z" else "auto",
+            str(mesh["unit"]),
+            {str(k): str(v) for k, v in materials.items()} if isinstance(materials, dict) else {},
+        )
+    return load_scene(
+        source,
+        radar=resolve_radar(radar) if isinstance(radar, str) else None,
+        parameters=definitions,
+        mesh=options,
+    )
+
+
+def _check_same(path: Path, scene: Scene, raw: RawData) -> None:
+    """Raise a DataError where the scene file has another radar by now than the raw data have."""
+    now, then = scene.radar.in_file_frame().track, raw.radar.in_file_frame().track
+    flown = then if raw.flown is None else raw.flown
+    # tol: positions are written and read as float64; a micrometre is far below any phase
+    if now.n_pulses != flown.n_pulses or np.abs(now.position - flown.position).max() > 1e-6:
+        raise DataError(
+            f"{path}: {scene.path} has changed since these results were made: its track is another one; render it again"
+        )
+
+
+__all__ = ["RECORD", "RunFolder", "read_run"]

@@ -1,0 +1,116 @@
+// What a student may change about the aperture, and where every pulse stands as seen from a piece of the image.
+
+import { parseWindow } from "sarmitsuba/windows.js";
+
+/** What an image is focused with when nothing is changed. */
+export const PLAIN = {
+  rangeWindow: "rectangular",
+  azimuthWindow: "rectangular",
+  keepEvery: 1, // 2: every second pulse is thrown away
+  from: 0, // part of the aperture that is used, 0 ... 1
+  to: 1,
+  error: { kind: "none", amplitude: 0, cycles: 3 },
+};
+
+/** Kinds of track errors and what they do. */
+export const TRACK_ERRORS = {
+  none: "the track is known exactly",
+  linear: "the error grows evenly along the aperture: the image moves in azimuth",
+  quadratic: "the error bends: points smear out in azimuth, the image is out of focus",
+  sinusoidal: "the antenna shakes: paired echoes stand beside every point in azimuth",
+};
+
+/**
+ * Which pulses count how much, and where the focuser believes the antenna was.
+ * @param {object} data see backprojector.js
+ * @param {object} settings see PLAIN; what is left out is as there
+ * @returns weights Float32Array(nPulses), 0 for pulses not used; trackError Float64Array(nPulses), m by which the
+ *   antenna is believed to be too far from the scene's centre; band: null or {half, shift, step, window}
+ */
+export function aperturePlan(data, settings) {
+  const s = { ...PLAIN, ...settings };
+  const kept = [];
+  for (let t = 0; t < data.nPulses; t += s.keepEvery) kept.push(t);
+  const weights = new Float32Array(data.nPulses);
+  const window = parseWindow(s.azimuthWindow);
+  const trackError = makeTrackError(data.nPulses, s.error);
+  if (data.band) {
+    for (const t of kept) weights[t] = data.weights[t];
+    const { half } = data.band;
+    // a pixel ahead of the antenna has a positive sine: early pulses come first
+    const band = { half: half * (s.to - s.from), shift: half * (1 - s.from - s.to), step: s.keepEvery, window };
+    return { weights, trackError, band };
+  }
+  const used = kept.slice(Math.round(s.from * kept.length), Math.max(Math.round(s.to * kept.length), 1));
+  used.forEach((t, i) => {
+    weights[t] = data.weights[t] * window((i + 0.5) / used.length - 0.5);
+  });
+  return { weights, trackError, band: null };
+}
+
+/** Error of every pulse in m: amplitude is that at the aperture's ends (linear, quadratic) or the crest's. */
+export function makeTrackError(nPulses, { kind, amplitude, cycles = 3 }) {
+  const out = new Float64Array(nPulses);
+  for (let t = 0; t < nPulses; t++) {
+    const u = nPulses > 1 ? (2 * t) / (nPulses - 1) - 1 : 0;
+    if (kind === "linear") out[t] = amplitude * u;
+    else if (kind === "quadratic") out[t] = amplitude * u * u;
+    else if (kind === "sinusoidal") out[t] = amplitude * Math.sin(Math.PI * cycles * u);
+    else if (kind !== "none") throw new Error(`track error ${kind}: unknown`);
+  }
+  return out;
+}
+
+const SINC_HALF_POWER = 0.442946470689452; // sinc(pi u) = 1/sqrt(2)
+
+/** Relative two-way amplitude of the antenna towards a unit vector; zero behind the aperture. */
+export function beamGain(beam, t, x, y, z) {
+  const i = 3 * t;
+  const dot = (axis) => x * axis[i] + y * axis[i + 1] + z * axis[i + 2];
+  if (dot(beam.boresight) <= 0) return 0;
+  const a = dot(beam.azimuthAxis) * beam.perWidth[0];
+  const e = dot(beam.elevationAxis) * beam.perWidth[1];
+  if (beam.pattern === "gaussian") return Math.exp(-Math.LN2 * (a * a + e * e));
+  const sinc = (v) => (Math.abs(v) > 1e-6 ? Math.sin(v) / v : 1);
+  const u = sinc(Math.PI * SINC_HALF_POWER * a);
+  const v = sinc(Math.PI * SINC_HALF_POWER * e);
+  return u * u * v * v;
+}
+
+/**
+ * What the aperture that is left can do at the scene's centre.
+ * @returns {{pulses: number, azimuth: number, range: number, apart: number}} pulses used; cells in azimuth and slant
+ *   range, m, as wide as a rectangle of the impulse response's energy and peak; distance in azimuth between the copies
+ *   of a point that pulses so far apart leave, m
+ */
+export function apertureFacts(data, settings) {
+  const s = { ...PLAIN, ...settings };
+  const { weights, band } = aperturePlan(data, s);
+  const used = [];
+  weights.forEach((weight, t) => weight > 0 && used.push(t));
+  const broadening = (text) => {
+    const window = parseWindow(text);
+    let [sum, squares] = [0, 0];
+    const n = 1024;
+    for (let i = 0; i < n; i++) {
+      const w = window((i + 0.5) / n - 0.5);
+      sum += w;
+      squares += w * w;
+    }
+    return (squares * n) / sum ** 2;
+  };
+  const direction = (t) => [0, 1, 2].map((i) => data.antenna[3 * t + i] / data.referenceRange[t]);
+  let turn = 0;
+  for (let k = 1; k < used.length; k++) {
+    const [a, b] = [direction(used[k - 1]), direction(used[k])];
+    turn += Math.hypot(...a.map((value, i) => value - b[i]));
+  }
+  const step = turn / Math.max(used.length - 1, 1);
+  const angle = band ? Math.min(2 * band.half, turn + step) : turn + step;
+  return {
+    pulses: used.length,
+    azimuth: (broadening(s.azimuthWindow) * data.wavelength) / (2 * angle),
+    range: (broadening(s.rangeWindow) * data.binSpacing) / data.bandFraction,
+    apart: data.wavelength / (2 * step),
+  };
+}

@@ -1,0 +1,195 @@
+// Two images of the same scene beside each other: one cursor in both, their difference, and one in place of the other.
+
+import { complexDifference, decibels, likeness, paintGrey, paintRatio } from "sarmitsuba/image_math.js";
+import { createImageView, make, slider, useStyle } from "sarmitsuba/image_view.js";
+
+const STYLE = `
+.sar-pair { display: flex; flex-direction: column; gap: 6px; height: 100%; min-height: 0; }
+.sar-pair > .sar-views { display: grid; grid-template-columns: 1fr 1fr; gap: 10px; flex: 1; min-height: 0; }
+.sar-pair > .sar-views.one { grid-template-columns: 1fr; }
+.sar-pair [hidden] { display: none; }
+.sar-pair p { margin: 0; font-size: .88rem; }
+`;
+// a change of picture every so many ms: one flash per second, a third of what is allowed
+const FLICKER_MS = 500;
+const MODES = {
+  side: ["Side by side", "Both images; the cursor stands at the same place of the ground in both."],
+  flicker: ["Flicker", "One image, then the other, in the same place: what moves or blinks is different."],
+  ratio: ["Difference in dB", ""],
+  complex: ["Complex difference", ""],
+};
+
+class Comparison {
+  constructor(element, { first, second, onPick }) {
+    useStyle();
+    if (!document.getElementById("sar-pair-style")) {
+      const style = make("style", { id: "sar-pair-style" });
+      style.textContent = STYLE;
+      document.head.append(style);
+    }
+    this.titles = [first.title, second.title];
+    this.modes = make("div", { class: "sar-tools", role: "radiogroup", "aria-label": "How the images are compared" });
+    this.text = make("p", { role: "status" });
+    this.holders = [make("div"), make("div")];
+    this.frame = make("div", { class: "sar-views" }, ...this.holders);
+    this.colours = slider("Full colour at", { low: 1, high: 30, step: 1, value: 10, unit: "dB" }, (value) => {
+      this.most = value;
+      this.first.paint();
+    });
+    this.most = 10;
+    this.pause = make("button", { type: "button" });
+    this.pause.addEventListener("click", () => this.turn());
+    this.element = make("div", { class: "sar-pair" }, this.modes, this.text, this.frame);
+    element.append(this.element);
+    this.first = createImageView(this.holders[0], { ...first, onPick, ...this.links(() => this.second) });
+    this.second = createImageView(this.holders[1], { ...second, onPick, controls: false, ...this.links(() => this.first) });
+    this.second.setRange(this.first.black, this.first.white);
+    this.first.more = (pixel) => this.beside(pixel);
+    this.element.append(this.first.tools); // below both: the pictures are of one size
+    this.buttons();
+    this.setMode("side");
+  }
+
+  /** What one view tells the other. */
+  links(other) {
+    return {
+      onCursor: (_, point) => other().setCursor(point && other().pixelOf(point)),
+      onRange: (black, white) => other().setRange(black, white),
+      onPaint: (view) => this.painted(view),
+    };
+  }
+
+  /** The second view shows the same orders as the first, and what is made of both follows. */
+  painted(view) {
+    if (!this.mode || this.busy) return;
+    this.busy = true;
+    if (view === this.first) {
+      for (const { order } of this.second.image.layers) {
+        const on = !this.first.off.has(order);
+        if (on === this.second.off.has(order)) this.second.setOrder(order, on);
+      }
+    }
+    if (this.mode !== "side") this.first.paint();
+    this.busy = false;
+    this.say();
+  }
+
+  buttons() {
+    for (const [mode, [name]] of Object.entries(MODES)) {
+      const node = make("input", { type: "radio", name: "sar-compare", value: mode });
+      node.addEventListener("change", () => this.setMode(mode));
+      this.modes.append(make("label", {}, node, name));
+    }
+    this.modes.append(this.colours.node, this.pause);
+  }
+
+  /** Whether the pixels of both stand at the same places. */
+  get alike() {
+    const [a, b] = [this.first, this.second].map((view) => view.grid);
+    if (a.nx !== b.nx || a.ny !== b.ny) return false;
+    const corners = [{ row: 0, column: 0 }, { row: a.ny - 1, column: a.nx - 1 }];
+    const near = (p, q) => Math.hypot(...p.map((value, i) => value - q[i]));
+    const step = Math.abs(a.columns.at(-1) - a.columns[0]) / a.nx;
+    return corners.every((corner) => near(this.first.pointOf(corner), this.second.pointOf(corner)) < 0.01 * step + 1e-6);
+  }
+
+  /** Show the images "side" by side, in turn ("flicker"), or their difference ("ratio" in dB, "complex"). */
+  setMode(mode) {
+    clearInterval(this.timer);
+    this.mode = mode;
+    this.swapped = false;
+    for (const node of this.modes.querySelectorAll("input[type=radio]")) node.checked = node.value === mode;
+    const single = mode !== "side" && this.alike;
+    this.holders[1].hidden = single;
+    this.frame.classList.toggle("one", single);
+    this.colours.node.hidden = mode !== "ratio";
+    this.pause.hidden = mode !== "flicker" || !single;
+    this.first.setPainter(single ? (canvas) => this.paintBoth(canvas) : null);
+    if (mode === "flicker" && single && !matchMedia("(prefers-reduced-motion: reduce)").matches) this.start();
+    this.say();
+  }
+
+  start() {
+    this.timer = setInterval(() => this.swap(), FLICKER_MS);
+  }
+
+  /** The other of the two images. */
+  swap() {
+    this.swapped = !this.swapped;
+    this.busy = true;
+    this.first.paint();
+    this.busy = false;
+    this.say();
+  }
+
+  /** Stop the flicker at the image shown, or go on by one. */
+  turn() {
+    if (this.timer) {
+      clearInterval(this.timer);
+      this.timer = null;
+    }
+    this.swap();
+  }
+
+  paintBoth(canvas) {
+    const { first, second } = this;
+    const { nx } = first.grid;
+    if (this.mode === "ratio") {
+      paintRatio(canvas, first.db, second.db, nx, first.black, this.most);
+    } else if (this.mode === "complex") {
+      const db = decibels(complexDifference(first.sum, second.sum), nx, first.image.cellArea ?? null);
+      paintGrey(canvas, db, nx, first.black, first.white);
+    } else {
+      paintGrey(canvas, this.swapped ? second.db : first.db, nx, first.black, first.white);
+    }
+  }
+
+  /** What is seen, in words. */
+  say() {
+    const [a, b] = this.titles;
+    const names = { flicker: this.swapped ? b : a, ratio: `${a} over ${b}`, complex: `${a} minus ${b}` };
+    this.first.caption.textContent = (this.alike && names[this.mode]) || a;
+    this.pause.textContent = `Show ${this.swapped ? a : b}`;
+    if (!this.alike && this.mode !== "side") {
+      this.text.textContent = "The two images have different pixels: their difference cannot be shown.";
+      return;
+    }
+    let text = MODES[this.mode][1];
+    if (this.mode === "ratio") {
+      text = `Orange: ${a} is stronger; blue: ${b} is stronger; white: equal; black: both below the dB slider's black.`;
+    }
+    if (this.mode === "complex") {
+      text = "Strength of what is left when one image is taken from the other, phase and all, on the images' own dB scale.";
+    }
+    this.text.textContent = this.alike ? `${text} ${this.figures()}` : text;
+  }
+
+  /** The second image's level at a pixel of the first. */
+  beside(pixel) {
+    if (!this.second) return "";
+    const there = this.second.pixelOf(this.first.pointOf(pixel));
+    const text = there ? this.second.levelText(there.row * this.second.grid.nx + there.column) : "not imaged";
+    return `; ${this.titles[1]} ${text}`;
+  }
+
+  figures() {
+    const { coherence, error } = likeness(this.first.sum, this.second.sum);
+    if (!Number.isFinite(coherence)) return "";
+    const left = Number.isFinite(error) ? `the difference has ${error.toFixed(1)} dB of the first's power` : "no difference";
+    return `Coherence ${coherence.toFixed(4)}; ${left}.`;
+  }
+
+  /** Stop all that moves and leave the page. */
+  remove() {
+    clearInterval(this.timer);
+    this.element.remove();
+  }
+}
+
+/**
+ * @param {HTMLElement} element in which both are put
+ * @param {object} options first, second: { title, image, grid } as in image_view.js; onPick(pixel, point)
+ */
+export function createComparison(element, options) {
+  return new Comparison(element, options);
+}

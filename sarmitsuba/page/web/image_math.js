@@ -1,0 +1,106 @@
+// Arithmetic on complex images [row][column] that stand beside each other: sums of layers, decibels, differences.
+
+/**
+ * Coherent sum of layers.
+ * @param {{re: Float32Array, im: Float32Array}[]} layers
+ * @param {number} n pixels, for a sum of none
+ */
+export function sumOf(layers, n) {
+  const re = new Float32Array(n);
+  const im = new Float32Array(n);
+  for (const layer of layers) {
+    for (let i = 0; i < n; i++) {
+      re[i] += layer.re[i];
+      im[i] += layer.im[i];
+    }
+  }
+  return { re, im };
+}
+
+/**
+ * Power in dB; -Infinity where there is none.
+ * @param {Float32Array | null} cellArea m^2 per column, which makes sigma0 of RCS; null: RCS in dB of 1 m^2
+ */
+export function decibels({ re, im }, columns, cellArea) {
+  const out = new Float32Array(re.length);
+  const area = cellArea ? Float32Array.from(cellArea, (value) => 10 * Math.log10(value)) : null;
+  for (let i = 0; i < out.length; i++) {
+    out[i] = 10 * Math.log10(re[i] * re[i] + im[i] * im[i]) - (area ? area[i % columns] : 0);
+  }
+  return out;
+}
+
+/** Value below which a share of the finite values lies; 0 where there are none. */
+export function quantile(values, share) {
+  const some = values.filter(Number.isFinite).sort();
+  return some.length ? some[Math.min(some.length - 1, Math.floor(share * some.length))] : 0;
+}
+
+/** a - b. */
+export function complexDifference(a, b) {
+  return { re: a.re.map((value, i) => value - b.re[i]), im: a.im.map((value, i) => value - b.im[i]) };
+}
+
+/**
+ * How alike two complex images are.
+ * @returns {{coherence: number, error: number}} |sum a b*| / sqrt(sum |a|^2 sum |b|^2), and the power of a - b over that
+ *   of a in dB; NaN where one of them is empty
+ */
+export function likeness(a, b) {
+  let [aa, bb, re, im, difference] = [0, 0, 0, 0, 0];
+  for (let i = 0; i < a.re.length; i++) {
+    const [ar, ai, br, bi] = [a.re[i], a.im[i], b.re[i], b.im[i]];
+    aa += ar * ar + ai * ai;
+    bb += br * br + bi * bi;
+    re += ar * br + ai * bi;
+    im += ai * br - ar * bi;
+    difference += (ar - br) ** 2 + (ai - bi) ** 2;
+  }
+  return { coherence: Math.hypot(re, im) / Math.sqrt(aa * bb), error: 10 * Math.log10(difference / aa) };
+}
+
+/** Grey of a dB value, 0 ... 255. */
+function grey(db, black, white) {
+  return 255 * Math.min(Math.max((db - black) / (white - black), 0), 1);
+}
+
+/** Paint dB values in grey, first row at the top. */
+export function paintGrey(canvas, db, columns, black, white) {
+  paint(canvas, db.length / columns, columns, (i) => {
+    const value = db[i] > black ? grey(db[i], black, white) : 0;
+    return 0xff000000 | (value << 16) | (value << 8) | value;
+  });
+}
+
+/**
+ * Paint the ratio of two images: orange where the first is stronger, blue where the second is, white where they are
+ * equal, black where both are below `black`.
+ * @param {number} most dB at which the colour is full
+ */
+export function paintRatio(canvas, first, second, columns, black, most) {
+  paint(canvas, first.length / columns, columns, (i) => {
+    if (!(Math.max(first[i], second[i]) > black)) return 0xff000000;
+    const part = Math.min(Math.max((first[i] - second[i]) / most, -1), 1);
+    const rest = 1 - Math.abs(part);
+    // towards #e66100 and #1a6fdf, which the colour-blind tell apart too
+    const [r, g, b] = part > 0 ? [230, 97, 0] : [26, 111, 223];
+    const mix = (value) => Math.round(value + (245 - value) * rest);
+    return 0xff000000 | (mix(b) << 16) | (mix(g) << 8) | mix(r);
+  });
+}
+
+function paint(canvas, rows, columns, colour) {
+  canvas.width = columns;
+  canvas.height = rows;
+  const context = canvas.getContext("2d");
+  const picture = context.createImageData(columns, rows);
+  const pixels = new Uint32Array(picture.data.buffer);
+  for (let i = 0; i < pixels.length; i++) pixels[i] = colour(i);
+  context.putImageData(picture, 0, 0);
+}
+
+/** A length of 1, 2 or 5 times a power of ten, at most `length`. */
+export function roundLength(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  return power * [5, 2, 1].find((step) => step * power <= length * (1 + 1e-9));
+}

@@ -1,0 +1,96 @@
+// Geometry of range and Doppler: where an echo lands on the image's plane, and back.
+// Positions are in metres from the page's origin, axes east, north, up; plain arrays of three numbers, float64.
+
+export const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+export const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+export const scaled = (a, s) => [a[0] * s, a[1] * s, a[2] * s];
+export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const norm = (a) => Math.hypot(a[0], a[1], a[2]);
+export const unit = (a) => scaled(a, 1 / norm(a));
+export const row = (array, i) => [array[3 * i], array[3 * i + 1], array[3 * i + 2]];
+
+/** Distance to a point (m) and its rate (m/s) from an antenna at `position` with `velocity`. */
+export function rangeAndRate(position, velocity, point) {
+  const way = sub(position, point);
+  const range = norm(way);
+  return { range, rate: dot(way, velocity) / range };
+}
+
+/**
+ * Point of the plane z = height that has this range and rate, on the side `across` points to; null: there is none.
+ * |P - X| = R and (P - X).v = rate R, as in sarmitsuba/page/localise.py.
+ */
+export function onPlane(position, velocity, range, rate, height, across) {
+  const drop = position[2] - height;
+  const speed = Math.hypot(velocity[0], velocity[1]);
+  const ux = velocity[0] / speed;
+  const uy = velocity[1] / speed;
+  const along = (velocity[2] * drop - rate * range) / speed;
+  let sx = across[0] - (across[0] * ux + across[1] * uy) * ux;
+  let sy = across[1] - (across[0] * ux + across[1] * uy) * uy;
+  const size = Math.hypot(sx, sy);
+  sx /= size;
+  sy /= size;
+  const square = range * range - drop * drop - along * along;
+  if (!(square >= 0)) return null;
+  const beside = Math.sqrt(square);
+  return [position[0] + along * ux + beside * sx, position[1] + along * uy + beside * sy, height];
+}
+
+/** Where an echo of `point` is drawn: directly, by the ground and once more by the ground (mirror at z = ground). */
+export function landings(position, velocity, point, ground, grid) {
+  const mirrored = [point[0], point[1], 2 * ground - point[2]];
+  const direct = rangeAndRate(position, velocity, point);
+  const twice = rangeAndRate(position, velocity, mirrored);
+  const places = [
+    [direct.range, direct.rate],
+    [0.5 * (direct.range + twice.range), 0.5 * (direct.rate + twice.rate)],
+    [twice.range, twice.rate],
+  ];
+  return places.map(([range, rate], i) => ({
+    order: i + 1,
+    range,
+    rate,
+    point: onPlane(position, velocity, range, rate, grid.height, grid.across),
+  }));
+}
+
+/** Row and column (fractions) of a point of the image's plane. */
+export function pixelOf(grid, point) {
+  const away = sub(point, grid.origin);
+  const azimuth = dot(away, grid.along);
+  let across = dot(away, grid.across);
+  if (grid.kind === "slant") across = Math.hypot(across, grid.origin[2] - grid.height);
+  return [(azimuth - grid.azimuth[0]) / grid.azimuth[1], (across - grid.range[0]) / grid.range[1]];
+}
+
+/** Point of the image's plane at a row and a column (fractions). */
+export function pointOf(grid, at) {
+  const azimuth = grid.azimuth[0] + at[0] * grid.azimuth[1];
+  let across = grid.range[0] + at[1] * grid.range[1];
+  if (grid.kind === "slant") {
+    across = Math.sqrt(Math.max(0, across ** 2 - (grid.origin[2] - grid.height) ** 2));
+  }
+  const flat = add(add([grid.origin[0], grid.origin[1], 0], scaled(grid.along, azimuth)), scaled(grid.across, across));
+  return [flat[0], flat[1], grid.height];
+}
+
+/**
+ * Where a beam meets the plane z = height: `count` points of its half-power outline, from the antenna's axes.
+ * A ray that misses the plane ends `most` metres away.
+ */
+export function footprint(position, axes, widths, height, most, count = 64) {
+  const [boresight, azimuth, elevation] = axes;
+  const wide = widths.map((width) => Math.tan(Math.min(0.5 * width, 1.3)));
+  const outline = [];
+  for (let i = 0; i < count; i++) {
+    const angle = (2 * Math.PI * i) / count;
+    const ray = unit(
+      add(add(boresight, scaled(azimuth, wide[0] * Math.cos(angle))), scaled(elevation, wide[1] * Math.sin(angle))),
+    );
+    let length = ray[2] < 0 ? (height - position[2]) / ray[2] : Infinity;
+    if (!(length < most)) length = most;
+    outline.push(add(position, scaled(ray, length)));
+  }
+  return outline;
+}

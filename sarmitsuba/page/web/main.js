@@ -1,0 +1,362 @@
+// The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
+
+import { createComparison } from "sarmitsuba/compare.js";
+import { createImageView } from "sarmitsuba/image_view.js";
+import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
+import { Signals } from "sarmitsuba/profile.js";
+import { createRefocus } from "sarmitsuba/refocus.js";
+import { Store } from "sarmitsuba/store.js";
+import { Story, prepare } from "sarmitsuba/story.js";
+import { Tour } from "sarmitsuba/tour.js";
+import { readPayload } from "sarmitsuba/unpack.js";
+import { World } from "sarmitsuba/world.js";
+
+const $ = (id) => document.getElementById(id);
+const PASS_SECONDS = [40, 20, 10, 5, 2];
+const SWEEP_SECONDS = 4; // a shell from the near to the far end of the image
+
+const VIEWS = [["overview", "Overview", "1"], ["scene", "Close-up", "2"], ["radar", "From the radar", "3"], ["map", "Map", "4"]];
+const SWITCHES = [
+  ["drape", "Image", "i", ["ground", "slant", "off"], { ground: "on the ground", slant: "in the slant plane", off: "off" }],
+  ["buildings", "Scene", "g", ["solid", "glass", "hidden"], { solid: "solid", glass: "glass", hidden: "hidden" }],
+  ["scale", "Distance", "e", ["near", "true"], { near: "shortened", true: "true" }],
+  ["shadow", "Radar shadow", "s"],
+  ["beam", "Beam", "b"],
+  ["shell", "Wave", "w"],
+  ["rulings", "Ranges", "r"],
+  ["building", "Image builds up", "p"],
+];
+const KEYS = [
+  ["Space", "play or pause"], ["← →", "one pulse back or on (with Shift: ten)"], ["Home, End", "first, last pulse"],
+  ["1 2 3 4", "overview, close-up, from the radar, map"], ["I", "image: on the ground, in the slant plane, off"],
+  ["G", "scene: solid, glass, hidden"], ["E", "distance of the radar: shortened or true"], ["S", "radar shadow"], ["B", "beam"],
+  ["W", "wave (range shell)"], ["R", "lines of equal range"], ["P", "image building up, or finished"], ["L", "next look"],
+  ["C", "compare two looks"], ["F", "focus again, or explanation"], ["T", "guided tour"],
+  ["Esc", "clear what was clicked"], ["?", "this help"],
+];
+
+class Page {
+  constructor(data) {
+    this.data = data;
+    for (const look of data.looks) prepare(look, data.center);
+    this.store = new Store({
+      look: 0, pulse: 0, playing: false, seconds: 10, range: null, sweep: false, drape: "ground", buildings: "solid", scale: "near",
+      shadow: true, beam: true, shell: true, rulings: false, building: false, picked: null, path: null,
+    });
+    this.signals = new Signals({ profile: $("profile"), raw: $("raw"), page: data, store: this.store });
+    this.world = new World({
+      canvas: $("world-canvas"), labels: $("labels"), page: data, store: this.store,
+      onWall: (point, facts) => this.story.wall(point, facts),
+      onPixel: (at) => this.story.pixel(at),
+    });
+    this.story = new Story({ element: $("story"), world: this.world, page: data, store: this.store });
+    this.tour = new Tour({ page: data, store: this.store, world: this.world, story: this.story });
+  }
+
+  get look() {
+    return this.data.looks[this.store.get("look")];
+  }
+
+  async start() {
+    this.controls();
+    this.listen();
+    await this.world.load();
+    this.showLook();
+    this.world.view("overview");
+    this.story.welcome();
+    requestAnimationFrame((now) => this.tick(now));
+  }
+
+  // ---- controls --------------------------------------------------------------------------------------------------
+
+  controls() {
+    $("title").textContent = this.data.title;
+    for (const [name, text, key] of VIEWS) this.button($("views"), text, key, () => this.world.view(name)).dataset.view = name;
+    for (const [name, text, key, values, words] of SWITCHES) {
+      const node = this.button($("switches"), text, key, () => this.turn(name, values));
+      const show = () => {
+        const value = this.store.get(name);
+        if (words) node.textContent = `${text}: ${words[value]}`;
+        else node.setAttribute("aria-pressed", String(value));
+      };
+      node.dataset.name = name;
+      this.store.on([name], show);
+      show();
+    }
+    this.data.looks.forEach((look, i) => {
+      if (this.data.looks.length > 1) this.button($("looks"), this.nameOf(look), "l", () => this.store.set({ look: i })).dataset.look = i;
+    });
+    $("speed").innerHTML = PASS_SECONDS.map((s) => `<option value="${s}" ${s === 10 ? "selected" : ""}>${s} s</option>`).join("");
+    $("speed").addEventListener("change", () => this.store.set({ seconds: Number($("speed").value) }));
+    $("play").addEventListener("click", () => this.play());
+    $("pulse").addEventListener("input", () => this.store.set({ pulse: Number($("pulse").value), playing: false }));
+    $("tour").addEventListener("click", () => this.tour.start());
+    $("help").addEventListener("click", () => this.help());
+    $("compare").hidden = this.data.looks.length < 2;
+    $("compare").addEventListener("click", () => this.compare());
+    $("comparison").addEventListener("close", () => this.comparison?.remove());
+    for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.showTab(tab.id));
+    $("help-text").innerHTML = `<h2>Keys</h2><table>${KEYS.map(([key, text]) => `<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`).join("")}</table>
+      <h2>Mouse</h2><p>Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes are drawn. Drag in the
+      echo for the wave at one range; drag in the raw data to go to a pulse.</p>
+      <form method="dialog"><button>Close</button></form>`;
+  }
+
+  button(parent, text, key, call) {
+    const node = document.createElement("button");
+    node.type = "button";
+    node.textContent = text;
+    node.title = `key ${key.toUpperCase()}`;
+    node.addEventListener("click", call);
+    parent.append(node);
+    return node;
+  }
+
+  nameOf(look) {
+    return [look.name, look.radar?.mode].filter(Boolean).join(": ");
+  }
+
+  turn(name, values) {
+    const now = this.store.get(name);
+    this.store.set({ [name]: values ? values[(values.indexOf(now) + 1) % values.length] : !now });
+  }
+
+  play() {
+    if (!this.look.radar) return;
+    const last = this.look.radar.time.length - 1;
+    const pulse = this.store.get("pulse") >= last ? 0 : this.store.get("pulse");
+    this.store.set({ playing: !this.store.get("playing"), pulse });
+  }
+
+  help() {
+    $("help-text").showModal();
+  }
+
+  listen() {
+    const { store, world } = this;
+    store.on(["look"], () => this.showLook());
+    store.on(["pulse"], () => {
+      world.showPulse();
+      this.signals.draw();
+      this.showTime();
+      if (store.get("building")) this.buildUp();
+    });
+    store.on(["playing"], () => {
+      $("play").textContent = store.get("playing") ? "Pause" : "Play";
+    });
+    store.on(["range"], () => {
+      world.drawShell();
+      this.signals.draw();
+    });
+    store.on(["shell"], () => world.drawShell());
+    store.on(["beam", "shadow"], () => world.showPulse());
+    store.on(["drape"], () => {
+      world.drawDrape();
+      world.request();
+    });
+    store.on(["rulings"], () => {
+      world.drawRulings();
+      world.request();
+    });
+    store.on(["buildings"], () => world.setBuildings());
+    store.on(["scale"], () => {
+      world.showLook();
+      world.view("overview");
+    });
+    store.on(["building"], () => this.buildUp());
+    store.on(["picked"], ({ picked }) => {
+      this.view.setCursor(picked && { row: Math.round(picked[0]), column: Math.round(picked[1]) });
+      if (picked) this.showTab("tab-story");
+    });
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || $("help-text").open || $("comparison").open) return;
+    if (["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.key !== "Escape") return;
+    const { store } = this;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const view = VIEWS.find(([, , k]) => k === key);
+    const change = SWITCHES.find(([, , k]) => k === key);
+    const last = (this.look.radar?.time.length ?? 1) - 1;
+    const step = event.shiftKey ? 10 : 1;
+    const go = (pulse) => store.set({ pulse: Math.min(Math.max(pulse, 0), last), playing: false });
+    if (view) this.world.view(view[0]);
+    else if (change) this.turn(change[0], change[3]);
+    else if (key === " ") {
+      if (event.target.tagName === "BUTTON") return;
+      this.play();
+    } else if (key === "ArrowLeft") go(store.get("pulse") - step);
+    else if (key === "ArrowRight") go(store.get("pulse") + step);
+    else if (key === "Home") go(0);
+    else if (key === "End") go(last);
+    else if (key === "c" && this.data.looks.length > 1) this.compare();
+    else if (key === "f") this.showTab($("refocus").hidden ? "tab-refocus" : "tab-story");
+    else if (key === "l") store.set({ look: (store.get("look") + 1) % this.data.looks.length });
+    else if (key === "t") this.tour.start();
+    else if (key === "Escape") this.tour.end();
+    else if (key === "?") this.help();
+    else return;
+    event.preventDefault();
+  }
+
+  // ---- what is shown ---------------------------------------------------------------------------------------------
+
+  showLook() {
+    const { look, store, world } = this;
+    for (const node of $("looks").children) node.setAttribute("aria-pressed", String(Number(node.dataset.look) === store.get("look")));
+    const { radar } = look;
+    $("facts").textContent = radar
+      ? `${radar.mode} (${radar.mode_doc}), ${(radar.frequency / 1e9).toFixed(2)} GHz, ${(radar.bandwidth / 1e6).toFixed(0)} MHz, ${look.channel}, ${radar.time.length} pulses, look ${radar.side}`
+      : `${look.channel}`;
+    const last = Math.max((radar?.time.length ?? 1) - 1, 0);
+    $("pulse").max = last;
+    $("play").disabled = !radar;
+    store.set({ pulse: Math.min(store.get("pulse") || last >> 1, last), picked: null, building: false });
+    this.showImage();
+    world.measure();
+    world.showLook();
+    this.signals.draw();
+    this.showTime();
+    this.caption();
+  }
+
+  /** The look's image beside the scene and on its ground, and what focuses its pulses again. */
+  showImage() {
+    const { look, world } = this;
+    const image = { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area };
+    if (this.view) this.view.setImage(image, look.pixels);
+    else {
+      this.view = createImageView($("image"), {
+        image,
+        grid: look.pixels,
+        onPick: ({ row, column }) => this.story.pixel([row, column]),
+        onCursor: (_, point) => world.showCursor(point && sub(point, this.data.center)),
+        onPaint: () => world.imageChanged(),
+      });
+    }
+    world.setImage(this.view.canvas);
+    this.refocus?.remove();
+    this.refocus = null;
+    $("refocus").replaceChildren();
+    if (!look.echo) {
+      $("refocus").textContent = "This run kept no raw data: there are no pulses to focus again.";
+      return;
+    }
+    const about = document.createElement("p");
+    about.className = "quiet";
+    about.textContent = "Here your browser makes the image from the recorded pulses. Leave some out, take a shorter stretch of the flight, another window, or a wrong track, and see what it does.";
+    $("refocus").append(about);
+    this.changed = false;
+    this.refocus = createRefocus($("refocus"), {
+      data: look.echo,
+      grid: look.pixels,
+      start: look.windows ?? {},
+      onImage: (sum) => {
+        if (this.changed || this.store.get("building")) this.view.setLive(sum);
+      },
+      onSettings: (settings) => {
+        this.changed = JSON.stringify(settings) !== JSON.stringify({ ...this.refocus.start, error: settings.error }) || settings.error.kind !== "none";
+        if (!this.changed && !this.store.get("building")) this.view.setLive(null);
+      },
+    });
+  }
+
+  /** The image of the pulses so far, made here from the recorded echoes; or the finished one again. */
+  buildUp() {
+    const { store, look } = this;
+    if (!this.refocus) return;
+    if (store.get("building")) {
+      this.refocus.setEnd(store.get("pulse") + 1);
+    } else {
+      this.refocus.end = look.echo.nPulses;
+      if (this.changed) this.refocus.setEnd(look.echo.nPulses);
+      else if (this.view.live) this.view.setLive(null);
+    }
+  }
+
+  /** Two images beside each other, in turn, or their difference: the one shown and the next. */
+  compare() {
+    const { looks } = this.data;
+    const now = this.store.get("look");
+    const [first, second] = [looks[now], looks[(now + 1) % looks.length]].map((look) => ({
+      title: this.nameOf(look),
+      image: { layers: look.image.layers, scale: look.image.scale, cellArea: look.image.cell_area },
+      grid: look.pixels,
+    }));
+    $("comparison").showModal();
+    this.comparison = createComparison($("comparison-images"), {
+      first,
+      second,
+      onPick: (_, point) => {
+        $("comparison").close();
+        this.story.pixel(pixelOf(looks[now].grid, sub(point, this.data.center)));
+      },
+    });
+  }
+
+  showTab(id) {
+    for (const tab of document.querySelectorAll("[role=tab]")) {
+      tab.setAttribute("aria-selected", String(tab.id === id));
+      $(tab.getAttribute("aria-controls")).hidden = tab.id !== id;
+    }
+  }
+
+  caption() {
+    const { radar } = this.look;
+    if (!radar) return;
+    const about = {
+      antenna: "The blue cone is the antenna's beam (half power).",
+      processed: "This antenna radiates evenly; the blue cone is as wide as the beam that the image is made with.",
+      image: "This antenna radiates evenly; the blue cone encloses the image.",
+    };
+    const near = this.store.get("scale") === "near" ? " The radar is drawn nearer than it is (key E)." : "";
+    $("caption").textContent = about[radar.beam] + near;
+  }
+
+  showTime() {
+    const { radar } = this.look;
+    if (!radar) return;
+    const pulse = this.store.get("pulse");
+    $("pulse").value = pulse;
+    $("pulse-text").textContent = `${pulse + 1} of ${radar.time.length}, ${radar.time[pulse].toFixed(3)} s`;
+  }
+
+  /** One frame of whatever moves. */
+  tick(now) {
+    const passed = Math.min((now - (this.before ?? now)) / 1000, 0.5);
+    this.before = now;
+    const { store } = this;
+    if (store.get("playing") && this.look.radar) {
+      const last = this.look.radar.time.length - 1;
+      this.exact = (Math.floor(this.exact ?? -1) === store.get("pulse") ? this.exact : store.get("pulse")) + (passed / store.get("seconds")) * last;
+      if (this.exact >= last) {
+        store.set({ pulse: last, playing: false });
+        this.exact = last;
+      } else store.set({ pulse: Math.floor(this.exact) });
+    }
+    const data = this.signals.data;
+    if (store.get("sweep") && data) {
+      this.swept = ((this.swept ?? 0) + passed / SWEEP_SECONDS) % 1;
+      store.set({ range: data.low + this.swept * (data.high - data.low) });
+    }
+    requestAnimationFrame((next) => this.tick(next));
+  }
+}
+
+function fail(error) {
+  const node = document.createElement("p");
+  node.id = "failure";
+  node.textContent = `This page could not start: ${error.message}. A browser of 2023 or later with WebGL2 is needed.`;
+  document.body.append(node);
+}
+
+try {
+  const page = new Page(await readPayload());
+  window.sarmitsuba = { page, pointOf }; // for tests, and for the curious
+  await page.start();
+  document.documentElement.dataset.ready = "true";
+} catch (error) {
+  fail(error);
+  throw error;
+}

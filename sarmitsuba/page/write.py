@@ -1,0 +1,115 @@
+"""Assembles one HTML file that needs nothing else: its modules, its numbers and its looks are inside."""
+
+import base64
+import gzip
+import json
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.page.payload import Value
+
+# bare names that the vendored modules are known by; all others are named after their file
+_VENDOR_NAMES = {
+    "three.module.min.js": "three",
+    "three.core.min.js": "three/core",
+    "OrbitControls.js": "three/orbit_controls",
+    "GLTFLoader.js": "three/gltf_loader",
+    "BufferGeometryUtils.js": "three/buffer_geometry",
+    "SkeletonUtils.js": "three/skeleton",
+}
+# `from "./three.core.min.js"`: a module inside a data URL has no folder to look in
+_RELATIVE = re.compile(r"""(from\s*)(["'])\.{1,2}/(?:[\w./]*/)?([\w.]+\.js)\2""")
+
+# arrays up to so many values, such as a point, are written as they are
+_SHORT = 12
+
+
+class Packer:
+    """Takes the arrays out of a nest of values and keeps them as compressed binary.
+
+    Attributes
+    ----------
+    blobs : base64 of the gzipped bytes, one per array
+    """
+
+    def __init__(self) -> None:
+        self.blobs: list[str] = []
+
+    def pack(self, value: Value) -> object:
+        """The value with a reference in place of every array: ``{"$": number, "dtype": ..., "shape": [...]}``."""
+        if isinstance(value, np.ndarray):
+            return self._array(value) if value.size > _SHORT else value.tolist()
+        if isinstance(value, Mapping):
+            return {key: self.pack(entry) for key, entry in value.items()}
+        if isinstance(value, list | tuple):
+            return [self.pack(entry) for entry in value]
+        if isinstance(value, np.generic):
+            return value.item()
+        return value
+
+    def _array(self, array: NDArray[np.generic]) -> dict[str, object]:
+        plain = np.ascontiguousarray(array)
+        if plain.dtype.byteorder == ">":
+            plain = plain.astype(plain.dtype.newbyteorder("<"))
+        # bytes of equal rank together: those of sign and exponent are alike and compress
+        planes = plain.reshape(-1).view(np.uint8).reshape(-1, plain.dtype.itemsize).T.tobytes()
+        self.blobs.append(base64.b64encode(gzip.compress(planes, 6, mtime=0)).decode())
+        return {"$": len(self.blobs) - 1, "dtype": plain.dtype.name, "shape": list(plain.shape)}
+
+
+def write_page(path: Path, payload: Mapping[str, Value]) -> None:
+    """Write the page, whole or not at all.
+
+    Parameters
+    ----------
+    path : of the HTML file
+    payload : of :func:`sarmitsuba.page.payload.page_payload`
+    """
+    packer = Packer()
+    facts = json.dumps(packer.pack(payload), allow_nan=False, ensure_ascii=False)
+    web = files("sarmitsuba.page") / "web"
+    blobs = "\n".join(
+        f'<script type="application/octet-stream" id="blob{i}">{blob}</script>'
+        for i, blob in enumerate(packer.blobs)
+    )
+    parts = {
+        "title": escape(str(payload["title"])),
+        "style": (web / "style.css").read_text(encoding="utf-8"),
+        "importmap": json.dumps({"imports": _modules(web)}),
+        # `</script>` inside a name would end the element
+        "facts": facts.replace("<", "\\u003c"),
+        "blobs": blobs,
+    }
+    text = (web / "index.html").read_text(encoding="utf-8")
+    text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match.group(1)], text)
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _modules(web: Traversable) -> dict[str, str]:
+    """Every module by the bare name it is imported by, as a data URL."""
+    found: dict[str, str] = {}
+    for folder, prefix in ((web, "sarmitsuba/"), (web / "vendor", "three/")):
+        for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
+            if entry.name.endswith(".js"):
+                name = _VENDOR_NAMES.get(entry.name, prefix + entry.name)
+                text = _RELATIVE.sub(_bare, entry.read_text(encoding="utf-8"))
+                code = base64.b64encode(text.encode()).decode()
+                found[name] = f"data:text/javascript;base64,{code}"
+    return found
+
+
+def _bare(match: re.Match[str]) -> str:
+    """An import of a file beside the module, by its bare name."""
+    return f'{match.group(1)}"{_VENDOR_NAMES[match.group(3)]}"'
+
+
+__all__ = ["Packer", "write_page"]

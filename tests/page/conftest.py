@@ -1,0 +1,142 @@
+"""A headless browser, and bare pages that run the page's own modules on given data."""
+
+import base64
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sarmitsuba.page
+
+WEB = Path(sarmitsuba.page.__file__).parent / "web"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+def browser() -> str | None:
+    """The first browser on the path."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
+
+
+@contextmanager
+def opened(path: str, folder: Path) -> Iterator[Any]:
+    """A browser context without network and with WebGL in software; ``folder`` is its empty profile."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        context = playwright.chromium.launch_persistent_context(
+            str(folder),
+            executable_path=path,
+            args=list(FLAGS),
+            offline=True,
+            viewport={"width": 1280, "height": 800},
+        )
+        yield context
+        context.close()
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A browser context without network and with WebGL in software."""
+    pytest.importorskip("playwright.sync_api", reason="drives the browser; in the test extra")
+    path = browser()
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the path")
+    with opened(path, tmp_path_factory.mktemp("browser")) as context:
+        yield context
+
+
+def encode(arrays: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: {"kind": array.dtype.str[1:], "base64": base64.b64encode(np.ascontiguousarray(array)).decode()}
+        for name, array in arrays.items()
+    }
+
+
+DECODE = """
+const KINDS = { f8: Float64Array, f4: Float32Array, i2: Int16Array };
+window.unpack = (header, arrays) => {
+  const out = structuredClone(header);
+  for (const [name, { kind, base64 }] of Object.entries(arrays)) {
+    const value = new KINDS[kind](Uint8Array.from(atob(base64), (c) => c.charCodeAt(0)).buffer);
+    const [first, rest] = name.split(".");
+    if (rest) out[first][rest] = value; else out[first] = value;
+  }
+  return out;
+};
+window.pack = (array) => {
+  const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
+  let text = "";
+  for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+  return btoa(text);
+};
+"""
+
+
+class Bench:
+    """An open page with our modules in its import map, and what it logged."""
+
+    def __init__(self, page: Any, folder: Path) -> None:
+        self.page, self.errors = page, []
+        page.on("console", lambda m: self.errors.append(m.text) if m.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        modules = {
+            f"sarmitsuba/{path.name}": "data:text/javascript;base64,"
+            + base64.b64encode(path.read_bytes()).decode()
+            for path in WEB.glob("*.js")
+        }
+        file = folder / "bench.html"
+        file.write_text(
+            "<!doctype html><html lang='en'><meta charset='utf-8'><title>bench</title>"
+            f"<script type='importmap'>{json.dumps({'imports': modules})}</script>"
+            f"<script>{DECODE}</script><body><div id='stage'></div></body></html>",
+            encoding="utf-8",
+        )
+        page.goto(file.as_uri())
+
+    def run(self, script: str, **values: Any) -> Any:
+        """Value of the body of an async function; ``values`` are its arguments by name, pairs (header, arrays) too."""
+        plain = {}
+        for name, value in values.items():
+            whole = isinstance(value, tuple)
+            plain[name] = [value[0], encode(value[1])] if whole else value
+        wrapped = [name for name, value in values.items() if isinstance(value, tuple)]
+        opened = "".join(f"{name} = unpack(...{name});" for name in wrapped)
+        names = ", ".join(values)
+        return self.page.evaluate(f"async ({{{names}}}) => {{ {opened} {script} }}", plain)
+
+
+@pytest.fixture
+def bench(chromium: Any, tmp_path: Path) -> Iterator[Bench]:
+    """A bare page; the test fails when it logs an error or a warning."""
+    page = chromium.new_page()
+    one = Bench(page, tmp_path)
+    yield one
+    page.close()
+    assert one.errors == []
+
+
+@pytest.fixture
+def floats() -> Callable[[str, tuple[int, ...]], Any]:
+    """Read a float32 array that the page packed."""
+
+    def read(text: str, shape: tuple[int, ...]) -> Any:
+        return np.frombuffer(base64.b64decode(text), dtype=np.float32).reshape(shape)
+
+    return read
