@@ -29,7 +29,7 @@ _SERIES = 40
 _MOST_NODES = 12
 # pixels per line and nodes are in the kernel's text: few values of both, so that other settings find it compiled
 _LINES = (1, _LONGEST_DIRECT, LONGEST_LINE)
-_NODES = (4, 8, _MOST_NODES)
+_NODES = (4, 6, 8, 10, _MOST_NODES)
 # the polynomial between nodes may err by this part of the interpolation kernel's own worst error
 _NODE_ERROR = 0.5
 # but no less than rounding to float32 does

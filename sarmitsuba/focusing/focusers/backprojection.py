@@ -85,7 +85,7 @@ def backproject(
     range_window, azimuth_window : names for :func:`sarmitsuba.focusing.windows.parse_window`; azimuth is over the
         pulse index, or over the sine along the flight within the pixel's own aperture
     interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
-    oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
+    oversampling : range upsampling factor, 0 = 6 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
     batch_bytes : of profiles per batch of pulses; they should stay in the last-level cache while every pixel reads
         them
@@ -253,13 +253,13 @@ class Backprojection(Focuser):
     interpolation: str = option(
         "kernel", "of range profiles: linear (fastest), kernel:4, kernel, kernel:8 (best)"
     )
-    oversampling: int = option(0, "range upsampling factor; 0 = 8 for linear and 2 for the others")
+    oversampling: int = option(0, "range upsampling factor; 0 = 6 for linear and 2 for the others")
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of the interpolation over range, as benchmarks/focusers.py measures it."""
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step
-            return -18.0 - 12.0 * float(np.log2(self.oversampling or 8))
+            return -18.0 - 12.0 * float(np.log2(self.oversampling or 6))
         return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
 
     def focus(self, task: FocusTask) -> Focused:
