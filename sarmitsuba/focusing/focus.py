@@ -82,7 +82,8 @@ def focus(
     method = parse_autofocus(autofocus)
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
-    check_image_fits(grid, len(raw.layers), raw.data.size)
+    n_layers = len(raw.layers)
+    check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}
     if plan is not None:
         raw = compensate_motion(raw, plan)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.needs import backprojection_bytes
 from sarmitsuba.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -84,6 +85,10 @@ class Focuser(WithOptions, ABC):
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """About how much processor time one layer takes on one core of today, for comparing; that of backprojection."""
         return PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
+
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        return backprojection_bytes(radar, grid, n_layers)
 
     def resolved(self, radar: Radar, grid: ImageGrid) -> tuple["Focuser", str]:
         """The focuser that does the work, and why it was chosen; itself unless it is a choice."""

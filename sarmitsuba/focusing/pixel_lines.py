@@ -161,8 +161,7 @@ def _steepest(radar: Radar, grid: ImageGrid) -> float:
 
 def grid_lines(radar: Radar, plan: ProfilePlan, grid: ImageGrid, tile_pixels: int) -> Iterator[PixelLines]:
     """Cut a grid into launches; lines run along azimuth, neighbouring lanes along range."""
-    padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
-    checked = not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
+    checked = may_leave_window(radar, grid)
     per_line, n_nodes = plan_line(radar, plan, grid, checked)
     n_azimuth, n_range = grid.shape
     flat = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
@@ -194,6 +193,12 @@ def point_lines(points: ArrayLike, tile_pixels: int) -> Iterator[PixelLines]:
         yield PixelLines(pick[None], points[pick], np.zeros(3))
 
 
+def may_leave_window(radar: Radar, grid: ImageGrid) -> bool:
+    """Whether a pixel of the grid, its lines' padding included, may leave some pulse's receive window."""
+    padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
+    return not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
+
+
 def _within(radar: Radar, near: F64, far: F64) -> bool:
     """Whether ranges between bounds (n_pulses,) lie within every pulse's receive window."""
     start, spacing = radar.window.start_range, radar.window.sample_spacing
@@ -220,6 +225,7 @@ __all__ = [
     "PixelLines",
     "expansion_error",
     "grid_lines",
+    "may_leave_window",
     "nodes_needed",
     "plan_line",
     "point_lines",

@@ -26,7 +26,14 @@ from sarmitsuba.focusing.backprojection_kernel import (
     accumulate,
 )
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.pixel_lines import PixelLines, grid_lines, point_lines
+from sarmitsuba.focusing.needs import backprojection_bytes
+from sarmitsuba.focusing.pixel_lines import (
+    PixelLines,
+    grid_lines,
+    may_leave_window,
+    plan_line,
+    point_lines,
+)
 from sarmitsuba.focusing.profiles import ProfilePlan, parse_interpolation, plan_profiles, plan_spectrum
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -261,6 +268,17 @@ class Backprojection(Focuser):
         if width == 2:  # falls with the square of the step
             return -18.0 - 12.0 * float(np.log2(self.oversampling or 6))
         return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        plan = plan_profiles(
+            radar,
+            parse_window("rectangular"),
+            interpolation=self.interpolation,
+            oversampling=self.oversampling,
+        )
+        per_line, _ = plan_line(radar, plan, grid, may_leave_window(radar, grid))
+        return backprojection_bytes(radar, grid, n_layers, per_line)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
