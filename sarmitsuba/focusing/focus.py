@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -80,6 +80,8 @@ def focus(
         grid = default_grid(raw, request)
     grid = grid.in_frame(raw.radar.offset)
     method = parse_autofocus(autofocus)
+    if method is not None and raw.radar.receiver is not None:
+        raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
     n_layers = len(raw.layers)

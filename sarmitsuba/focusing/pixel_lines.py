@@ -118,6 +118,8 @@ def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = 
     Ranges and weights are parabolas to the accuracy wanted; between the nodes the profiles err less than their
     interpolation kernel does at the band's edge. ``checked`` samples are tested pixel by pixel, without nodes.
     """
+    if radar.receiver is not None:  # two ranges, neither expanded
+        return 1, 1
     near = float(_range_bounds(grid, grid.azimuth[[0, -1]], radar.track.position)[0].min())
     steepest = _steepest(radar, grid)
     s = min(steepest, 1.0 / np.sqrt(3.0))  # where s (1 - s^2) peaks
@@ -195,6 +197,8 @@ def point_lines(points: ArrayLike, tile_pixels: int) -> Iterator[PixelLines]:
 
 def may_leave_window(radar: Radar, grid: ImageGrid) -> bool:
     """Whether a pixel of the grid, its lines' padding included, may leave some pulse's receive window."""
+    if radar.receiver is not None:
+        return True
     padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
     return not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
 
