@@ -168,7 +168,8 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     Returns
     -------
     RawData, range compressed, with an isotropic antenna, of two the one that flies further first; a focused
-    pixel has the amplitude of F, so that |pixel|^2 is in m^2 only where |F|^2 is (:func:`sarmitsuba.image.calibration.calibrate`)
+    pixel has the amplitude of F, so that |pixel|^2 is in m^2 only where |F|^2 is
+    (:func:`sarmitsuba.image.calibration.calibrate`)
 
     Raises
     ------
