@@ -26,13 +26,11 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db, point_target
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.loader.build import build_scene
 from sarmitsuba.progress import silent
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.validation.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
 # every form, the low-accuracy ones too
@@ -47,7 +45,6 @@ FORMS = (
     "chirp_scaling",
     "chirp_scaling,scaling=no",
 )
-CELLS = 72  # edge of the images of the point table, resolution cells
 CELL = 0.5  # m, azimuth cell where limits are looked for
 CHIP = 48  # pixels about a point that is measured
 SIZE, SIZE_QUICK = 4096, 512  # square that is timed: the size that the limits are promised for
@@ -103,31 +100,6 @@ def place_of(grid: ImageGrid, point: Any) -> tuple[int, int]:
     line = point - grid.origin
     rho = np.hypot(line @ grid.across, line[2])
     return int(np.abs(grid.azimuth - line @ grid.along).argmin()), int(np.abs(grid.range - rho).argmin())
-
-
-def random_geometry(mode: str, slant_range: float, cell: float, seed: int) -> tuple[Radar, ImageGrid]:
-    """Random heading, squint, look angle and side; slant grid about the aim point."""
-    rng = np.random.default_rng([13, seed, len(mode)])
-    beam: dict[str, Any] = {"pattern": "isotropic"}
-    if mode == "stripmap":
-        beam = {"pattern": "rectangular", "antenna_length": 2.0 * cell, "antenna_height": 0.05}
-    radar = RadarDescription(
-        mode=mode,
-        slant_range=slant_range,
-        look_angle_deg=rng.uniform(25.0, 55.0),
-        heading_deg=rng.uniform(0.0, 360.0),
-        look_side=("left", "right")[rng.integers(2)],
-        squint_angle_deg=rng.uniform(-4.0, 4.0),
-        bandwidth=0.5 * SPEED_OF_LIGHT / cell,
-        azimuth_resolution=cell,
-        speed=7500.0 if slant_range > 1e5 else 100.0,
-        **beam,
-    )
-    film = FilmDescription(
-        image_grid="slant", image_extent_azimuth=CELLS * cell, image_extent_range=CELLS * cell
-    )
-    scene = build_scene(points=[PointTarget("aim", np.zeros(3), 1.0)], radar=radar, film=film)
-    return scene.radar, default_grid(scene.radar, scene.image)
 
 
 def point_rows() -> list[list[Any]]:

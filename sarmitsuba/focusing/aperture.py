@@ -1,5 +1,7 @@
 """What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -38,6 +40,23 @@ def look_directions(radar: Radar, point: ArrayLike) -> F64:
     """Unit vectors from every antenna position to points (..., 3), giving (..., n_pulses, 3) float64."""
     line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
     return np.asarray(line / np.linalg.norm(line, axis=-1, keepdims=True))
+
+
+def pulse_ranges(radar: Radar, point: ArrayLike, pulses: slice | NDArray[np.int64] = slice(None)) -> F64:
+    """Slant range of points (..., 3) in every pulse, (..., n_pulses) m: half the way there and to the receiver."""
+    place = np.asarray(point, dtype=np.float64)[..., None, :]
+    way = np.linalg.norm(place - radar.track.position[pulses], axis=-1)
+    if radar.receiver is not None:
+        way = 0.5 * (way + np.linalg.norm(place - radar.receiver.position[pulses], axis=-1))
+    return np.asarray(way)
+
+
+def range_gradients(radar: Radar, point: ArrayLike) -> F64:
+    """Gradient of the slant range of points (..., 3), (..., n_pulses, 3): the line of sight, or the mean of both."""
+    look = look_directions(radar, point)
+    if radar.receiver is None:
+        return look
+    return 0.5 * (look + look_directions(replace(radar, track=radar.receiver), point))
 
 
 def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: Window) -> F64:
@@ -91,7 +110,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
 
     The image of unit clutter (sigma0 = 1) has this mean intensity,
     :math:`A = \iint |h|^2 dA`, h the impulse response of unit peak. Every pulse t and frequency f samples the ground's
-    spectrum at :math:`(4 \pi f / c) \mathbf u_t`, u the horizontal part of the line of sight, so by Parseval
+    spectrum at :math:`(4 \pi f / c) \mathbf u_t`, u the horizontal part of the range's gradient, so by Parseval
 
     .. math:: A = \frac{(2 \pi)^2}{(4 \pi / c)^2}
               \frac{\sum_t W_t^2 / |\mathbf u \times \dot{\mathbf u}| \int V^2 / f \, df}{(\sum_t W_t)^2 (\int V df)^2}
@@ -115,7 +134,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     """
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
-    u, weights = _by_direction(look_directions(radar, point)[:, :2], weights)
+    u, weights = _by_direction(range_gradients(radar, point)[:, :2], weights)
     seen = weights > 0.0
     turn = np.zeros(1)
     if u.shape[0] > 1:
@@ -160,4 +179,6 @@ __all__ = [
     "incidence_angle",
     "look_directions",
     "matched_weights",
+    "pulse_ranges",
+    "range_gradients",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from sarmitsuba.backend import dr
 from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.focusing.device_complex import TWO_PI, cis, scaled, times, weighted_sum
 from sarmitsuba.radar.antenna import Antenna
 
 if TYPE_CHECKING:
     Complex = tuple[dr.ArrayBase, dr.ArrayBase]
 
-TWO_PI = 6.283185307179586
 PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first sample in profile samples
 AXES_STRIDE = (
     16  # float32 per pulse: azimuth axis, weight; elevation axis, distance to the next pulse; boresight, 0;
@@ -32,6 +32,7 @@ class PulseBatch:
     n_pulses, n_stored, n_plane : UInt32 opaque: pulses, stored samples per pulse, samples per layer
     last : Int32 opaque: last valid position, profile samples
     positions : float64, ``PULSE_STRIDE`` per pulse
+    receivers : None where each antenna receives its own echoes; else x, y, z of the receiver, float64, 3 per pulse
     axes : float32, ``AXES_STRIDE`` per pulse
     profiles : complex64 as uint64, [layer, pulse, sample] as :meth:`ProfilePlan.profiles` makes them
     """
@@ -41,6 +42,7 @@ class PulseBatch:
     n_plane: dr.ArrayBase
     last: dr.ArrayBase
     positions: dr.ArrayBase
+    receivers: dr.ArrayBase | None
     axes: dr.ArrayBase
     profiles: dr.ArrayBase
 
@@ -204,6 +206,12 @@ class Sight:
         bend = types.Float32(0.5 * dr.fma(-slope, slope, step) * inverse)
         return cls(line, (dx, dy, dz), square, distance, inverse, slope, bend)
 
+    def received_at(self, other: Sight) -> Sight:
+        """Half the way over the pixel to another antenna, and the product of both ranges; for lines of one pixel."""
+        assert self.line.n_pixels == 1
+        square, distance = self.distance * other.distance, 0.5 * (self.distance + other.distance)
+        return replace(self, square=square, distance=distance)
+
     def direction(self, types: ModuleType, place: int) -> tuple[dr.ArrayBase, ...]:
         """Unit vector, float32, to the pixel ``place`` steps from the middle one."""
         d = [
@@ -263,22 +271,6 @@ class Sight:
                     ratio = times(ratio, change)
                     out[place] = value
         return out
-
-
-def cis(types: ModuleType, turns: dr.ArrayBase) -> Complex:
-    """Cosine and sine of float64 turns, which are reduced before they are rounded to float32."""
-    sin, cos = dr.sincos(types.Float32(turns - dr.round(turns)) * TWO_PI)
-    return cos, sin
-
-
-def times(a: Complex, b: Complex) -> Complex:
-    """Product of complex numbers."""
-    return dr.fma(a[0], b[0], -(a[1] * b[1])), dr.fma(a[0], b[1], a[1] * b[0])
-
-
-def scaled(factor: dr.ArrayBase, a: Complex) -> Complex:
-    """A complex number times a real one."""
-    return factor * a[0], factor * a[1]
 
 
 def parabola(line: Line, values: list[dr.ArrayBase]) -> list[dr.ArrayBase]:
@@ -382,6 +374,10 @@ def accumulate(
         acc = list(old)
         ax, ay, az, start = dr.gather(types.Array4f64, pulses.positions, t)
         sight = Sight.of(types, line, (middle[0] - ax, middle[1] - ay, middle[2] - az))
+        if pulses.receivers is not None:
+            at = [dr.gather(types.Float64, pulses.receivers, 3 * t + axis) for axis in range(3)]
+            delta = tuple(m - x for m, x in zip(middle, at, strict=True))
+            sight = sight.received_at(Sight.of(types, line, delta))
         pulse_weight = dr.gather(types.Float32, pulses.axes, t * AXES_STRIDE + 3)
         weights, gains = weighting.of_line(types, sight, pulses.axes, t)
         position = dr.fma(sight.distance, scales.per_metre, -start)
@@ -473,14 +469,6 @@ def between_nodes(
         if m:
             out[-m] = [(e[0] - o[0], e[1] - o[1]) for e, o in pairs], (cos, -sin)
     return [out[place] for place in line.places]
-
-
-def weighted_sum(weights: list[float], values: list[Complex]) -> Complex:
-    """Sum of complex numbers, weighted with literals; zero where there are none."""
-    re, im = 0.0, 0.0
-    for weight, value in zip(weights, values, strict=True):
-        re, im = dr.fma(weight, value[0], re), dr.fma(weight, value[1], im)
-    return re, im
 
 
 __all__ = [

@@ -82,7 +82,7 @@ def compare_focusers(
     grid = grid.in_frame(raw.radar.offset)
 
     def run(focuser: Focuser) -> tuple[SarImage | None, str, float]:
-        refusal = focuser.refusal(raw.radar, grid)
+        refusal = focuser.objection(raw.radar, grid)
         if refusal:
             return None, refusal, 0.0
         start = clock()

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -80,9 +80,12 @@ def focus(
         grid = default_grid(raw, request)
     grid = grid.in_frame(raw.radar.offset)
     method = parse_autofocus(autofocus)
+    if method is not None and raw.radar.receiver is not None:
+        raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
-    check_image_fits(grid, len(raw.layers), raw.data.size)
+    n_layers = len(raw.layers)
+    check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}
     if plan is not None:
         raw = compensate_motion(raw, plan)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.needs import backprojection_bytes
 from sarmitsuba.focusing.options import OptionValue, WithOptions, option
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -67,11 +68,19 @@ class Focuser(WithOptions, ABC):
     ----------
     name : what users write
     title : what it is for, one line
+    bistatic : whether it takes data whose receiver is apart from the transmitter
     """
 
     kind: ClassVar[str] = "focuser"
     name: ClassVar[str]
     title: ClassVar[str]
+    bistatic: ClassVar[bool] = False
+
+    def objection(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why it is not to be asked to focus: bistatic data that it does not take, or its :meth:`refusal`."""
+        if radar.receiver is not None and not self.bistatic:
+            return "the receiver is apart from the transmitter"
+        return self.refusal(radar, grid)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it cannot focus this radar's data on this grid; empty when it can."""
@@ -85,13 +94,17 @@ class Focuser(WithOptions, ABC):
         """About how much processor time one layer takes on one core of today, for comparing; that of backprojection."""
         return PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
 
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        return backprojection_bytes(radar, grid, n_layers)
+
     def resolved(self, radar: Radar, grid: ImageGrid) -> tuple["Focuser", str]:
         """The focuser that does the work, and why it was chosen; itself unless it is a choice."""
         return self, ""
 
     @abstractmethod
     def focus(self, task: FocusTask) -> Focused:
-        """Focus; ``refusal`` has been asked before."""
+        """Focus; ``objection`` has been asked before."""
 
 
 # of one core, float64 ranges and a kernel of six taps; benchmarks/focusers.py measures it
@@ -107,6 +120,7 @@ class Auto(Focuser):
 
     name: ClassVar[str] = "auto"
     title: ClassVar[str] = "the cheapest of these that does not refuse and states the wanted error"
+    bistatic: ClassVar[bool] = True
 
     error: float = option(-50.0, "largest stated error against exact backprojection, dB")
 
@@ -137,7 +151,7 @@ class Auto(Focuser):
         able: list[tuple[float, str, Focuser]] = []
         against = []
         for focuser in FOCUSERS:
-            refusal = focuser.refusal(radar, grid)
+            refusal = focuser.objection(radar, grid)
             error = math.nan if refusal else focuser.error_db(radar, grid)
             if refusal:
                 against.append(f"{focuser.name}: {refusal}")
@@ -176,11 +190,11 @@ def parse_focuser(text: str | Focuser) -> Focuser:
 
 def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
     """Raise a DataError where a focuser cannot do what is asked; it names the focusers that can."""
-    reason = focuser.refusal(radar, grid)
+    reason = focuser.objection(radar, grid)
     if reason and focuser.name == Auto.name:
         raise DataError(f"focuser {focuser.name}: {reason}")
     if reason:
-        others = [f.name for f in FOCUSERS if f.name != focuser.name and not f.refusal(radar, grid)]
+        others = [f.name for f in FOCUSERS if f.name != focuser.name and not f.objection(radar, grid)]
         remedy = f"; take focuser {' or '.join(others)}" if others else ""
         raise DataError(f"focuser {focuser.name}: {reason}{remedy}")
 

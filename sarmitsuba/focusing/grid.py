@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import ground_cell_area, incidence_angle, look_directions, matched_weights
+from sarmitsuba.focusing.aperture import (
+    ground_cell_area,
+    incidence_angle,
+    matched_weights,
+    pulse_ranges,
+    range_gradients,
+)
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.image_request import MAX_PIXELS, ImageRequest
 from sarmitsuba.radar.radar import Radar
@@ -160,7 +166,7 @@ def _check_recorded(radar: Radar, request: ImageRequest) -> None:
     middle = np.array([request.center_x, request.center_y, request.height])
     points = middle + x[..., None] * track.along + y[..., None] * radar.across
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 65).astype(int))
-    slant = np.linalg.norm(points.reshape(-1, 1, 3) - track.position[pick], axis=-1)
+    slant = pulse_ranges(radar, points.reshape(-1, 3), pick)
     start = window.start_range[pick]
     if not ((slant.max(axis=0) >= start) & (slant.min(axis=0) <= start + window.extent)).any():
         raise DataError(
@@ -183,7 +189,7 @@ def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]
     cell_range = radar.waveform.range_cell
     cell_azimuth = ground_cell_area(radar, center, weights, "rectangular") * np.sin(angle) / cell_range
     seen = weights > _WEAK * weights.max()
-    look = look_directions(radar, center)[seen]
+    look = range_gradients(radar, center)[seen]
     along = look @ radar.track.along
     if kind == "ground":
         cell_range /= np.sin(angle)
@@ -209,7 +215,7 @@ def _request_from_window(radar: Radar) -> ImageRequest:
     """Square on the ground about the aim point that stays inside the receive window and the unambiguous azimuth."""
     aim = radar.aim_point
     window, position = radar.window, radar.track.position
-    r = np.linalg.norm(aim - position, axis=1)
+    r = pulse_ranges(radar, aim)
     inside = float(min((r - window.start_range).min(), (window.start_range + window.extent - r).min()))
     if inside <= 0.0:
         raise DataError(

@@ -309,9 +309,9 @@ def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: 
         raise DataError(
             f"motion compensation {option!r}: unknown; choose one of {', '.join(MOTION_COMPENSATIONS)}"
         )
-    if not focuser.refusal(radar, grid):
+    if not focuser.objection(radar, grid):
         return None
-    if option == "off" or radar.track.is_straight:
+    if option == "off" or radar.track.is_straight or radar.receiver is not None:
         check_focuser(focuser, radar, grid)
     try:
         plan = plan_straightening(radar, grid)

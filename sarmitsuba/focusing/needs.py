@@ -7,13 +7,13 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits
 from sarmitsuba.radar.radar import Radar
 
-# pixels of a backprojection tile, and bytes of one: positions in NumPy (three times while they are made) and on the
-# device, and its place in the image
-TILE_PIXELS, TILE_BYTES = 1 << 20, 112
+# pixels of a backprojection tile; bytes of one, its place in the image; of a line of them, the position in NumPy (three
+# times while it is made) and on the device
+TILE_PIXELS, TILE_BYTES, LINE_BYTES = 1 << 20, 24, 88
 # bytes of a pixel and layer on its way: what is summed, before and after a batch of pulses
 SUMS = 24
 # bytes of a range-compressed sample as an upsampled profile, of those of one batch of pulses at most, and their copies
-PROFILE, BATCH, COPIES = 32, 12 << 20, 5
+PROFILE, BATCH, COPIES = 32, 5 << 20, 5
 # bytes of a pixel and layer in the finished image, and of those that error bars, files and pictures add
 PIXEL, FINISHING = 8, 16
 # bytes of a pixel: while a look is planned, and of its plan and one layer's field
@@ -22,12 +22,19 @@ LOOK_PIXEL, LOOK_FIELD = 60, 44
 LOOK_MARGIN = 96
 
 
-def focusing_bytes(grid: ImageGrid, n_layers: int, samples: int) -> int:
-    """Bytes of the image with all that making and keeping it takes; ``samples`` of all layers' raw data."""
-    pixels = int(np.prod(grid.shape))
-    tile = min(pixels, TILE_PIXELS)
-    making = tile * (TILE_BYTES + SUMS * min(n_layers, 4)) + COPIES * min(PROFILE * samples, BATCH)
-    return PIXEL * pixels * n_layers + max(making, FINISHING * pixels * n_layers)
+def backprojection_bytes(radar: Radar, grid: ImageGrid, n_layers: int, per_line: int = 1) -> int:
+    """Most bytes at a time while backprojection makes the pixels, ``per_line`` in a line, those included.
+
+    The raw data are held already.
+    """
+    pixels, samples = int(np.prod(grid.shape)), n_layers * radar.track.n_pulses * radar.window.n_samples
+    tile = min(pixels, TILE_PIXELS) * (TILE_BYTES + LINE_BYTES // per_line + SUMS * min(n_layers, 4))
+    return PIXEL * pixels * n_layers + tile + COPIES * min(PROFILE * samples, BATCH)
+
+
+def focusing_bytes(grid: ImageGrid, n_layers: int, making: int) -> int:
+    """Bytes of the image with all that making and keeping it takes; ``making`` of them while its pixels are made."""
+    return max(making, (PIXEL + FINISHING) * int(np.prod(grid.shape)) * n_layers)
 
 
 def look_shape(radar: Radar, grid: ImageGrid, azimuth_cell: float) -> tuple[int, int]:
@@ -46,8 +53,8 @@ def look_bytes(grid: ImageGrid, n_layers: int) -> int:
     return int(np.prod(grid.shape)) * each
 
 
-def check_image_fits(grid: ImageGrid, n_layers: int, samples: int) -> None:
-    """Refuse an image that does not fit into memory beside its raw data.
+def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
+    """Refuse an image that does not fit into memory beside its raw data; ``making`` as in :func:`focusing_bytes`.
 
     Raises
     ------
@@ -57,9 +64,9 @@ def check_image_fits(grid: ImageGrid, n_layers: int, samples: int) -> None:
     rows, columns = grid.shape
     check_fits(
         f"image: {rows} x {columns} pixels in {n_layers} layers",
-        focusing_bytes(grid, n_layers, samples),
+        focusing_bytes(grid, n_layers, making),
         "make its extents smaller or its pixel spacings wider",
     )
 
 
-__all__ = ["check_image_fits", "focusing_bytes", "look_bytes", "look_shape"]
+__all__ = ["backprojection_bytes", "check_image_fits", "focusing_bytes", "look_bytes", "look_shape"]

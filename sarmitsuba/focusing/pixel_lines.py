@@ -29,7 +29,7 @@ _SERIES = 40
 _MOST_NODES = 12
 # pixels per line and nodes are in the kernel's text: few values of both, so that other settings find it compiled
 _LINES = (1, _LONGEST_DIRECT, LONGEST_LINE)
-_NODES = (4, 8, _MOST_NODES)
+_NODES = (4, 6, 8, 10, _MOST_NODES)
 # the polynomial between nodes may err by this part of the interpolation kernel's own worst error
 _NODE_ERROR = 0.5
 # but no less than rounding to float32 does
@@ -118,6 +118,8 @@ def plan_line(radar: Radar, plan: ProfilePlan, grid: ImageGrid, checked: bool = 
     Ranges and weights are parabolas to the accuracy wanted; between the nodes the profiles err less than their
     interpolation kernel does at the band's edge. ``checked`` samples are tested pixel by pixel, without nodes.
     """
+    if radar.receiver is not None:  # two ranges, neither expanded
+        return 1, 1
     near = float(_range_bounds(grid, grid.azimuth[[0, -1]], radar.track.position)[0].min())
     steepest = _steepest(radar, grid)
     s = min(steepest, 1.0 / np.sqrt(3.0))  # where s (1 - s^2) peaks
@@ -161,8 +163,7 @@ def _steepest(radar: Radar, grid: ImageGrid) -> float:
 
 def grid_lines(radar: Radar, plan: ProfilePlan, grid: ImageGrid, tile_pixels: int) -> Iterator[PixelLines]:
     """Cut a grid into launches; lines run along azimuth, neighbouring lanes along range."""
-    padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
-    checked = not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
+    checked = may_leave_window(radar, grid)
     per_line, n_nodes = plan_line(radar, plan, grid, checked)
     n_azimuth, n_range = grid.shape
     flat = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
@@ -194,6 +195,14 @@ def point_lines(points: ArrayLike, tile_pixels: int) -> Iterator[PixelLines]:
         yield PixelLines(pick[None], points[pick], np.zeros(3))
 
 
+def may_leave_window(radar: Radar, grid: ImageGrid) -> bool:
+    """Whether a pixel of the grid, its lines' padding included, may leave some pulse's receive window."""
+    if radar.receiver is not None:
+        return True
+    padded = grid.azimuth[0], grid.azimuth[-1] + LONGEST_LINE * grid.azimuth_spacing
+    return not _within(radar, *_range_bounds(grid, np.array(padded), radar.track.position))
+
+
 def _within(radar: Radar, near: F64, far: F64) -> bool:
     """Whether ranges between bounds (n_pulses,) lie within every pulse's receive window."""
     start, spacing = radar.window.start_range, radar.window.sample_spacing
@@ -220,6 +229,7 @@ __all__ = [
     "PixelLines",
     "expansion_error",
     "grid_lines",
+    "may_leave_window",
     "nodes_needed",
     "plan_line",
     "point_lines",

@@ -40,6 +40,8 @@ class PhaseHistory:
 
     .. math:: F_{kn} = \sum_p a_p e^{-j 4 \pi f_{kn} (R_{pn} - r_n) / c}
 
+    with R half the way from the transmitter over the point to the receiver.
+
     Parameters
     ----------
     samples : (n_frequencies, n_pulses) complex
@@ -48,6 +50,7 @@ class PhaseHistory:
     reference_range : (n_pulses,) float64, m; the r_n above
     channel : polarisation, transmit first
     source : name for messages
+    receiver : (n_pulses, 3) float64, m, of the receiving antenna where that is another
     """
 
     samples: NDArray[np.number]
@@ -56,6 +59,7 @@ class PhaseHistory:
     reference_range: F64
     channel: str
     source: str
+    receiver: F64 | None = None
 
     def check(self) -> None:
         """Raise a DataError for lengths that differ, numbers that are none, and frequencies out of step."""
@@ -79,6 +83,8 @@ class PhaseHistory:
             & np.isfinite(self.position).all(axis=1)
             & np.isfinite(self.reference_range)
         )
+        if self.receiver is not None:
+            bad |= ~np.isfinite(self.receiver).all(axis=1)
         if bad.any():
             raise DataError(
                 f"{self.source}: {int(bad.sum())} of {n_pulses} pulses hold NaN or infinite numbers, the first is "
@@ -122,6 +128,11 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
             )
     if len(parts) == 1:
         return first
+    apart = [p.receiver for p in parts if p.receiver is not None]
+    if apart and len(apart) < len(parts):
+        raise DataError(
+            f"{first.source} ... {parts[-1].source}: some have a receiver apart, others none; focus them apart"
+        )
     same = all(p.frequency.ndim == 1 and np.array_equal(p.frequency, first.frequency) for p in parts)
     frequency = (
         first.frequency
@@ -135,6 +146,7 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
         position=np.concatenate([p.position for p in parts]),
         reference_range=np.concatenate([p.reference_range for p in parts]),
         source=f"{first.source} ... {parts[-1].source}",
+        receiver=np.concatenate(apart) if apart else None,
     )
     whole.check()
     return whole
@@ -155,8 +167,9 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
 
     Returns
     -------
-    RawData, range compressed, with an isotropic antenna; a focused pixel has the amplitude of F, so that |pixel|^2 is
-    in m^2 only where |F|^2 is (:func:`sarmitsuba.image.calibration.calibrate`)
+    RawData, range compressed, with an isotropic antenna, of two the one that flies further first; a focused
+    pixel has the amplitude of F, so that |pixel|^2 is in m^2 only where |F|^2 is
+    (:func:`sarmitsuba.image.calibration.calibrate`)
 
     Raises
     ------
@@ -166,7 +179,7 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     Notes
     -----
     Ignores the antenna pattern. What lies beyond the unambiguous swath is folded in already. Pulse times are
-    nominal. The spread R^2 is counted from r_n.
+    nominal. The spread R^2 is counted from r_n, that of two antennas from the point that the ranges are referred to.
     """
     for history in histories:
         history.check()
@@ -174,12 +187,15 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     for other in histories[1:]:
         if other.position.shape != first.position.shape or not (
             np.array_equal(other.position, first.position)
+            and _same(other.receiver, first.receiver)
             and np.array_equal(other.reference_range, first.reference_range)
             and np.array_equal(other.frequency, first.frequency)
         ):
             raise DataError(
                 f"{other.source}: its pulses or frequencies are not those of {first.source}; focus them apart"
             )
+    histories = [_leading(history) for history in histories]
+    first = histories[0]
     _check_order(first)
     radar = _radar(first, tuple(history.channel for history in histories))
     data = np.stack([_profiles(history, radar) for history in histories])
@@ -197,6 +213,24 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     return RawData(
         data, tuple(Layer(history.channel) for history in histories), "compressed", radar, facts, request
     )
+
+
+def _same(one: F64 | None, other: F64 | None) -> bool:
+    """Whether two histories have the same receiver, or neither has one apart."""
+    return one is other if one is None or other is None else np.array_equal(one, other)
+
+
+def _leading(history: PhaseHistory) -> PhaseHistory:
+    """The same history with the antenna that flies further as the first; ranges are the same both ways."""
+    if history.receiver is None:
+        return history
+    lengths = [
+        float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum())
+        for at in (history.position, history.receiver)
+    ]
+    if lengths[0] >= lengths[1]:
+        return history
+    return replace(history, position=history.receiver, receiver=history.position)
 
 
 def _check_order(history: PhaseHistory) -> None:
@@ -223,7 +257,8 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     n_samples = int(scipy.fft.next_fast_len(int(np.ceil(_OVERSAMPLING * bandwidth / step))))
     n_samples = max(n_samples, n_frequencies)
     path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(history.position, axis=0), axis=1))])
-    track = Track.from_samples(path / _NOMINAL_SPEED, history.position)
+    time = path / _NOMINAL_SPEED
+    track = Track.from_samples(time, history.position)
     aim = _aim_point(history, swath)
     to_aim = (aim - track.center_position) * np.array([1.0, 1.0, 0.0])
     right = np.array([track.along[1], -track.along[0], 0.0])
@@ -244,6 +279,7 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
         channels=channels,
         look_side="right" if side == "right" else "left",
         aim_point=aim,
+        receiver=None if history.receiver is None else Track.from_samples(time, history.receiver),
     )
 
 
@@ -256,11 +292,13 @@ def _band(history: PhaseHistory) -> tuple[float, float, float]:
 
 def _aim_point(history: PhaseHistory, swath: float) -> F64:
     """Point at height 0 whose distances are the reference ranges: the origin, else the best one."""
-    position, wanted = history.position, history.reference_range
+    wanted = history.reference_range
+    antennas = [one for one in (history.position, history.receiver) if one is not None]
 
     def miss(place: F64) -> F64:
         point = np.array([place[0], place[1], 0.0])
-        return np.asarray(np.linalg.norm(position - point, axis=1) - wanted)
+        ways = [np.linalg.norm(position - point, axis=1) for position in antennas]
+        return np.asarray(sum(ways) / len(ways) - wanted)
 
     if float(np.abs(miss(np.zeros(2))).max()) < 0.01 * swath:
         return np.zeros(3)
@@ -286,7 +324,11 @@ def _profiles(history: PhaseHistory, radar: Radar) -> C64:
     start = np.broadcast_to(start, (n_pulses,)) - center
     wave = 4.0 * np.pi / SPEED_OF_LIGHT
     reference = history.reference_range
-    level = radar.amplitude_constant / (reference**2 * n_frequencies)
+    spread = reference**2
+    if history.receiver is not None:
+        ways = [np.linalg.norm(radar.aim_point - at, axis=1) for at in (history.position, history.receiver)]
+        spread = ways[0] * ways[1]
+    level = radar.amplitude_constant / (spread * n_frequencies)
     data = np.empty((n_pulses, n), dtype=np.complex64)
     size = max(1, _BATCH // n)
     for first in range(0, n_pulses, size):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.metrics import equivalent_number_of_looks, windows_over
-from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.image.sar_image import ImageGrid, SarImage, block_means
 from sarmitsuba.quality.widths import grid_cells
 
 F64 = NDArray[np.float64]
@@ -161,8 +161,7 @@ def automatic_areas(
         for cell, step in zip(cells, (grid.azimuth_spacing, grid.range_spacing), strict=True)
     ]
     rows, columns = (n // p for n, p in zip(grid.shape, piece, strict=True))
-    kept = sigma0[: rows * piece[0], : columns * piece[1]]
-    means = kept.reshape(rows, piece[0], columns, piece[1]).mean(axis=(1, 3))
+    means = block_means(sigma0, (piece[0], piece[1]))
     n = round(_EDGE / _PIECE)
     middle = float(np.median(means))
     taken = np.zeros(means.shape, dtype=bool)

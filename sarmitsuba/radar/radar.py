@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
@@ -57,6 +58,9 @@ class Radar:
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
+    receiver : where the echoes are received elsewhere (bistatic data), the receiver's track at the same pulse times;
+        ``track`` is the transmitter's, and slant range is half the way from there over the point to the receiver
+        (so that both may change places)
     """
 
     mode: str
@@ -74,6 +78,14 @@ class Radar:
     half_aperture: float = np.inf
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
+    receiver: Track | None = None
+
+    def __post_init__(self) -> None:
+        if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
+            raise RadarError(
+                f"radar: {self.receiver.n_pulses} positions of the receiver and {self.track.n_pulses} of the "
+                "transmitter do not match"
+            )
 
     def __repr__(self) -> str:
         wave = f"{self.waveform.center_frequency / 1e9:.4g} GHz, {self.waveform.bandwidth / 1e6:.4g} MHz"
@@ -137,13 +149,15 @@ class Radar:
         """The same radar with positions in the frame of the user's file."""
         if not self.offset.any():
             return self
-        track, recorded = (
+        track, recorded, receiver = (
             None if one is None else replace(one, position=one.position + self.offset)
-            for one in (self.track, self.recorded)
+            for one in (self.track, self.recorded, self.receiver)
         )
         assert track is not None
         aim = self.aim_point + self.offset
-        return replace(self, track=track, recorded=recorded, aim_point=aim, offset=np.zeros(3))
+        return replace(
+            self, track=track, recorded=recorded, receiver=receiver, aim_point=aim, offset=np.zeros(3)
+        )
 
 
 __all__ = ["Radar", "ReceiveWindow"]

@@ -51,7 +51,7 @@ class Track:
         if not (np.isfinite(self.time).all() and np.isfinite(self.position).all()):
             raise RadarError("track: time and position must be finite")
         if n > 1 and not (np.diff(self.time) > 0).all():
-            raise RadarError("track: pulse times must increase strictly")
+            raise RadarError("track: pulse times must increase strictly; sort the pulses by time")
 
     @property
     def n_pulses(self) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.calibration import backscatter
-from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.sar_image import SarImage, block_means
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.quality.looks import spectral_looks
 from sarmitsuba.units import db_from_power
@@ -227,9 +227,9 @@ def _values(image: SarImage, options: PictureOptions, block: tuple[int, int]) ->
     quantity = options.quantity
     if quantity == "phase":
         total = image.total(options.channel).astype(np.complex128)
-        return np.asarray(np.angle(_mean(total.real, block) + 1j * _mean(total.imag, block)))
+        return np.asarray(np.angle(block_means(total.real, block) + 1j * block_means(total.imag, block)))
     power = backscatter(image, "rcs" if quantity == "amplitude" else quantity, options.channel)
-    mean = _mean(power, block)
+    mean = block_means(power, block)
     return np.sqrt(mean) if quantity == "amplitude" else db_from_power(mean)
 
 
@@ -247,7 +247,7 @@ def _limits(values: F64, options: PictureOptions, clutter: bool | None) -> tuple
 def _clutter_db(values_db: F64, known: bool | None) -> float | None:
     """Level of clutter, dB; None where there is none but targets and their side lobes."""
     looks = _LOOKS if min(values_db.shape) >= 8 * _LOOKS else 1
-    power = _mean(10.0 ** (np.where(np.isfinite(values_db), values_db, -np.inf) / 10.0), (looks, looks))
+    power = block_means(10.0 ** (np.where(np.isfinite(values_db), values_db, -np.inf) / 10.0), (looks, looks))
     lit = db_from_power(power[power > 0.0])
     if known is None and lit.size:
         low, high = np.percentile(lit, (75.0, 95.0))
@@ -267,13 +267,6 @@ def has_clutter(image: SarImage) -> bool | None:
     """Whether anything scatters diffusely, as the simulation says; None where an image does not say."""
     effect = image.metadata.get("effects", {}).get("effects", {}).get("diffuse", {})
     return bool(effect["on"]) if "on" in effect else None
-
-
-def _mean(values: F64, block: tuple[int, int]) -> F64:
-    """Mean over blocks of (azimuth, range) values; what does not fill a block is left out."""
-    rows, columns = values.shape[0] // block[0], values.shape[1] // block[1]
-    kept = np.asarray(values, dtype=np.float64)[: rows * block[0], : columns * block[1]]
-    return np.asarray(kept.reshape(rows, block[0], columns, block[1]).mean(axis=(1, 3)))
 
 
 __all__ = [

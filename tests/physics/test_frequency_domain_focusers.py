@@ -20,10 +20,8 @@ from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.loader.build import build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.validation.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
 REQUEST = {
@@ -35,7 +33,6 @@ REQUEST = {
     "spacing_azimuth": 0.0,
     "spacing_range": 0.0,
 }
-CELLS = 72  # edge of an image, resolution cells
 # seeds of the geometries: heading, squint, look angle and side are random
 GEOMETRIES = [
     (mode, slant_range, cell, seed)
@@ -44,28 +41,7 @@ GEOMETRIES = [
 ]
 
 
-@cache
-def geometry(mode: str, slant_range: float, cell: float, seed: int) -> tuple[Radar, ImageGrid]:
-    """A radar in a random geometry and a slant grid about its aim point."""
-    rng = np.random.default_rng([13, seed, len(mode)])
-    beam = {"antenna_length": 2.0 * cell, "antenna_height": 0.05} if mode == "stripmap" else {}
-    radar = RadarDescription(
-        mode=mode,
-        slant_range=slant_range,
-        look_angle_deg=rng.uniform(25.0, 55.0),
-        heading_deg=rng.uniform(0.0, 360.0),
-        look_side=("left", "right")[rng.integers(2)],
-        squint_angle_deg=rng.uniform(-4.0, 4.0),
-        bandwidth=0.5 * SPEED_OF_LIGHT / cell,
-        azimuth_resolution=cell,
-        speed=7500.0 if slant_range > 1e5 else 100.0,
-        pattern="rectangular" if beam else "isotropic",
-        **beam,
-    )
-    extent = CELLS * cell
-    film = FilmDescription(image_grid="slant", image_extent_azimuth=extent, image_extent_range=extent)
-    scene = build_scene(points=[PointTarget("aim", np.zeros(3), 1.0)], radar=radar, film=film)
-    return scene.radar, default_grid(scene.radar, scene.image)
+geometry = cache(random_geometry)
 
 
 def points_of(grid: ImageGrid) -> np.ndarray:

@@ -134,3 +134,54 @@ def test_predicted_memory_is_what_a_run_takes(arguments: tuple[str, ...], tmp_pa
     predicted = float(words[words.index("memory,") - 3]) * unit
     # tol: libraries' pages and compiled kernels differ from machine to machine
     assert predicted == pytest.approx(peak, rel=0.3)
+
+
+# bytes that one call of focus adds, after one that has loaded and compiled what it needs
+FOCUSING = """
+import sys
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.focusing.focuser import parse_focuser
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.memory import held_memory, peak_memory
+
+def case(pixels, samples, pulses):
+    radar = ideal_radar(resolution=0.7 * 390 / pulses, n_samples=samples, bandwidth=300e6)
+    request = {"grid": sys.argv[2], "extent_azimuth": 0.25 * pixels, "extent_range": 0.25 * pixels}
+    return radar, default_grid(radar, {**request, "spacing_azimuth": 0.25, "spacing_range": 0.25})
+
+name, numbers = sys.argv[1], [int(word) for word in sys.argv[3:]]
+for sizes in ((100, 256, 390), numbers):
+    radar, grid = case(*sizes)
+    raw = ideal_echoes(radar, [0, 0, 0])
+    held = held_memory()
+    open("/proc/self/clear_refs", "w").write("5")  # the peak counts from here
+    focus(raw, grid, focuser=name)
+print(parse_focuser(name).making_bytes(radar, grid, 1), peak_memory() - held)
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/clear_refs"), reason="Linux resets a process's peak")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("name", "grid"),
+    [
+        ("backprojection", "ground"),
+        ("omega_k", "slant"),
+        ("range_doppler", "ground"),
+        ("chirp_scaling", "ground"),
+        ("polar_format", "ground"),
+    ],
+)
+def test_focusers_take_the_memory_they_state(name: str, grid: str) -> None:
+    rng = np.random.default_rng(list(name.encode()))
+    sizes = [int(rng.integers(700, 1100)), int(rng.choice([1024, 3000])), int(rng.integers(300, 800))]
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", FOCUSING, name, grid, *map(str, sizes)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ,
+    )
+    stated, taken = (int(word) for word in done.stdout.split())
+    # tol: what threads hold at a time, and pages that the allocator keeps or gives back, differ from run to run
+    assert 0.8 * taken < stated < 2.0 * taken + 80e6, f"{sizes}: {stated / 1e6:.0f} MB, {taken / 1e6:.0f} MB"

@@ -236,7 +236,10 @@ BAD: dict[str, tuple[Callable[[Fields], object], str]] = {
     "real": (changed("fp", np.abs), "not complex frequency x pulse"),
     "text": (changed("freq", lambda _: "9.6 GHz"), "freq holds .*, not numbers"),
     "negative r0": (changed("r0", lambda r: -r), "r0 must be above 0"),
-    "bistatic": (lambda content: content.update(xt=content["x"]), "xt are positions of a transmitter apart"),
+    "bistatic": (
+        lambda content: content.update(xt=content["x"]),
+        "xt: one antenna apart from x, y, z is taken",
+    ),
 }
 
 

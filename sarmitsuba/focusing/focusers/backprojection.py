@@ -26,7 +26,14 @@ from sarmitsuba.focusing.backprojection_kernel import (
     accumulate,
 )
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.pixel_lines import PixelLines, grid_lines, point_lines
+from sarmitsuba.focusing.needs import backprojection_bytes
+from sarmitsuba.focusing.pixel_lines import (
+    PixelLines,
+    grid_lines,
+    may_leave_window,
+    plan_line,
+    point_lines,
+)
 from sarmitsuba.focusing.profiles import ProfilePlan, parse_interpolation, plan_profiles, plan_spectrum
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -76,7 +83,8 @@ def backproject(
 
     with w the azimuth window over the pulses, or over the pixel's own aperture where the radar states one (stripmap),
     and g the antenna's relative two-way amplitude towards p, so that :math:`|I|^2` is the RCS at a point's peak
-    whatever the range, track, window and pattern.
+    whatever the range, track, window and pattern. Where the receiver is at B_t, apart from the transmitter,
+    :math:`R_t = (|p - A_t| + |p - B_t|) / 2`, and :math:`R_t^2` is the product of both.
 
     Parameters
     ----------
@@ -85,7 +93,7 @@ def backproject(
     range_window, azimuth_window : names for :func:`sarmitsuba.focusing.windows.parse_window`; azimuth is over the
         pulse index, or over the sine along the flight within the pixel's own aperture
     interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
-    oversampling : range upsampling factor, 0 = 8 for ``linear`` and 2 for the others
+    oversampling : range upsampling factor, 0 = 6 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
     batch_bytes : of profiles per batch of pulses; they should stay in the last-level cache while every pixel reads
         them
@@ -98,10 +106,13 @@ def backproject(
     Notes
     -----
     Ignores the antenna's motion within a pulse and the atmosphere. Pixels that no pulse saw are zero. Memory beyond
-    the image is bounded: pulses and pixels go in batches.
+    the image is bounded: pulses and pixels go in batches. Bistatic ranges are evaluated pixel by pixel, without lines.
     """
     if raw.domain != "compressed":
         raise DataError("backprojection: the data are not range compressed; call range_compress first")
+    refusal = bistatic_refusal(raw.radar)
+    if refusal:
+        raise DataError(f"backprojection: {refusal}")
     types = arrays()
     plan = plan_profiles(
         raw.radar, parse_window(range_window), interpolation=interpolation, oversampling=oversampling
@@ -143,6 +154,7 @@ def _focus_lines(
     """Sum all pulses for one launch and store its calibrated pixels in ``image``."""
     radar = raw.radar
     n_layers = layers.stop - layers.start
+    receiver = None if radar.receiver is None else radar.receiver.position
     stride = 2 * n_layers + 1
     per_line, lanes = lines.index.shape
     middle = tuple(device_array(types.Float64, lines.middle[:, axis]) for axis in range(3))
@@ -168,6 +180,7 @@ def _focus_lines(
             n_plane=dr.opaque(types.UInt32, n * plan.n_stored),
             last=dr.opaque(types.Int32, plan.last),
             positions=device_array(types.Float64, _pulse_table(radar, plan, batch)),
+            receivers=None if receiver is None else device_array(types.Float64, receiver[batch].ravel()),
             axes=device_array(types.Float32, _axes_table(radar, weights, batch)),
             profiles=device_array(types.UInt64, plan.profiles(raw.data[layers, batch]).view(np.uint64)),
         )
@@ -230,12 +243,19 @@ def backproject_numpy(
     plan = plan_spectrum(radar, parse_window(range_window))
     bins = np.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
     image = np.zeros((len(raw.layers), points.shape[0]), dtype=np.complex128)
+    tracks = [radar.track] if radar.receiver is None else [radar.track, radar.receiver]
     for t in range(radar.track.n_pulses):
-        r = np.linalg.norm(points - radar.track.position[t], axis=1)
+        legs = [np.linalg.norm(points - track.position[t], axis=1) for track in tracks]
+        r = sum(legs) / len(legs)
         spectrum = np.fft.fft(raw.data[:, t].astype(np.complex128), n=plan.n_fft) * plan.gains / plan.n_fft
         position = (r - radar.window.start_range[t]) / plan.sample_spacing
         profile = spectrum @ np.exp(2j * np.pi / plan.n_fft * np.outer(bins, position))
-        image += profile * r**2 * np.exp(4j * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * r)
+        image += (
+            profile
+            * legs[0]
+            * legs[-1]
+            * np.exp(4j * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT * r)
+        )
     return image / (radar.amplitude_constant * radar.track.n_pulses)
 
 
@@ -243,24 +263,47 @@ def backproject_numpy(
 _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -124.0}
 
 
+def bistatic_refusal(radar: Radar) -> str:
+    """Why the sum cannot be made for a receiver apart from the transmitter; empty when it can, or there is none."""
+    if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
+        return ""
+    return "a receiver apart from the transmitter has no pattern or Doppler band; give an isotropic antenna"
+
+
 @dataclass(frozen=True)
 class Backprojection(Focuser):
-    """Time-domain backprojection, see :func:`backproject`; refuses nothing."""
+    """Time-domain backprojection, see :func:`backproject`; refuses nothing but bistatic data with a pattern."""
 
     name: ClassVar[str] = "backprojection"
-    title: ClassVar[str] = "any track and any grid"
+    title: ClassVar[str] = "any track and any grid, bistatic too"
+    bistatic: ClassVar[bool] = True
 
     interpolation: str = option(
         "kernel", "of range profiles: linear (fastest), kernel:4, kernel, kernel:8 (best)"
     )
-    oversampling: int = option(0, "range upsampling factor; 0 = 8 for linear and 2 for the others")
+    oversampling: int = option(0, "range upsampling factor; 0 = 6 for linear and 2 for the others")
+
+    def refusal(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        return bistatic_refusal(radar)
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of the interpolation over range, as benchmarks/focusers.py measures it."""
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step
-            return -18.0 - 12.0 * float(np.log2(self.oversampling or 8))
+            return -18.0 - 12.0 * float(np.log2(self.oversampling or 6))
         return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
+        plan = plan_profiles(
+            radar,
+            parse_window("rectangular"),
+            interpolation=self.interpolation,
+            oversampling=self.oversampling,
+        )
+        per_line, _ = plan_line(radar, plan, grid, may_leave_window(radar, grid))
+        return backprojection_bytes(radar, grid, n_layers, per_line)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

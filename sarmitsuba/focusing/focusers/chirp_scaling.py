@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.geometry import slant_grid
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
@@ -17,6 +17,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
+from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ, VirtualChirp
 from sarmitsuba.image.sar_image import ImageGrid
@@ -62,7 +63,7 @@ class _Lines(RangeLaw):
 
 
 @dataclass(frozen=True)
-class ChirpScaling(Focuser):
+class ChirpScaling(RowsFocuser):
     r"""Chirp scaling algorithm: FFTs and phase multiplications only.
 
     In the range-Doppler domain an echo of range :math:`\rho` stands at :math:`\rho / D(f_\eta)`. Multiplying its chirp

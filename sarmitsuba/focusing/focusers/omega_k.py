@@ -11,7 +11,7 @@ from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.azimuth_band import SAMPLE_SECONDS, azimuth_fits
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
@@ -20,6 +20,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
+from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
 from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.windows import Window, parse_window
@@ -114,7 +115,7 @@ _WITHOUT: dict[str, Treatment] = {
 
 
 @dataclass(frozen=True)
-class OmegaK(Focuser):
+class OmegaK(RowsFocuser):
     r"""Wavenumber-domain focusing: fast, for straight tracks and grids along them.
 
     The reference function multiplication focuses the reference range, the image's middle:

@@ -30,6 +30,8 @@ LARGEST_PHASE = 0.3
 _NODES = 33
 # pixels, or cells that samples are spread to, worked on at once
 _BATCH = 1 << 21
+# bytes of a pixel, of a sample of the raw data, and of such a batch, in all arrays that are held together
+_PIXEL_BYTES, _SAMPLE_BYTES, _BATCH_BYTES = 207, 63, 64_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,6 +298,11 @@ class PolarFormat(Focuser):
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it cannot focus this radar's data on this grid; empty when it can."""
         return refusal(radar, grid)
+
+    def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
+        """Most bytes at a time while it makes the pixels, those included."""
+        pixels, samples = int(np.prod(grid.shape)), radar.track.n_pulses * radar.window.n_samples
+        return pixels * (_PIXEL_BYTES + 8 * n_layers) + _SAMPLE_BYTES * samples + _BATCH_BYTES
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
+from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -17,6 +17,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
+from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
 from sarmitsuba.focusing.frequency_domain.stretching import interpolate, kernel_transform
 from sarmitsuba.image.sar_image import ImageGrid
@@ -58,7 +59,7 @@ class _Lines(RangeLaw):
 
 
 @dataclass(frozen=True)
-class RangeDoppler(Focuser):
+class RangeDoppler(RowsFocuser):
     r"""Range-Doppler algorithm with range migration correction and secondary range compression, each switchable.
 
     Range FFT, azimuth FFT, secondary range compression in the two-dimensional spectrum, back to range; then, for every

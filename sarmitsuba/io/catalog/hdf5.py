@@ -38,6 +38,8 @@ FORMAT_VERSION = 2
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
 FRAME = "the scene file's own: x east, y north, z up, metres"
 
+# fields of a radar that stand elsewhere
+_TRACKS = ("track", "offset", "recorded", "receiver")
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
@@ -109,8 +111,10 @@ def write_raw(path: Path | str, raw: RawData) -> None:
 
     def fill(file: h5py.File) -> None:
         radar = raw.radar.in_file_frame()
-        groups.write_fields(file.create_group("radar"), radar, leave_out=("track", "offset", "recorded"))
+        groups.write_fields(file.create_group("radar"), radar, leave_out=_TRACKS)
         groups.write_fields(file.create_group("track"), radar.track)
+        if radar.receiver is not None:
+            groups.write_fields(file.create_group("receiver_track"), radar.receiver)
         if raw.flown is not None:
             flown = replace(raw.flown, position=raw.flown.position + raw.radar.offset)
             groups.write_fields(file.create_group("flown_track"), flown)
@@ -158,9 +162,12 @@ def read_raw(path: Path | str) -> RawData:
 
     def load(file: h5py.File) -> RawData:
         track = groups.read_fields(groups.group_of(file, "track"), Track)
-        radar = groups.read_fields(
-            groups.group_of(file, "radar"), Radar, track=track, offset=np.zeros(3), recorded=None
+        receiver, flown = (
+            groups.read_fields(groups.group_of(file, name), Track) if groups.has(file, name) else None
+            for name in ("receiver_track", "flown_track")
         )
+        known = {"track": track, "offset": np.zeros(3), "recorded": None, "receiver": receiver}
+        radar = groups.read_fields(groups.group_of(file, "radar"), Radar, **known)
         pulses = (track.n_pulses, 3)
         _check_shape("radar", {"aim_point": (3,)}, radar)
         _check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
@@ -174,9 +181,8 @@ def read_raw(path: Path | str) -> RawData:
             raise DataError(f"{domain} echoes of {data.shape[2]} samples do not match /radar/window")
         asked = groups.has(file, "image_request")
         request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
-        apart = groups.has(file, "flown_track")
-        flown = groups.read_fields(groups.group_of(file, "flown_track"), Track) if apart else None
         metadata = _read_metadata(file)
+        _check_echoes(data)
         return RawData(data, layers, domain, radar, metadata, request, flown)  # type: ignore[arg-type]
 
     return _read(path, "raw data", "raw data", load)
@@ -316,6 +322,16 @@ def _read_planes(file: h5py.File, kind: _Kind) -> tuple[NDArray[np.complex64], t
     for row, plane in zip(data, planes, strict=True):
         plane.read_direct(row)
     return data, tuple(layers)
+
+
+def _check_echoes(data: NDArray[np.complex64]) -> None:
+    """Raise a DataError where a pulse holds NaN or infinite numbers."""
+    bad = [i for i in range(data.shape[1]) if not np.isfinite(data[:, i]).all()]
+    if bad:
+        raise DataError(
+            f"{len(bad)} of {data.shape[1]} pulses hold NaN or infinite numbers, the first is pulse {bad[0]}; set "
+            "them to zero"
+        )
 
 
 def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:

@@ -7,6 +7,7 @@ A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequen
 import re
 import warnings
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,9 @@ from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")
 _PER_PULSE = ("x", "y", "z", "r0", "th", "phi")
-# positions of a transmitter apart from the receiver
-_BISTATIC = ("xt", "yt", "zt", "tx", "ty", "tz")
+# names of a second antenna's position, x, y, z then being that of the other: a transmitter's, and a receiver's
+_TRANSMITTER = (("xt", "yt", "zt"), ("tx", "ty", "tz"))
+_RECEIVER = (("xr", "yr", "zr"), ("rx", "ry", "rz"))
 _CHANNEL = re.compile(r"(?:^|[_\-.])(HH|HV|VH|VV)$", re.IGNORECASE)
 
 
@@ -54,23 +56,20 @@ def read_history(path: Path) -> PhaseHistory:
         raise DataError(
             f"{path}: {_STRUCT} has no {', '.join(missing)}; it has {', '.join(sorted(fields)) or 'no fields'}"
         )
-    bistatic = [name for name in _BISTATIC if name in fields]
-    if bistatic:
-        raise DataError(
-            f"{path}: {', '.join(bistatic)} are positions of a transmitter apart from the receiver; only data with one "
-            "antenna for both can be focused"
-        )
+    second = _second_antenna(path, fields)
     if "af" in fields:  # the same text for every file, so that it is shown once
         warnings.warn(
             "phase histories: an autofocus solution, data.af, is not applied", SarmitsubaWarning, stacklevel=2
         )
-    numbers = {name: _numbers(path, name, fields[name]) for name in {*_NEEDED, *_PER_PULSE} & set(fields)}
+    numbers = {
+        name: _numbers(path, name, fields[name]) for name in {*_NEEDED, *_PER_PULSE, *second} & set(fields)
+    }
     samples = numbers["fp"]
     if samples.ndim != 2 or not np.iscomplexobj(samples):
         raise DataError(
             f"{path}: fp is {samples.dtype} of shape {samples.shape}, not complex frequency x pulse"
         )
-    for name in _PER_PULSE:
+    for name in (*_PER_PULSE, *second):
         if name in numbers and numbers[name].size != samples.shape[1]:
             raise DataError(
                 f"{path}: {name} has {numbers[name].size} values, fp has {samples.shape[1]} pulses"
@@ -78,17 +77,40 @@ def read_history(path: Path) -> PhaseHistory:
     frequency = _real(path, "freq", numbers["freq"])
     # row, column, or one column per pulse
     frequency = frequency.ravel() if min(frequency.shape, default=1) == 1 else frequency
+    first, other = (
+        np.stack([_real(path, name, numbers[name]).ravel() for name in names], axis=1) if names else None
+        for names in (("x", "y", "z"), second)
+    )
+    assert first is not None
+    if second in _TRANSMITTER and other is not None:
+        first, other = other, first
     found = _CHANNEL.search(path.stem)
     history = PhaseHistory(
         samples=samples,
         frequency=frequency,
-        position=np.stack([_real(path, name, numbers[name]).ravel() for name in "xyz"], axis=1),
+        position=first,
         reference_range=_real(path, "r0", numbers["r0"]).ravel(),
         channel=found.group(1).upper() if found else "VV",
         source=path.name,
+        receiver=other,
     )
     history.check()
     return history
+
+
+def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]:
+    """Names of the second antenna's coordinates; empty where one antenna sends and receives."""
+    found = [names for names in (*_TRANSMITTER, *_RECEIVER) if any(name in fields for name in names)]
+    if not found:
+        return ()
+    missing = [name for name in found[0] if name not in fields]
+    if len(found) > 1 or missing:
+        there = ", ".join(name for names in found for name in names if name in fields)
+        raise DataError(
+            f"{path}: {there}: one antenna apart from x, y, z is taken, a transmitter (xt, yt, zt) or a "
+            "receiver (xr, yr, zr), with all three coordinates"
+        )
+    return found[0]
 
 
 def _fields(path: Path) -> dict[str, object]:

@@ -10,6 +10,7 @@ from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.direct import plan_direct
 from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.needs import focusing_bytes, look_bytes, look_shape
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits, held_memory, in_bytes
@@ -219,7 +220,9 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
-    focusing = focusing_bytes(grid, n_layers, samples) if grid else 0
+    focusing = (
+        focusing_bytes(grid, n_layers, Backprojection().making_bytes(radar, grid, n_layers)) if grid else 0
+    )
     shape = grid.shape if grid else (0, 0)
     focus = float(np.prod(shape)) * n_layers * n_pulses * TWO_CORES.pixel_pulse
     if sampling is None:
