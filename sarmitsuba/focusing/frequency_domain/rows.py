@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import band_weights
 from sarmitsuba.focusing.focuser import Focused, FocusTask
+from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
 from sarmitsuba.focusing.frequency_domain.geometry import (
     TrackGeometry,
-    boresight_sine,
     range_walk,
     rate_factor,
     slant_grid,
@@ -37,7 +36,7 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_refusal,
 )
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
-from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights, sine_weight
+from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
 from sarmitsuba.focusing.ground import slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
 from sarmitsuba.focusing.windows import Window
@@ -232,8 +231,8 @@ def _map_rows(
     first = int(np.ceil((center.min() - nyquist) / dkx))
     last = int(np.floor((center.max() + nyquist) / dkx))
     m = np.arange(first, last + 1)
-    weight = sine_weight(radar, grid, (first * dkx / k.min(), last * dkx / k.min()))
-    own = np.isfinite(radar.half_aperture)
+    reach = np.array([first, last + 1]) * (dkx / k.min())
+    aperture = aperture_filter(radar, grid, geometry, window, reach)
     out = np.zeros((m.size, grid.range.size), dtype=np.complex64)
 
     def work(start: int, stop: int) -> None:
@@ -246,14 +245,11 @@ def _map_rows(
         phase -= kx * (geometry.x[0] - geometry.x_center)
         ratio = (k / ky).astype(np.float32)
         gain = ratio * ratio * ratio / np.sqrt(ky.astype(np.float32))
-        sine = kx / k
-        if weight is not None:
-            gain *= np.interp(sine, *weight)
-        if own:
-            gain *= band_weights(sine - boresight_sine(radar), dkx / k, radar.half_aperture, window)
         gain[~keep] = 0.0
         value = unit_phasor(phase)
         value *= gain
+        if aperture is not None:
+            value *= aperture(kx, k, ky)
         value *= spectrum[m[start:stop] % n_x]
         out[start:stop] = law.lines(value, kx, ky)
 
