@@ -48,6 +48,8 @@ C64 = NDArray[np.complex64]
 
 # samples of the spectrum mapped at once by a thread: bounds the temporary memory and fits the caches
 _BATCH = 1 << 18
+# bins beyond the band's edges that a longer transform keeps: profiles that end with the receive window leak there
+_EDGE = 16
 # pulses of zeros on either side of the aperture while the pulse rate is raised
 _GUARD = 32
 
@@ -154,25 +156,26 @@ def focus_rows(
     extra = range_walk(radar, geometry) + int(
         np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
     )
-    plan = plan_spectrum(radar, task.range_window, extra=extra)
-    bins = scipy.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
-    half = int(bins[plan.gains > 0.0].max())
-    low = int(bins[plan.gains > 0.0].min())
+    plan = plan_spectrum(radar, task.range_window)
+    n_fft = max(plan.n_fft, plan_spectrum(radar, task.range_window, extra=extra).n_fft)
+    used = scipy.fft.fftfreq(plan.n_fft)[plan.gains > 0.0]
+    low = max(int(used.min() * n_fft) - _EDGE, -(n_fft // 2))
+    high = min(int(used.max() * n_fft) + _EDGE, (n_fft - 1) // 2)
     band = Band(
         center_wavenumber=kc,
         first=low,
-        count=half - low + 1,
-        step=2.0 * np.pi / (plan.n_fft * radar.window.sample_spacing),
+        count=high - low + 1,
+        step=2.0 * np.pi / (n_fft * radar.window.sample_spacing),
         sines=sines,
         rho=grid.range,
         geometry=geometry,
     )
-    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / plan.n_fft)
+    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / n_fft)
     turn = np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
     rows_law = law(band)
     image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
     for layer in range(len(raw.layers)):
-        spectrum = _range_spectrum(raw.data[layer], radar, plan, band, weights)
+        spectrum = _range_spectrum(raw.data[layer], radar, plan, n_fft, band, weights)
         dense = geometry
         if upsampling > 1:
             spectrum, dense = _densify(spectrum, kc + band.offset, geometry, upsampling)
@@ -195,20 +198,27 @@ def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> Non
         list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
-def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, band: Band, weights: F64) -> C64:
+def _range_spectrum(
+    data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: Band, weights: F64
+) -> C64:
     """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
     out = np.empty((data.shape[0], band.count), dtype=np.complex64)
-    index = (band.first + np.arange(band.count)) % plan.n_fft
+    index = (band.first + np.arange(band.count)) % n_fft
     shift = radar.window.start_range - band.geometry.range_center
 
     def work(start: int, stop: int) -> None:
         part = slice(start, stop)
-        line = plan.spectrum(data[part], workers=1)[:, index]
+        line = plan.spectrum(data[part], workers=1)
+        if n_fft > plan.n_fft:
+            # longer transforms weigh the band's edges otherwise: the profiles are those of every focuser first
+            line = scipy.fft.ifft(line, axis=1, overwrite_x=True)[:, : data.shape[1]]
+            line = scipy.fft.fft(line, n=n_fft, axis=1, overwrite_x=True)
+        line = line[:, index]
         line *= phase_ramp(-shift[part] * band.step, band.first, band.count)
         line *= weights[part, None].astype(np.float32)
         out[part] = line
 
-    _in_threads(work, data.shape[0], max(1, _BATCH // plan.n_fft))
+    _in_threads(work, data.shape[0], max(1, _BATCH // n_fft))
     return out
 
 
