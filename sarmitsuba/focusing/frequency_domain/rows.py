@@ -13,6 +13,7 @@ transformed over the track by stationary phase), so that all give the same compl
 """
 
 import os
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +24,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.focuser import Focused, FocusTask
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
 from sarmitsuba.focusing.frequency_domain.geometry import (
@@ -46,6 +47,8 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
+# Doppler band of the image over the PRF from which on it is said that the image folds over
+_FOLDED = 1.05
 # samples of the spectrum mapped at once by a thread: bounds the temporary memory and fits the caches
 _BATCH = 1 << 18
 # bins beyond the band's edges that a longer transform keeps: profiles that end with the receive window leak there
@@ -149,7 +152,14 @@ def focus_rows(
     own = np.isfinite(radar.half_aperture)
     weights = np.ones(radar.track.n_pulses) if own else task.azimuth_window.aperture(radar.track.n_pulses)
 
-    upsampling = rate_factor(name, radar, grid, geometry)
+    upsampling, band_fill = rate_factor(radar, grid, geometry)
+    if band_fill > _FOLDED:
+        warnings.warn(
+            f"{name}: the image needs a Doppler bandwidth of {band_fill:.2f} times the PRF, and so folds over; "
+            "shrink it in azimuth, raise prf or use focuser backprojection",
+            SarmitsubaWarning,
+            stacklevel=3,
+        )
     kc = 4.0 * np.pi / radar.waveform.wavelength
     reach = np.pi * upsampling / (geometry.spacing * kc)
     sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
@@ -198,9 +208,7 @@ def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> Non
         list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
-def _range_spectrum(
-    data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: Band, weights: F64
-) -> C64:
+def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: Band, weights: F64) -> C64:
     """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
     out = np.empty((data.shape[0], band.count), dtype=np.complex64)
     index = (band.first + np.arange(band.count)) % n_fft
