@@ -1,8 +1,9 @@
 """All focusers on the same raw data at growing sizes: error, impulse response, processor seconds, memory.
 
-Used by ``focusers.py``. Spotlight from 700 km, n pulses of n samples and an image of n x n pixels: a geometry that every
-algorithm takes at all sizes. Of backprojection, whose rows all take the same time, as many as ``LONGEST`` allows are
+Used by ``focusers.py``. Spotlight from 700 km, n pulses of n samples and an image of n x n pixels: a geometry that
+every algorithm takes at all sizes. Of backprojection, whose rows all take the same time, as many as ``LONGEST`` allows are
 timed; the table says so.
+"""
 
 import math
 import time
