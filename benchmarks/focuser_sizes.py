@@ -1,8 +1,8 @@
 """All focusers on the same raw data at growing sizes: error, impulse response, processor seconds, memory.
 
 Used by ``focusers.py``. Spotlight from 700 km, n pulses of n samples and an image of n x n pixels: a geometry that
-every algorithm takes at all sizes. Of backprojection, whose rows all take the same time, as many as ``LONGEST`` allows are
-timed; the table says so.
+every algorithm takes at all sizes. Of backprojection, whose rows all take the same time, as many as ``LONGEST`` allows
+are timed; the table says so.
 """
 
 import math
@@ -28,7 +28,6 @@ from sarmitsuba.progress import silent
 
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)
 RANGE, BANDWIDTH = 700e3, 100e6  # m, Hz: swaths of 1.3 to 5 km
-ROUNDS = 2  # the faster one counts: other programs only ever add to processor time
 LONGEST = 2**33  # pixel-pulses that are timed at once: about a minute
 CHIP = 48  # pixels about a point
 
@@ -123,9 +122,9 @@ def row(focuser: Focuser, one: Setting, chips: list[Chip]) -> dict[str, Any]:
     by_pixels = focuser.name == "backprojection"  # every row takes the same time, so a part of them will do
     rows = min(n, max(8, LONGEST // (n * pulses))) if by_pixels else n
     part = replace(grid, azimuth=grid.azimuth[:rows])
-    pixels, _ = once(focuser, raw, part)  # compiles
-    out["cpu_s"] = min(once(focuser, raw, part)[1] for _ in range(ROUNDS)) * n / rows
-    out["share"] = rows / n
+    out["memory_mb"] = memory(focuser, raw, part) / 2**20  # compiles, too
+    pixels, seconds = once(focuser, raw, part)
+    out["cpu_s"], out["share"] = seconds * n / rows, rows / n
     if by_pixels:
         values = [once(focuser, raw, chip.grid)[0] for chip in chips]
     else:
@@ -133,7 +132,6 @@ def row(focuser: Focuser, one: Setting, chips: list[Chip]) -> dict[str, Any]:
     pairs = [(chip.measure(v), chip.measure(chip.reference)) for v, chip in zip(values, chips, strict=True)]
     axes = [(getattr(a, axis), getattr(b, axis)) for a, b in pairs for axis in ("azimuth", "range")]
     return out | {
-        "memory_mb": memory(focuser, raw, part) / 2**20,
         "error_db": max(image_error_db(v, chip.reference) for v, chip in zip(values, chips, strict=True)),
         "irw_percent": max(abs(100.0 * (a.irw / b.irw - 1.0)) for a, b in axes),
         "pslr_db": max(abs(a.pslr_db - b.pslr_db) for a, b in axes),

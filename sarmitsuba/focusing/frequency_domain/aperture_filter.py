@@ -17,7 +17,7 @@ C64 = NDArray[np.complex64]
 
 # nodes of the weight over the aperture's sines, linear between them
 _NODES = 4097
-# the tails of the aperture's ends are tabulated up to this argument, with as many nodes to one; they are below 1 % there
+# tails of the aperture's ends are tabulated up to this argument, where they are below 1 %, with as many nodes to one
 _FAR, _FINE = 32.0, 256
 # largest sine that an aperture reaches
 _STEEPEST = 0.999
