@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.focusing.windows import Window
@@ -17,8 +18,9 @@ C64 = NDArray[np.complex64]
 
 # nodes of the weight over the aperture's sines, linear between them
 _NODES = 4097
-# tails of the aperture's ends are tabulated up to this argument, where they are below 1 %, with as many nodes to one
-_FAR, _FINE = 32.0, 256
+# the tails of the aperture's ends, without their phase, are tabulated up to this argument with as many nodes to one;
+# they fall as its inverse from there on
+_FAR, _FINE = 32.0, 64
 # largest sine that an aperture reaches
 _STEEPEST = 0.999
 
@@ -31,7 +33,7 @@ class _End:
     ----------
     sine : where it is
     sign : 1 where the aperture lies at lesser sines, else -1
-    tail : (2 n,) complex64 at arguments 0 ... _FAR outside of the aperture, then inside
+    tail : (2 n,) complex64 at arguments 0 ... _FAR outside of the aperture, then inside, without the phase
     """
 
     sine: float
@@ -43,8 +45,8 @@ class _End:
         """Where the weight has this level, and this slope outwards per unit of the argument."""
         v = np.arange(0.0, _FAR + 0.5 / _FINE, 1.0 / _FINE)
         s, c = fresnel(v)
-        tail = 0.5 - (c + 1j * s) / (1.0 + 1j)
-        kink = 1j * np.exp(0.5j * np.pi * v**2) / (np.pi * (1.0 + 1j))
+        tail = (0.5 - (c + 1j * s) / (1.0 + 1j)) * np.exp(-0.5j * np.pi * v**2)
+        kink = 1j / (np.pi * (1.0 + 1j))
         outside = (level + slope * v) * tail - slope * kink
         inside = (slope * v - level) * tail - slope * kink
         return _End(sine, sign, np.concatenate([outside, inside]).astype(np.complex64))
@@ -53,15 +55,18 @@ class _End:
         """Add the end's tail at wavenumbers to ``out``."""
         cosine = np.sqrt(1.0 - self.sine**2)
         # of the filter at the end against the place of stationary phase
-        phase = k * (1.0 / cosine) - kx * (self.sine / cosine) - ky
-        place = np.sqrt(np.maximum(phase, 0.0) * (2.0 * rho / np.pi * _FINE**2))
-        np.minimum(place, _FAR * _FINE - 0.01, out=place)
+        phase = (k * (1.0 / cosine) - kx * (self.sine / cosine) - ky) * rho
+        far = np.sqrt(np.maximum(phase, 0.0) * (2.0 / np.pi * _FINE**2))
+        place = np.minimum(far, _FAR * _FINE - 0.01)
+        scale = (place / np.maximum(far, 1.0)).astype(np.float32)
+        scale[far < _FAR * _FINE - 0.01] = 1.0
         place += (self.tail.size // 2) * (self.sign * (self.sine * k - kx) > 0.0)
         node = place.astype(np.int32)
-        part = (place - node).astype(np.float32)
-        low = self.tail[node]
-        out += low
-        out += part * (self.tail[node + 1] - low)
+        value = self.tail[node]
+        value += (place - node).astype(np.float32) * (self.tail[node + 1] - value)
+        value *= scale
+        value *= unit_phasor(phase)
+        out += value
 
 
 @dataclass(frozen=True, eq=False)
