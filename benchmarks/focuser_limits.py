@@ -10,63 +10,36 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
+import focuser_breaks
 import harness
 import numpy as np
+from focuser_breaks import CHIP, FORMS, SWEEPS, focused, limit_of, place_of, setting
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
+from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
 from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
 from sarmitsuba.focusing.frequency_domain.migration import MAX_PHASE
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db, point_target
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.progress import silent
+from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.mode import MODES, AimGeometry
-from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.radar import ReceiveWindow
 from sarmitsuba.radar.track import Track
 from sarmitsuba.validation.geometries import random_geometry
 
 ALGORITHMS = ("omega_k", "omega_k,stolt=phase", "range_doppler", "chirp_scaling")
-# every form, the low-accuracy ones too
-FORMS = (
-    "omega_k",
-    "omega_k,stolt=phase",
-    "omega_k,stolt=off",
-    "range_doppler",
-    "range_doppler,src=centroid",
-    "range_doppler,src=off",
-    "range_doppler,rcmc=no",
-    "chirp_scaling",
-    "chirp_scaling,scaling=no",
-)
-CELL = 0.5  # m, azimuth cell where limits are looked for
-CHIP = 48  # pixels about a point that is measured
 SIZE, SIZE_QUICK = 4096, 512  # square that is timed: the size that the limits are promised for
 SECONDS = 6.0  # promised on two cores
+TIMED = 2**31  # pixel-pulses of backprojection that are timed: some seconds
 NOISE_PIXELS = 160  # some 6000 cells: the mean power has a sigma of 0.06 dB
 SMEARED = -6.0  # dB: a peak below this part of its height is no longer one
-# what each limit is looked for in: name, unit, range, and what is fixed meanwhile
-SWEEPS = (
-    ("squint", "degrees", 0.0, 50.0, "swath 200 m, bandwidth 3.1 %"),
-    ("swath", "m", 8.0, 4000.0, "squint 5 degrees, bandwidth 3.1 %"),
-    ("bandwidth", "% of carrier", 1.0, 30.0, "swath 200 m, squint 5 degrees"),
-)
-STEPS = 24  # of a bisection
-
-
-def focused(name: str, raw: RawData, grid: ImageGrid) -> Any:
-    """Pixels (n_azimuth, n_range), whatever the phase it leaves."""
-    focuser = parse_focuser(name)
-    if "bound" in focuser.options:
-        focuser = replace(focuser, bound=float("inf"))
-    window = parse_window("rectangular")
-    return focuser.focus(FocusTask(raw, grid, window, window, silent)).pixels[0]
 
 
 @dataclass(frozen=True)
@@ -96,12 +69,6 @@ def compare(pixels: Any, reference: Any, grid: ImageGrid, value: complex, place:
     )
 
 
-def place_of(grid: ImageGrid, point: Any) -> tuple[int, int]:
-    line = point - grid.origin
-    rho = np.hypot(line @ grid.across, line[2])
-    return int(np.abs(grid.azimuth - line @ grid.along).argmin()), int(np.abs(grid.range - rho).argmin())
-
-
 def point_rows() -> list[list[Any]]:
     """Worst of nine points, at centre, edges and corners."""
     rows = []
@@ -118,54 +85,15 @@ def point_rows() -> list[list[Any]]:
             raw = ideal_echoes(radar, points)
             reference = backproject(raw, grid, interpolation="kernel:8", oversampling=4)[0]
             places = [place_of(grid, point) for point in points]
-            for name in ALGORITHMS:
+            for name in (*ALGORITHMS, "polar_format"):
+                if parse_focuser(name).refusal(radar, grid):
+                    continue
                 pixels = focused(name, raw, grid)
                 got = [compare(pixels, reference, grid, complex(reference[place]), place) for place in places]
                 worst = [max(getattr(g, key) for g in got) for key in ("irw", "pslr", "phase")]
                 worst.append(image_error_db(pixels, reference))
                 rows.append([mode, f"{slant_range / 1e3:.0f} km", name, *(float(f"{v:.2g}") for v in worst)])
     return rows
-
-
-def setting(which: str, value: float) -> tuple[Radar, ImageGrid, Any]:
-    """Spotlight radar at 10 km, image, and a point at the image's far edge, with one of the limits' quantities set."""
-    squint = np.radians(value if which == "squint" else 5.0)
-    swath = value if which == "swath" else 200.0
-    bandwidth = 0.01 * value * 9.6e9 if which == "bandwidth" else 300e6
-    cell = 0.5 * SPEED_OF_LIGHT / bandwidth
-    samples = int(1.2 * swath / cell) + 100
-    radar = ideal_radar(
-        squint_angle=squint, resolution=CELL, bandwidth=bandwidth, n_samples=samples, prf_factor=1.4
-    )
-    origin = radar.track.center_position
-    middle = float(np.hypot(origin[0], origin[2]))
-    step = 0.5 * cell * float(np.cos(squint))
-    along = 0.5 * CELL * float(np.cos(squint))
-    request = {"center_x": 0.0, "center_y": 0.0, "height": 0.0, "grid": "slant"}
-    extents = {"extent_azimuth": 54.0 * along, "extent_range": 8.0 * step}
-    grid = default_grid(radar, request | extents | {"spacing_azimuth": along, "spacing_range": step})
-    n = round(0.5 * swath / step + 26.0)
-    grid = replace(grid, range=middle + step * np.arange(-n, n + 1))
-    rho = middle + 0.5 * swath
-    return radar, grid, np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.1 * along, 0.0])
-
-
-def limit_of(name: str, which: str, low: float, high: float) -> float:
-    """Largest value that the focuser takes, by bisection; NaN where it takes all, the lowest where it takes none."""
-    focuser = parse_focuser(name)
-
-    def refuses(value: float) -> bool:
-        radar, grid, _ = setting(which, value)
-        return bool(focuser.refusal(radar, grid))
-
-    if not refuses(high):
-        return float("nan")
-    if refuses(low):
-        return low
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if refuses(middle) else (middle, high)
-    return low
 
 
 def break_rows(quick: bool) -> list[list[Any]]:
@@ -228,7 +156,7 @@ def theory_rows() -> list[list[Any]]:
 
 
 def stripmap(n: int) -> tuple[RawData, ImageGrid]:
-    """Noise in n x n samples of a stripmap radar of 0.5 m cells at 10 km, and an image of n x n pixels."""
+    """Noise in n x n samples of a stripmap radar of 0.5 m cells at 10 km, 1 m of antenna, and n x n pixels."""
     plain = ideal_radar(slant_range=10e3, resolution=0.5, bandwidth=300e6, n_samples=n)
     spacing = 0.4
     center = plain.track.center_position
@@ -239,6 +167,7 @@ def stripmap(n: int) -> tuple[RawData, ImageGrid]:
     radar = replace(
         plain,
         mode="stripmap",
+        antenna=Antenna("rectangular", 1.0, 0.886 * plain.waveform.wavelength, 0.4),
         track=track,
         pointing=MODES["stripmap"].pointing(track, aim),
         window=ReceiveWindow(np.full(n, start), sample, n),
@@ -260,20 +189,29 @@ def stripmap(n: int) -> tuple[RawData, ImageGrid]:
 
 
 def speed_rows(quick: bool) -> list[dict[str, Any]]:
+    """Processor seconds and memory on one stripmap image; of backprojection as many rows as ``TIMED`` lets."""
     raw, grid = stripmap(SIZE_QUICK if quick else SIZE)
+    isotropic = replace(raw, radar=replace(raw.radar, antenna=Antenna()))
+    jobs = [(name, name, raw) for name in (*ALGORITHMS, "backprojection")]
+    jobs.append(("backprojection, isotropic antenna", "backprojection", isotropic))
     rows = []
-    for name in ALGORITHMS:
-        runs = []
-        for _ in range(2):
-            start, busy = time.perf_counter(), time.process_time()
-            focused(name, raw, grid)
-            runs.append((time.process_time() - busy, time.perf_counter() - start))
+    for label, name, data in jobs:
+        n = grid.azimuth.size
+        lines = min(n, TIMED // n**2) if name == "backprojection" else n
+        middle = slice(n // 2 - lines // 2, n // 2 - lines // 2 + lines)
+        part = replace(grid, azimuth=grid.azimuth[middle])
         tracemalloc.start()
-        focused(name, raw, grid)
+        focused(name, data, part)  # compiles, too
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        busy, wall = min(runs)
-        rows.append({"name": name, "cpu_s": busy, "wall_s": wall, "peak_bytes": peak, "pixels": grid.shape})
+        start, busy = time.perf_counter(), time.process_time()
+        focused(name, data, part)
+        busy, wall = (
+            seconds * n / lines for seconds in (time.process_time() - busy, time.perf_counter() - start)
+        )
+        stated = parse_focuser(name).cpu_seconds(data.radar, grid)
+        row = {"name": label, "cpu_s": busy, "wall_s": wall, "peak_bytes": peak, "stated_s": stated}
+        rows.append(row | {"share": lines / n, "pixels": grid.shape})
     return rows
 
 
@@ -301,33 +239,6 @@ def noise_rows() -> list[list[Any]]:
     return rows
 
 
-def squint_figure(squints: Any, curves: dict[str, list[float]]) -> Any:
-    drawn, axes = harness.new_figure(6.5, 4.2)
-    for name, values in curves.items():
-        axes.plot(squints, values, "o-", ms=3, label=name)
-    axes.set_xlabel("squint, degrees")
-    axes.set_ylabel("error of a point at the swath's edge, dB")
-    axes.set_title("10 km, X band, 0.5 m cells, 200 m of swath")
-    axes.legend(fontsize=7)
-    return drawn
-
-
-def squint_curves(quick: bool) -> tuple[Any, dict[str, list[float]]]:
-    """Error of an edge point against squint, dB, every form."""
-    squints = np.array([0.0, 10.0] if quick else [0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 35.0])
-    curves: dict[str, list[float]] = {name: [] for name in FORMS}
-    for squint in squints:
-        radar, grid, point = setting("squint", float(squint))
-        raw = ideal_echoes(radar, point)
-        place = place_of(grid, point)
-        chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place)
-        part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
-        reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
-        for name in FORMS:
-            curves[name].append(image_error_db(focused(name, raw, grid)[chip], reference))
-    return squints, curves
-
-
 def step(text: str, work: Callable[[], Any]) -> Any:
     print(f"... {text}", flush=True)
     return work()
@@ -340,7 +251,10 @@ def run(quick: bool) -> harness.Report:
     theory = step("theory", theory_rows)
     noise = step("noise", noise_rows)
     speed = step("speed", lambda: speed_rows(quick))
-    squints, curves = step("figure", lambda: squint_curves(quick))
+    curves = {}
+    for which in focuser_breaks.NODES:
+        curves[which] = step(f"curves: {which}", partial(focuser_breaks.curves, which, quick))
+    curves["track"] = step("curves: track", lambda: focuser_breaks.track_curves(quick))
     factor = ChirpScaling().largest_factor(*setting("squint", 5.0)[:2])
     report = harness.Report(
         "focuser_limits",
@@ -367,8 +281,18 @@ def run(quick: bool) -> harness.Report:
     report.table("Noise in the pixels over the matched filter's", ["method", "dB"], noise)
     report.table(
         f"{speed[0]['pixels'][0]} x {speed[0]['pixels'][1]} samples and pixels, stripmap",
-        ["method", "CPU seconds", "wall seconds", "peak of arrays beside data, MB"],
-        [[s["name"], s["cpu_s"], s["wall_s"], s["peak_bytes"] / 2**20] for s in speed],
+        [
+            "method",
+            "CPU seconds",
+            "by its own estimate",
+            "wall seconds",
+            "peak of arrays beside data, MB",
+            "rows timed",
+        ],
+        [
+            [s["name"], s["cpu_s"], s["stated_s"], s["wall_s"], s["peak_bytes"] / 2**20, s["share"]]
+            for s in speed
+        ],
     )
     report.notes.append(f"Largest chirp scaling factor at a squint of 5 degrees: {factor:.3g}.")
     for key, place, bound, unit in (
@@ -383,11 +307,16 @@ def run(quick: bool) -> harness.Report:
     report.claim(
         "noise against prediction", max(abs(row[1]) for row in noise), 0.3, at_least=False, unit="dB"
     )
-    for row in speed:
+    for row in (row for row in speed if row["name"] in ALGORITHMS):
         report.claim(
             f"{row['name']}, CPU seconds over two cores", row["cpu_s"] / 2, SECONDS, at_least=False, unit="s"
         )
-    report.figure("squint", squint_figure(squints, curves))
+    for which, unit, _, _, rest in SWEEPS:
+        drawn = focuser_breaks.figure(curves[which], f"{which}, {unit}", rest, logarithmic=which != "squint")
+        report.figure(which, drawn)
+    text = "track that sways across and up, 120 m of image, 1 m cells"
+    drawn = focuser_breaks.figure(curves["track"], "largest deviation from a line, m", text, logarithmic=True)
+    report.figure("track", drawn)
     return report
 
 

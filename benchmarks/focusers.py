@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import focuser_sizes
 import harness
 import numpy as np
 
@@ -321,20 +322,50 @@ def run(quick: bool) -> harness.Report:
     variant = ensure_backend().variant
     speed, methods, quality = backprojection_table(quick), method_table(quick), quality_table()
     first, beside, layers = speed[0], fastsar_table(quick), layer_table(quick)
+    sizes = focuser_sizes.size_rows(quick)
+    growth = focuser_sizes.exponents(sizes)
     report = harness.Report(
         "focusers",
         "Focusers",
-        f"Backprojection by interpolation, omega-K beside it, and point targets through both; {variant}. Errors are "
-        "against the exact float64 sum over band-limited noise.",
+        f"All focusers on the same raw data, at growing sizes; backprojection by interpolation; {variant}. Errors are "
+        "against the exact float64 sum over band-limited noise, or against backprojection with its best kernel, whose "
+        "error against that sum stands in the second table.",
         data={
             "backprojection": speed,
             "methods": methods,
             "point_target": quality,
             "fastsar": beside,
             "layers": layers,
+            "sizes": sizes,
+            "growth": growth,
         },
     )
-    tables = (
+    tables: tuple[Any, ...] = (
+        (
+            f"The same raw data through every focuser: n pulses of n samples, n x n pixels, spotlight from "
+            f"{focuser_sizes.RANGE / 1e3:g} km; worst of points at centre, edge and corner, of azimuth and range, "
+            "against backprojection with its best kernel; memory beside the data. Of backprojection a share of the "
+            "rows is timed",
+            [row for row in sizes if not row["refusal"]],
+            {
+                "n": "size",
+                "focuser": "focuser",
+                "CPU seconds": "cpu_s:.3g",
+                "by its own estimate": "stated_s:.2g",
+                "rows timed": "share:.3g",
+                "memory, MB": "memory_mb:.0f",
+                "error, dB": "error_db:.1f",
+                "it states": "stated_db:.0f",
+                "IRW off, %": "irw_percent:.2g",
+                "PSLR off, dB": "pslr_db:.2g",
+                "ISLR off, dB": "islr_db:.2g",
+            },
+        ),
+        (
+            "Growth: power of n with which processor time grows, fitted",
+            [{"focuser": name, "power": power} for name, power in growth.items()],
+            {"focuser": "focuser", "power of n": "power:.2f"},
+        ),
         (
             f"Backprojection: {first['pixels'][0]} x {first['pixels'][1]} pixels, {first['pulses']} pulses, isotropic "
             'antenna, median over interleaved rounds; "per busy core" divides by the processor seconds that the call '
@@ -403,8 +434,12 @@ def run(quick: bool) -> harness.Report:
             report.claim(text, row["ratio"], 1.1, at_least=True)
     else:
         report.notes.append("fastsar is not installed (pip install fastsar): no comparison with it.")
+    for row in sizes:
+        if row["refusal"]:
+            report.notes.append(f"{row['focuser']} refuses {row['size']} x {row['size']}: {row['refusal']}.")
     for caption, rows, columns in tables:
         report.table(caption, list(columns), rows_of(rows, columns))
+    report.figure("sizes", focuser_sizes.figure(sizes))
     report.figure("interpolation", figure(speed))
     return report
 

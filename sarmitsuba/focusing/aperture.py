@@ -105,6 +105,34 @@ def matched_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window
     return np.asarray(w * direction_gain(radar, slice(None), look_directions(radar, point)) ** 2)
 
 
+def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
+    """Power by which pixels differ from backprojection's because other weights are given to the pulses.
+
+    Parameters
+    ----------
+    radar : gives track, antenna and receive window
+    point : (..., 3) m, the image's places
+    weights : (..., n_pulses) of the other focuser there, without a window
+
+    Returns
+    -------
+    that of the worst place, over the pixel's own power; pulses whose window does not hold the place count as missing
+    """
+    distance = np.linalg.norm(
+        np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position, axis=-1
+    )
+    start = radar.window.start_range
+    last = start + (radar.window.n_samples - 1) * radar.window.sample_spacing
+    held = (distance >= start) & (distance <= last)
+    exact = matched_weights(radar, point) * held
+    total = exact.sum(axis=-1, keepdims=True)
+    exact = np.divide(exact, total, out=np.zeros(exact.shape), where=total > 0.0)
+    other = weights * held / np.maximum(weights.sum(axis=-1, keepdims=True), 1e-300)
+    power = np.sum(exact**2, axis=-1)
+    change = np.sum((other - exact) ** 2, axis=-1)
+    return float(np.divide(change, power, out=np.zeros(power.shape), where=power > 0.0).max())
+
+
 def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
     r"""Noise-equivalent area of the impulse response on the horizontal plane, m^2.
 
@@ -181,4 +209,5 @@ __all__ = [
     "matched_weights",
     "pulse_ranges",
     "range_gradients",
+    "weights_difference",
 ]

@@ -92,7 +92,10 @@ class Focuser(WithOptions, ABC):
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """About how much processor time one layer takes on one core of today, for comparing; that of backprojection."""
-        return PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
+        rate = PIXEL_PULSE_SECONDS * (OWN_APERTURES if np.isfinite(radar.half_aperture) else 1.0)
+        if radar.antenna.pattern != "isotropic":
+            rate += PATTERN_SECONDS
+        return rate * radar.track.n_pulses * float(np.prod(grid.shape))
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
@@ -107,8 +110,9 @@ class Focuser(WithOptions, ABC):
         """Focus; ``objection`` has been asked before."""
 
 
-# of one core, float64 ranges and a kernel of six taps; benchmarks/focusers.py measures it
-PIXEL_PULSE_SECONDS = 2e-9
+# of one core, float64 ranges and a kernel of six taps (benchmarks/focusers.py measures it), how many times that
+# with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/focuser_limits.py)
+PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
 
 
 FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers")

@@ -19,6 +19,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
 )
 from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.stated import spectrum_size, stated_error_db
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ, VirtualChirp
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -116,6 +117,15 @@ class ChirpScaling(RowsFocuser):
         law = plan_migration(radar, slant, self._treatment)
         sine, _, seen = directions(radar, slant)
         return float(np.abs(law.scaling_factor(law.center_wavenumber * sine[seen])).max(initial=0.0))
+
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
+        return stated_error_db(radar, grid, plan_migration(radar, grid, self._treatment))
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """As measured by benchmarks/focusers.py."""
+        spectrum, pixels = spectrum_size(radar, grid)
+        return 2e-7 * spectrum + 1e-7 * pixels
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.azimuth_band import SAMPLE_SECONDS, azimuth_fits
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
 from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
 from sarmitsuba.focusing.frequency_domain.migration import (
@@ -22,6 +21,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
 )
 from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
+from sarmitsuba.focusing.frequency_domain.stated import spectrum_size, stated_error_db
 from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -166,13 +166,15 @@ class OmegaK(RowsFocuser):
         )
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Of the stationary phase of the track's transform, from 50 pulses on; stated for Stolt's mapping."""
-        stated = self._treatment is None and azimuth_fits(radar, grid) and radar.track.n_pulses >= 50
-        return -65.0 if stated else float("nan")
+        """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
+        treatment = self._treatment
+        law = None if treatment is None else plan_migration(radar, grid, treatment)
+        return stated_error_db(radar, grid, law)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """Transforms and the mapping of every sample of the data."""
-        return SAMPLE_SECONDS * radar.track.n_pulses * radar.window.n_samples
+        """As measured by benchmarks/focusers.py."""
+        spectrum, pixels = spectrum_size(radar, grid)
+        return 2e-7 * spectrum + 1e-7 * pixels
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

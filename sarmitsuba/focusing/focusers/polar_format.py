@@ -10,7 +10,12 @@ from scipy.interpolate import RectBivariateSpline
 
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
+from sarmitsuba.focusing.aperture import (
+    aperture_weights,
+    direction_gain,
+    look_directions,
+    weights_difference,
+)
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import Window
@@ -26,6 +31,8 @@ C128 = NDArray[np.complex128]
 _WIDTH = 6
 # largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
 LARGEST_PHASE = 0.3
+# what both kernels and the transforms leave, dB
+_FLOOR_DB = -60.0
 # pulses at which the curvature is worked out
 _NODES = 33
 # pixels, or cells that samples are spread to, worked on at once
@@ -72,10 +79,16 @@ class _Polar:
         """(n, 2) m: where plane waves put points, by least squares over the aperture."""
         return np.asarray(differences @ np.linalg.pinv(self.slope[self.nodes]).T)
 
-    def residual(self, radar: Radar, points: F64) -> float:
-        """Largest range that plane waves leave at any node, m."""
+    def residual(self, radar: Radar, points: F64) -> F64:
+        """Range that plane waves leave at the nodes, (n, n_nodes), m."""
         differences = self.differences(radar, points)
-        return float(np.abs(differences - self.places(differences) @ self.slope[self.nodes].T).max())
+        return np.asarray(differences - self.places(differences) @ self.slope[self.nodes].T)
+
+
+def _edges(grid: ImageGrid) -> F64:
+    """Points over the image, its edges and corners among them, (n, 3) m."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
+    return np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
 
 
 def refusal(radar: Radar, grid: ImageGrid) -> str:
@@ -87,9 +100,8 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
     polar = _Polar.of(radar, grid)
     if np.linalg.matrix_rank(polar.slope, tol=1e-6) < 2:
         return "the aperture does not turn about the image"
-    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
-    points = np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
-    phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
+    points = _edges(grid)
+    phase = 4.0 * np.pi / radar.waveform.wavelength * float(np.abs(polar.residual(radar, points)).max())
     if phase > LARGEST_PHASE:
         radius = float(np.linalg.norm(points - polar.center, axis=1).max())
         return (
@@ -97,6 +109,20 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
             f"{LARGEST_PHASE:g} rad, about {radius * np.sqrt(LARGEST_PHASE / phase):.3g} m)"
         )
     return ""
+
+
+def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
+    """Bound of the error against backprojection, dB: the worst place of the image stands for all of it.
+
+    Powers add up of the phase that curvature leaves, of the change of R^2 over the aperture against that of the centre,
+    of pulses weighed otherwise than backprojection weighs them, and of a floor.
+    """
+    polar, points = _Polar.of(radar, grid), _edges(grid)
+    phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
+    spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
+    power = float((np.mean(phase**2, axis=1) + spread**2).max())
+    power += weights_difference(radar, points, pulse_weights(radar, points, "rectangular"))
+    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB)))
 
 
 def polar_format(task: FocusTask) -> C64:
@@ -190,11 +216,10 @@ class _Raster:
     Parameters
     ----------
     shape : cells along and across
-    middle : (2,) rad/m, wavenumber of the raster's middle
-    cells : (2, n_samples) float64, of every sample
+    cells : (2, n_samples) float64, of every sample, from the raster's middle
     pixels : (2, n_pixels) float64, of every pixel, in cells of the image
-    offset : (2,) m, image's middle
-    gains : of the raster's rows and of its columns, and of the image's: kernels divided out
+    shift : (n_samples,) complex64, to the image's middle; the kernel that reads pixels is divided out
+    deapodise : of the image's rows and of its columns: the kernel that spreads samples is divided out
     carrier : (n_pixels,) complex64
     """
 
@@ -202,7 +227,6 @@ class _Raster:
     cells: F64
     pixels: F64
     shift: C64
-    gains: tuple[F64, F64]
     deapodise: tuple[F64, F64]
     carrier: C64
 
@@ -225,22 +249,27 @@ class _Raster:
         spacing = 2.0 * np.pi / (size * step)
         away = (places - offset) / step
         phase = places @ middle
+        # read as a wave of its own wavenumber, a sample is met by the kernel's transform there
+        cells = (k - middle[:, None]) / spacing[:, None]
+        read = kernel.inverse_transform(cells[0] / shape[0]) * kernel.inverse_transform(cells[1] / shape[1])
+        shift = read * np.exp(1j * np.mod(offset @ (k - middle[:, None]), 2.0 * np.pi))
         nodes = [scipy.fft.fftfreq(n) for n in shape]
-        gains = [np.where(np.abs(nu) <= 0.3, kernel.inverse_transform(nu), 0.0) for nu in nodes]
+        gains = [
+            np.where(np.abs(nu) <= 0.3, n * kernel.inverse_transform(nu), 0.0)
+            for n, nu in zip(shape, nodes, strict=True)
+        ]
         return _Raster(
             shape=(shape[0], shape[1]),
-            cells=(k - middle[:, None]) / spacing[:, None],
+            cells=cells,
             pixels=away.T,
-            shift=np.exp(1j * np.mod(offset @ (k - middle[:, None]), 2.0 * np.pi)).astype(np.complex64),
-            gains=(gains[0], gains[1]),
-            deapodise=(gains[0] * shape[0], gains[1] * shape[1]),
+            shift=shift.astype(np.complex64),
+            deapodise=(gains[0], gains[1]),
             carrier=np.exp(1j * np.mod(phase, 2.0 * np.pi)).astype(np.complex64),
         )
 
     def image(self, samples: NDArray[np.complexfloating]) -> C64:
         """Sum of samples times :math:`e^{j k q}` at every pixel, (n_pixels,) complex64."""
         plane = self._spread(samples * self.shift)
-        plane *= self.gains[0][:, None] * self.gains[1]
         field = scipy.fft.ifft2(plane.astype(np.complex64), workers=-1, overwrite_x=True)
         field *= (self.deapodise[0][:, None] * self.deapodise[1]).astype(np.float32)
         return self._read(np.ascontiguousarray(field)) * self.carrier
@@ -303,6 +332,15 @@ class PolarFormat(Focuser):
         """Most bytes at a time while it makes the pixels, those included."""
         pixels, samples = int(np.prod(grid.shape)), radar.track.n_pulses * radar.window.n_samples
         return pixels * (_PIXEL_BYTES + 8 * n_layers) + _SAMPLE_BYTES * samples + _BATCH_BYTES
+
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """See :func:`stated_error_db`."""
+        return stated_error_db(radar, grid)
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """As measured by benchmarks/focusers.py."""
+        samples = radar.track.n_pulses * radar.window.n_samples
+        return 1e-6 * samples + 1e-6 * float(np.prod(grid.shape))
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

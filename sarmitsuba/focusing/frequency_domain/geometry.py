@@ -1,12 +1,10 @@
 """Where the data and the image stand along a straight track, and what of the spectrum they need."""
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.aperture import direction_gain, look_directions
 from sarmitsuba.focusing.ground import slant_below, slant_ranges
 from sarmitsuba.image.sar_image import ImageGrid
@@ -78,11 +76,15 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
     return TrackGeometry(x, spacing, x_center, rho, distance, (x_center - middle) / distance)
 
 
-def rate_factor(name: str, radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> int:
+def rate_factor(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple[int, float]:
     """Whole factor on the pulse rate so that the whole image's Doppler band fits with room for its edges' ripple.
 
     Raising the rate needs the echoes deramped to the image's centre first, which must itself fit the PRF: it does in
-    spotlight geometry, where the aperture, not the image, makes the band. Warns where the image folds all the same.
+    spotlight geometry, where the aperture, not the image, makes the band.
+
+    Returns
+    -------
+    factor, and the band over the raised rate: past 1 the image folds over all the same
     """
     corners = (
         replace(grid, azimuth=grid.azimuth[[0, -1]], range=grid.range[[0, -1]]).positions().reshape(4, 3)
@@ -101,17 +103,11 @@ def rate_factor(name: str, radar: Radar, grid: ImageGrid, geometry: TrackGeometr
         extent = np.abs(sin - boresight_sine(radar))[seen].max(initial=0.0) + radar.half_aperture
         band = 0.5 * float(extent) / nyquist
         if band < 1.0:
-            return 1
+            return 1, band
     if float(np.abs(deramped)[seen].max(initial=0.0)) / nyquist < 0.95:
-        return max(1, int(np.ceil(band / _BAND_FILL)))
-    if band > 1.05:
-        warnings.warn(
-            f"{name}: the image needs a Doppler bandwidth of {band:.2f} times the PRF, and so folds over; "
-            "shrink it in azimuth, raise prf or use focuser backprojection",
-            SarmitsubaWarning,
-            stacklevel=3,
-        )
-    return 1
+        factor = max(1, int(np.ceil(band / _BAND_FILL)))
+        return factor, band / factor
+    return 1, band
 
 
 def range_walk(radar: Radar, geometry: TrackGeometry) -> int:

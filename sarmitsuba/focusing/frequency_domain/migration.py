@@ -171,6 +171,17 @@ def residual_phase(radar: Radar, grid: ImageGrid, law: Migration) -> float:
     return float(phase[seen].max(initial=0.0))
 
 
+def residual_power(radar: Radar, grid: ImageGrid, law: Migration) -> float:
+    """Mean square, rad^2, of the phase that a law leaves in the spectrum of the worst of the edges and corners."""
+    sine, rho, seen = directions(radar, grid)
+    half = 2.0 * np.pi * radar.waveform.bandwidth / SPEED_OF_LIGHT
+    offset = np.linspace(-half, half, _FREQUENCIES)
+    kx = sine[..., None] * (law.center_wavenumber + offset)
+    square = np.mean(law.residual(kx, offset, rho[None, :, None, None]) ** 2, axis=-1)
+    count = np.maximum(seen.sum(axis=-1), 1)
+    return float((np.sum(square * seen, axis=-1) / count).max())
+
+
 def migration_refusal(radar: Radar, grid: ImageGrid, treatment: Treatment, bound: float) -> str:
     """What keeps an algorithm from a radar's data: the track, or a residual phase past the bound; empty if nothing."""
     refusal = track_refusal(radar, grid)
@@ -196,4 +207,5 @@ __all__ = [
     "migration_refusal",
     "plan_migration",
     "residual_phase",
+    "residual_power",
 ]

@@ -13,6 +13,7 @@ transformed over the track by stationary phase), so that all give the same compl
 """
 
 import os
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,12 +24,11 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import band_weights
+from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.focuser import Focused, FocusTask
+from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
 from sarmitsuba.focusing.frequency_domain.geometry import (
     TrackGeometry,
-    boresight_sine,
     range_walk,
     rate_factor,
     slant_grid,
@@ -37,7 +37,7 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_refusal,
 )
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
-from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights, sine_weight
+from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
 from sarmitsuba.focusing.ground import slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum
 from sarmitsuba.focusing.windows import Window
@@ -47,8 +47,12 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
+# Doppler band of the image over the PRF from which on it is said that the image folds over
+_FOLDED = 1.05
 # samples of the spectrum mapped at once by a thread: bounds the temporary memory and fits the caches
 _BATCH = 1 << 18
+# bins beyond the band's edges that a longer transform keeps: profiles that end with the receive window leak there
+_EDGE = 16
 # pulses of zeros on either side of the aperture while the pulse rate is raised
 _GUARD = 32
 
@@ -148,32 +152,40 @@ def focus_rows(
     own = np.isfinite(radar.half_aperture)
     weights = np.ones(radar.track.n_pulses) if own else task.azimuth_window.aperture(radar.track.n_pulses)
 
-    upsampling = rate_factor(name, radar, grid, geometry)
+    upsampling, band_fill = rate_factor(radar, grid, geometry)
+    if band_fill > _FOLDED:
+        warnings.warn(
+            f"{name}: the image needs a Doppler bandwidth of {band_fill:.2f} times the PRF, and so folds over; "
+            "shrink it in azimuth, raise prf or use focuser backprojection",
+            SarmitsubaWarning,
+            stacklevel=3,
+        )
     kc = 4.0 * np.pi / radar.waveform.wavelength
     reach = np.pi * upsampling / (geometry.spacing * kc)
     sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
     extra = range_walk(radar, geometry) + int(
         np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
     )
-    plan = plan_spectrum(radar, task.range_window, extra=extra)
-    bins = scipy.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
-    half = int(bins[plan.gains > 0.0].max())
-    low = int(bins[plan.gains > 0.0].min())
+    plan = plan_spectrum(radar, task.range_window)
+    n_fft = max(plan.n_fft, plan_spectrum(radar, task.range_window, extra=extra).n_fft)
+    used = scipy.fft.fftfreq(plan.n_fft)[plan.gains > 0.0]
+    low = max(int(used.min() * n_fft) - _EDGE, -(n_fft // 2))
+    high = min(int(used.max() * n_fft) + _EDGE, (n_fft - 1) // 2)
     band = Band(
         center_wavenumber=kc,
         first=low,
-        count=half - low + 1,
-        step=2.0 * np.pi / (plan.n_fft * radar.window.sample_spacing),
+        count=high - low + 1,
+        step=2.0 * np.pi / (n_fft * radar.window.sample_spacing),
         sines=sines,
         rho=grid.range,
         geometry=geometry,
     )
-    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / plan.n_fft)
+    factor = normalisation(radar, grid, geometry, task.azimuth_window) * (grid.range**2.5 / n_fft)
     turn = np.sqrt(2.0 * np.pi) * np.exp(0.25j * np.pi)
     rows_law = law(band)
     image = np.empty((len(raw.layers), *grid.shape), dtype=np.complex64)
     for layer in range(len(raw.layers)):
-        spectrum = _range_spectrum(raw.data[layer], radar, plan, band, weights)
+        spectrum = _range_spectrum(raw.data[layer], radar, plan, n_fft, band, weights)
         dense = geometry
         if upsampling > 1:
             spectrum, dense = _densify(spectrum, kc + band.offset, geometry, upsampling)
@@ -196,20 +208,25 @@ def _in_threads(work: Callable[[int, int], None], count: int, block: int) -> Non
         list(pool.map(lambda start: work(start, min(start + block, count)), range(0, count, block)))
 
 
-def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, band: Band, weights: F64) -> C64:
+def _range_spectrum(data: C64, radar: Radar, plan: ProfilePlan, n_fft: int, band: Band, weights: F64) -> C64:
     """Weighted spectra (n_pulses, count) over fast time, its origin at the range to the image's centre for all."""
     out = np.empty((data.shape[0], band.count), dtype=np.complex64)
-    index = (band.first + np.arange(band.count)) % plan.n_fft
+    index = (band.first + np.arange(band.count)) % n_fft
     shift = radar.window.start_range - band.geometry.range_center
 
     def work(start: int, stop: int) -> None:
         part = slice(start, stop)
-        line = plan.spectrum(data[part], workers=1)[:, index]
+        line = plan.spectrum(data[part], workers=1)
+        if n_fft > plan.n_fft:
+            # longer transforms weigh the band's edges otherwise: the profiles are those of every focuser first
+            line = scipy.fft.ifft(line, axis=1, overwrite_x=True)[:, : data.shape[1]]
+            line = scipy.fft.fft(line, n=n_fft, axis=1, overwrite_x=True)
+        line = line[:, index]
         line *= phase_ramp(-shift[part] * band.step, band.first, band.count)
         line *= weights[part, None].astype(np.float32)
         out[part] = line
 
-    _in_threads(work, data.shape[0], max(1, _BATCH // plan.n_fft))
+    _in_threads(work, data.shape[0], max(1, _BATCH // n_fft))
     return out
 
 
@@ -232,8 +249,8 @@ def _map_rows(
     first = int(np.ceil((center.min() - nyquist) / dkx))
     last = int(np.floor((center.max() + nyquist) / dkx))
     m = np.arange(first, last + 1)
-    weight = sine_weight(radar, grid, (first * dkx / k.min(), last * dkx / k.min()))
-    own = np.isfinite(radar.half_aperture)
+    reach = np.array([first, last + 1]) * (dkx / k.min())
+    aperture = aperture_filter(radar, grid, geometry, window, reach)
     out = np.zeros((m.size, grid.range.size), dtype=np.complex64)
 
     def work(start: int, stop: int) -> None:
@@ -246,14 +263,11 @@ def _map_rows(
         phase -= kx * (geometry.x[0] - geometry.x_center)
         ratio = (k / ky).astype(np.float32)
         gain = ratio * ratio * ratio / np.sqrt(ky.astype(np.float32))
-        sine = kx / k
-        if weight is not None:
-            gain *= np.interp(sine, *weight)
-        if own:
-            gain *= band_weights(sine - boresight_sine(radar), dkx / k, radar.half_aperture, window)
         gain[~keep] = 0.0
         value = unit_phasor(phase)
         value *= gain
+        if aperture is not None:
+            value *= aperture(kx, k, ky)
         value *= spectrum[m[start:stop] % n_x]
         out[start:stop] = law.lines(value, kx, ky)
 

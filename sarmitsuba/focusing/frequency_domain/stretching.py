@@ -19,7 +19,7 @@ WIDTH = 6
 # bandwidth of a chirp-scaled line over that of the line before: room for the chirps' shifts in frequency
 _ROOM = 1.5
 # least length of the virtual chirp, in range cells
-_SHORTEST = 32.0
+_SHORTEST = 16.0
 
 
 @dataclass(frozen=True)

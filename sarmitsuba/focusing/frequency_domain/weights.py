@@ -13,9 +13,6 @@ from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 
-# nodes of the antenna's weight over the band's sines, linear between them
-_NODES = 4097
-
 
 def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
     """1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero where the data hold nothing."""
@@ -43,19 +40,10 @@ def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, azimuth_windo
     weights = aperture_weights(radar, point, azimuth_window)
     look = look_directions(radar, point)
     gain = direction_gain(radar, slice(None), look)
-    return np.asarray(weights * gain * _filter_gain(radar, grid, look @ grid.along))
+    return np.asarray(weights * gain * filter_gain(radar, grid, look @ grid.along))
 
 
-def sine_weight(radar: Radar, grid: ImageGrid, sines: tuple[float, float]) -> tuple[F64, F64] | None:
-    """Matched weight of the pattern at nodes of k_x / k; None where it is 1 throughout."""
-    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
-        return None
-    low, high = min(sines[0], -1e-6), max(sines[1], 1e-6)
-    nodes = np.linspace(max(1.01 * low, -1.0), min(1.01 * high, 1.0), _NODES)
-    return nodes, _filter_gain(radar, grid, nodes)
-
-
-def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
+def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
     if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
         return np.ones_like(sin_angle)
@@ -68,4 +56,4 @@ def _filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     return direction_gain(radar, radar.track.center_index, look)
 
 
-__all__ = ["normalisation", "pulse_weights", "sine_weight"]
+__all__ = ["filter_gain", "normalisation", "pulse_weights"]

@@ -1,0 +1,147 @@
+"""Spectrum of the weights that backprojection gives to the pulses of a pixel's own aperture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fresnel
+
+from sarmitsuba.echo.phasor import unit_phasor
+from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine
+from sarmitsuba.focusing.frequency_domain.weights import filter_gain
+from sarmitsuba.focusing.windows import Window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# nodes of the weight over the aperture's sines, linear between them
+_NODES = 4097
+# the tails of the aperture's ends, without their phase, are tabulated up to this argument with as many nodes to one;
+# they fall as its inverse from there on
+_FAR, _FINE = 32.0, 64
+# largest sine that an aperture reaches
+_STEEPEST = 0.999
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """One end of the aperture.
+
+    Parameters
+    ----------
+    sine : where it is
+    sign : 1 where the aperture lies at lesser sines, else -1
+    tail : (2 n,) complex64 at arguments 0 ... _FAR outside of the aperture, then inside, without the phase
+    """
+
+    sine: float
+    sign: float
+    tail: C64
+
+    @staticmethod
+    def of(sine: float, sign: float, level: complex, slope: complex) -> "_End":
+        """Where the weight has this level, and this slope outwards per unit of the argument."""
+        v = np.arange(0.0, _FAR + 0.5 / _FINE, 1.0 / _FINE)
+        s, c = fresnel(v)
+        tail = (0.5 - (c + 1j * s) / (1.0 + 1j)) * np.exp(-0.5j * np.pi * v**2)
+        kink = 1j / (np.pi * (1.0 + 1j))
+        outside = (level + slope * v) * tail - slope * kink
+        inside = (slope * v - level) * tail - slope * kink
+        return _End(sine, sign, np.concatenate([outside, inside]).astype(np.complex64))
+
+    def add(self, out: C64, kx: F64, k: F64, ky: F64, rho: float) -> None:
+        """Add the end's tail at wavenumbers to ``out``."""
+        cosine = np.sqrt(1.0 - self.sine**2)
+        # of the filter at the end against the place of stationary phase
+        phase = (k * (1.0 / cosine) - kx * (self.sine / cosine) - ky) * rho
+        far = np.sqrt(np.maximum(phase, 0.0) * (2.0 / np.pi * _FINE**2))
+        place = np.minimum(far, _FAR * _FINE - 0.01)
+        scale = (place / np.maximum(far, 1.0)).astype(np.float32)
+        scale[far < _FAR * _FINE - 0.01] = 1.0
+        place += (self.tail.size // 2) * (self.sign * (self.sine * k - kx) > 0.0)
+        node = place.astype(np.int32)
+        value = self.tail[node]
+        value += (place - node).astype(np.float32) * (self.tail[node + 1] - value)
+        value *= scale
+        value *= unit_phasor(phase)
+        out += value
+
+
+@dataclass(frozen=True, eq=False)
+class ApertureFilter:
+    r"""Spectrum of a pixel's weights over the pulses, without the chirp's own, by stationary phase to second order.
+
+    Backprojection weighs a pulse by the direction of the pixel, w(s) = window times pattern for the sine s of its
+    angle: a filter over the track, for a wavenumber k and a range :math:`\rho`, whose spectrum at
+    :math:`k_x = k \sin\theta` is
+
+    .. math:: H = w + \frac{j \cos^3\theta}{2 k \rho} w'' \quad \text{within the aperture}
+
+    and at its ends, where the weight stops at a level a and a slope b, the tail
+
+    .. math:: \mp \frac{1}{1 + j} \int_{\pm v}^\infty (a + b (t - v)) e^{j \pi t^2 / 2} dt, \quad
+              \frac{\pi v^2}{2} = \rho \left(\frac{k - k_x s_e}{\sqrt{1 - s_e^2}} - k_y\right)
+
+    (uniform in the distance v from the end; upper sign inside). Without the tails a frequency-domain focuser cuts the
+    aperture by the echo's Doppler frequency, not by the pixel's angle, and its side lobes have another phase.
+
+    Parameters
+    ----------
+    sines : (n,) float64, equidistant
+    weight : (n,) complex64, H within the aperture at these
+    ends : of the aperture, none where all pulses serve all pixels
+    rho : m, range of closest approach
+
+    Notes
+    -----
+    Ignores the change of the tails and of w'' with the range within the swath.
+    """
+
+    sines: F64
+    weight: C64
+    ends: tuple[_End, ...]
+    rho: float
+
+    def __call__(self, kx: F64, k: F64, ky: F64) -> C64:
+        """H (rows, count) at kx (rows, 1), k (count,) and ky (rows, count), rad/m."""
+        sine = kx / k
+        step = self.sines[1] - self.sines[0]
+        place = np.clip((sine - self.sines[0]) * (1.0 / step), 0.0, self.sines.size - 1.001)
+        node = place.astype(np.int32)
+        low = self.weight[node]
+        out = low + (place - node).astype(np.float32) * (self.weight[node + 1] - low)
+        for end in self.ends:
+            out[end.sign * (end.sine - sine) <= 0.0] = 0.0
+        for end in self.ends:
+            end.add(out, kx, k, ky, self.rho)
+        return np.asarray(out)
+
+
+def aperture_filter(
+    radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window, sines: F64
+) -> ApertureFilter | None:
+    """Filter of a slant grid's pixels over a range of sines (2,); None where it is 1 throughout."""
+    own = np.isfinite(radar.half_aperture)
+    if not own and (radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures):
+        return None
+    middle, half = boresight_sine(radar), radar.half_aperture
+    bounds = np.clip(middle + half * np.array([-1.0, 1.0]) if own else sines, -_STEEPEST, _STEEPEST)
+    nodes = np.linspace(bounds[0], bounds[1], _NODES)
+    weight = filter_gain(radar, grid, nodes)
+    if own:
+        weight = weight * window(np.clip((nodes - middle) / (2.0 * half), -0.5, 0.5))
+    k, rho = 4.0 * np.pi / radar.waveform.wavelength, geometry.rho_center
+    slope = np.gradient(weight, nodes, edge_order=2)
+    bend = np.gradient(slope, nodes, edge_order=2)
+    ends = []
+    for index, sign in ((0, -1.0), (-1, 1.0)) if own else ():
+        # sine per unit of v
+        unit = (1.0 - nodes[index] ** 2) ** 0.75 * np.sqrt(np.pi / (k * rho))
+        ends.append(_End.of(float(nodes[index]), sign, weight[index], sign * slope[index] * unit))
+    full = weight + 0.5j * bend * (1.0 - nodes**2) ** 1.5 / (k * rho)
+    return ApertureFilter(nodes, full.astype(np.complex64), tuple(ends), rho)
+
+
+__all__ = ["ApertureFilter", "aperture_filter"]
