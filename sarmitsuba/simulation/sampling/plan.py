@@ -25,7 +25,7 @@ FINE_RAYS = 2_000_000
 FOOTPRINT_PER_RESOLUTION = 1.0 / 1.05
 # diffuse scatterers per resolution cell and axis: no lattice of theirs then shows in mean clutter at any heading, nor
 # storeys on walls of any incidence
-CELLS_PER_RESOLUTION = 1.36
+CELLS_PER_RESOLUTION = 1.4
 # rad; apertures that turn by more resolve less than half a wavelength, where there is no rough surface to tell apart:
 # scatterers get no denser
 WIDEST = 1.0
