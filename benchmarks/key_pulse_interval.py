@@ -1,5 +1,6 @@
 """Key-pulse interval: error against tracing every pulse with the same rays, stated and true, and time."""
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,8 @@ def _boxes(report: harness.Report, count: int) -> None:
                 rows.append(
                     (seed, kind, n, sampling["key_pulse_interval"], sampling["block_error_db"], float(true))
                 )
+                # the whole takes long: what is known of it is seen
+                print(*rows[-1], file=sys.stderr, flush=True)
     report.table(
         "boxes on ground, drawn by seed: an automatic interval, and blocks of 16",
         ["seed", "radar", "pulses", "K", "stated dB", "true dB", "difference dB"],

@@ -133,6 +133,12 @@ def saved_raw(
     return None
 
 
+def _stated(bar: Mapping[str, float]) -> str:
+    """An error bar as people read it."""
+    bound = f", at most {bar['at_most_db']:.1f} dB" if "at_most_db" in bar else ""
+    return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
+
+
 def store_image(
     folder: OutputFolder,
     image: SarImage,
@@ -147,14 +153,14 @@ def store_image(
     errors = image.metadata.get("sampling_error", {})
     if errors:
         record["sampling_error"] = errors
-        text = ", ".join(f"{channel} {bar['error_db']:.1f} dB" for channel, bar in errors.items())
+        text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
         blocks = image.metadata.get("sampling", {}).get("block_error_db")
         apart = (
             "blocks of pulses" if blocks is None else f"blocks of pulses ({blocks:.1f} dB, measured apart)"
         )
         console.say(
-            f"sampling error of the image: {text} (sampling with rays only; too few bounces, {apart}, gridding and "
-            "physical optics are not in it)"
+            f"sampling error of the image: {text} ({next(iter(errors.values()))['source']}; too few bounces, {apart}, "
+            "gridding and physical optics are not in it)"
         )
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,17 @@ class Run:
             left_out = mirrors_outside(self.scene, self.sampling.windows)
             self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
+
+    def at(self, factor: float) -> "Run":
+        """The run with its rays so many times as far apart; it shares the geometry and every decision."""
+        other = copy(self)
+        other.timer = StageTimer(self.timer.clock)
+        if self.sampling is not None:
+            denser = self.sampling.spacings.at(factor)
+            settings = replace(self.scene.settings, **denser)  # type: ignore[arg-type]
+            other.scene = replace(self.scene, settings=settings)
+            other.sampling = self.sampling.obeying(other.scene, self.sampling.flags)
+        return other
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:
         """What the run takes; nothing of it is allocated yet.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.focusing import default_grid, focus
@@ -295,12 +296,88 @@ def _response(x: F64) -> F64:
 # ---- two passes
 
 
-def test_two_passes_keep_their_coherence() -> None:
-    """A baseline of a tenth of the critical one: coherence 1 - B/Bc = 0.9, and no ramp once the flat earth is removed.
+def two_passes(seed: int, share: float, cells: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
+    """Coherence of two passes over tilted ground once its fringes are removed, and how many independent cells it is of.
 
-    Before: 0.01, and 0.1 rad/m. The cell is a third of the resolution, so that the shift of the ground's spectrum is
-    within what the scatterers can carry.
+    Heading, look, slope and resolutions are drawn. The baseline is ``share`` of the critical one, at which the plane's
+    spectra of both passes part: lambda R tan(i) / (2 resolution), i the incidence within the plane of range.
     """
+    rng = np.random.default_rng([seed, 77])
+    heading, look, slope, downhill = rng.uniform((0, 25, 0, 0), (360, 55, 8, 360))
+    resolution, azimuth = np.exp(rng.uniform(np.log((0.3, 0.6)), np.log((2.0, 1.6))))
+    azimuth *= resolution
+    slant_range, wavelength, size = 10e3, 299_792_458.0 / 9.65e9, 40.0 * max(resolution, azimuth)
+    tilt = np.tan(np.radians(slope)) * np.array(
+        [np.cos(np.radians(downhill)), np.sin(np.radians(downhill)), 0.0]
+    )
+    ground = quad(-0.95 * size * (X + Y), 1.9 * size * X, 1.9 * size * Y)
+    ground[..., 2] = ground @ tilt
+    images, angle = [], 0.0
+    for number in range(2):
+        scene = scene_of(
+            [ground],
+            ROUGH,
+            size,
+            look_angle_deg=repr(float(look + np.degrees(angle))),
+            heading_deg=repr(float(heading)),
+            bandwidth=repr(float(299_792_458.0 / 2.0 / resolution)),
+            azimuth_resolution=repr(float(azimuth)),
+            slant_range=repr(slant_range),
+        )
+        scene = replace(scene, settings=replace(scene.settings, scatterer_cell=cells[number]))
+        if number == 0:
+            track = scene.radar.track
+            along = track.position[-1] - track.position[0]
+            along /= np.linalg.norm(along)
+            line, normal = (w - (w @ along) * along for w in (track.center_position, Z - tilt))
+            cosine = line @ normal / np.linalg.norm(line) / np.linalg.norm(normal)
+            angle = share * wavelength * np.tan(np.arccos(cosine)) / (2.0 * scene.radar.waveform.range_cell)
+        grid = default_grid(scene.radar, scene.image) if not images else images[0].grid
+        images.append(focus(simulate(scene), grid))
+    edge = tuple(slice(n // 10, -(n // 10)) for n in images[0].grid.shape)
+    one, two = (image.total()[edge] for image in images)
+    product = one * two.conj()
+    extent = product.size * images[0].grid.azimuth_spacing * images[0].grid.range_spacing
+    count = extent / (images[0].azimuth_resolution_cell * images[0].range_resolution_cell)
+    energy = float(np.sqrt(np.square(np.abs(one)).sum() * np.square(np.abs(two)).sum()))
+    return _fringe_sum(product) / energy, float(count)
+
+
+def _fringe_sum(product: NDArray[np.complex64]) -> float:
+    """Largest magnitude of the sum over an image with a plane of phase removed."""
+    rows, columns = np.indices(product.shape)
+
+    def lost(slope: F64) -> float:
+        fringe = np.exp(-2j * np.pi * (slope[0] * rows + slope[1] * columns))
+        return -float(np.abs((product * fringe).sum()))
+
+    spectrum = np.abs(np.fft.fft2(product, s=[4 * n for n in product.shape]))
+    peak = np.array(np.unravel_index(spectrum.argmax(), spectrum.shape)) / spectrum.shape
+    around = peak + 2e-3 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    return -float(minimize(lost, peak, method="Nelder-Mead", options={"initial_simplex": around}).fun)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_two_passes_keep_their_coherence(seed: int, share: float) -> None:
+    """Coherence 1 - B/Bc with automatic settings, at drawn headings. Before: 0.01 instead of 0.9."""
+    coherence, cells = two_passes(seed, share)
+    expected = 1.0 - share
+    print(seed, share, coherence, cells)
+    # tol: three standard errors (1 - g^2) / sqrt(2 n) of n independent cells; 0.015 for the theory's flat spectrum and
+    # small angles
+    assert abs(coherence - expected) < 3.0 * (1.0 - expected**2) / np.sqrt(2.0 * cells) + 0.015
+
+
+def test_other_cells_are_other_scatterers() -> None:
+    """So that the test above can tell: passes that do not share their cells have nothing in common."""
+    coherence, cells = two_passes(0, 0.1, cells=(0.5, 0.35))
+    # tol: the largest of the spectrum of so many independent products, sqrt(ln(n) / n) and a third
+    assert coherence < 1.33 * np.sqrt(np.log(cells) / cells)
+
+
+def test_no_ramp_is_left_between_two_passes() -> None:
+    """Level ground at a tenth of the critical baseline, the flat earth removed. Before: a ramp of 0.1 rad/m."""
     ground = [quad(np.array([-16.0, -16.0, 0.0]), 32.0 * X, 32.0 * Y)]
     wavelength, slant_range, incidence = 299_792_458.0 / 9.65e9, 10e3, np.radians(35.0)
     critical = wavelength * slant_range * np.tan(incidence) / (2.0 * RESOLUTION)
@@ -308,15 +385,9 @@ def test_two_passes_keep_their_coherence() -> None:
     images = []
     for look in (35.0, 35.0 + np.degrees(angle)):
         scene = scene_of(ground, ROUGH, 20.0, look_angle_deg=str(look))
-        scene = replace(scene, settings=replace(scene.settings, scatterer_cell=RESOLUTION / 3.0))
         grid = default_grid(scene.radar, scene.image) if not images else images[0].grid
         images.append(focus(simulate(scene), grid))
-    one, two = (image.total() for image in images)
-    product = one * two.conj()
-    coherence = np.abs(product.sum()) / np.sqrt(np.square(np.abs(one)).sum() * np.square(np.abs(two)).sum())
-    # tol: three standard errors sqrt((1 - g^2)^2 / 2n) of n = 1000 independent cells is 0.013; the theory's
-    # triangle is that of a flat spectrum and small angles
-    assert abs(coherence - 0.9) < 0.02
+    product = images[0].total() * images[1].total().conj()
     x, _, _ = np.moveaxis(images[0].grid.positions(), -1, 0)
     phase = [np.angle(product[(x >= low) & (x < low + 4.0)].sum()) for low in (-8.0, -4.0, 0.0, 4.0)]
     slope = np.polyfit([-6.0, -2.0, 2.0, 6.0], np.unwrap(phase), 1)[0]

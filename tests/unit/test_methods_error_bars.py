@@ -4,14 +4,21 @@ import numpy as np
 import pytest
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.simulation.refinement.error_bars import (
+    PASSES,
+    PASSES_SCATTER_DB,
+    PASSES_SHARED_DB,
     SHARED_DB,
     SHARED_SCATTER_DB,
     estimate_error,
+    estimate_pass_error,
     has_subsets,
+    with_error_bars,
 )
+from sarmitsuba.simulation.refinement.passes import Passes
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:
@@ -63,6 +70,53 @@ def test_orders_are_summed_and_channels_kept_apart() -> None:
     assert bars.channels == ("HH", "VV")
     assert bars.error_db[0] == pytest.approx(bars.error_db[1])
     assert set(bars.as_dict()) == {"HH", "VV"}
+
+
+@pytest.mark.parametrize("levels", [(0, 1), (0, 1, 2, 3), (0, 0, 0), (0, 1, 1)])
+def test_passes_state_the_error_of_their_mean(levels: tuple[int, ...]) -> None:
+    """Passes whose errors are independent and fall as their rays: the stated error is the true one, and the constant.
+
+    Each is a stand-in of raw data with two subsets and two orders; the truth is known because it was made up.
+    """
+    rng = np.random.default_rng(7)
+    shape = (128, 128)
+
+    def noise() -> np.ndarray:
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
+
+    truth, passes = noise(), Passes("made up")
+    layers = tuple(Layer("VV", order, subset) for subset in (1, 2) for order in (1, 2))
+    for level in levels:
+        whole = truth + 0.1 * 2.0 ** (-0.5 * level) * noise()
+        parts = np.stack([whole * part for part in (0.5, 0.25, 0.2, 0.05)]).astype(np.complex64)
+        raw = object.__new__(RawData)
+        for name, value in {"data": parts, "layers": layers, "metadata": {"sampling": {}}}.items():
+            object.__setattr__(raw, name, value)
+        passes.add(raw, level)
+    assert passes.data is not None and passes.change is not None and passes.change.shape == (1, *shape)
+    mean = passes.data.sum(axis=0)
+    true_db = 10 * np.log10(np.sum(np.abs(mean - truth) ** 2) / np.sum(np.abs(truth) ** 2))
+    bars = estimate_pass_error(passes.change, mean[None], ("VV",), passes.share)
+    # tol: Monte Carlo, sums of 16384 chi-square terms and their cross terms
+    assert abs(bars.error_db[0] - PASSES_SHARED_DB - true_db) < 0.3
+    assert bars.noise_db[0] > true_db and bars.source == PASSES
+    # exponential powers: the sum of n has the spread of n / 2 equal ones; 16 pixels err together
+    chance = 4.0 * 10.0 / np.log(10.0) / np.sqrt(0.5 * 128 * 128)
+    assert bars.confidence_db[0] == pytest.approx(np.hypot(chance, PASSES_SCATTER_DB), rel=0.01)
+
+
+def test_what_passes_said_stands() -> None:
+    """An image focused from the data of many passes keeps their figure; that of its two subsets says less."""
+    data, layers, _ = subsets(0.1)
+    x, y, _ = np.eye(3)
+    grid = ImageGrid("ground", np.arange(128.0), np.arange(128.0), np.zeros(3), y, x)
+    said = {"VV": {"error_db": -44.0, "at_most_db": -41.0, "confidence_db": 1.0, "source": PASSES}}
+    image = SarImage(
+        data, layers, grid, 0.03, 2.0, 3.0, np.full(128, 0.8), {"refinement": {"sampling_error": said}}
+    )
+    assert with_error_bars(image).metadata["sampling_error"] == said
+    own = with_error_bars(SarImage(data, layers, grid, 0.03, 2.0, 3.0, np.full(128, 0.8), {}))
+    assert "noise_db" in own.metadata["sampling_error"]["VV"]
 
 
 def test_without_halves_there_is_one_clear_line() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw import Layer, RawData, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
@@ -23,11 +23,17 @@ from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
-from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.raw import simulate
-from sarmitsuba.simulation.refinement.error_bars import estimate_error, with_error_bars
-from sarmitsuba.simulation.run import Ready
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.refinement.error_bars import (
+    PASSES,
+    SUBSETS,
+    ErrorBars,
+    Source,
+    estimate_error,
+    estimate_pass_error,
+    with_error_bars,
+)
+from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
@@ -44,9 +50,8 @@ _DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-# weight of a pass as a power of its rays: a little above the 2 by which error energy falls, so that what the coarser
-# passes share does not stay
-WORTH = 3.0
+# error energy falls as the rays to this power: 2.5 dB where they double (benchmarks/error_bars.py)
+ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
 
@@ -60,13 +65,15 @@ class Passes:
     fingerprint : of the scene and settings that the passes belong to
     count : passes done
     seconds : spent on them, over all runs
-    data : (n_layers, n_pulses, n_samples) complex64, weighted mean over the passes, subsets apart
+    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes weighted by their rays, subsets apart
     layers : labels
     history : after every pass: seconds so far, error (dB)
     metadata : of the last pass's raw data
     levels : of every pass, how often its rays were doubled
     weight : of all passes together
     rays : of one key pulse of the last pass
+    change : (n_channels, n_pulses, n_samples) complex64, the last pass less the mean of those before it; None of one
+    share : weight of the last pass in the mean
     """
 
     fingerprint: str
@@ -79,11 +86,14 @@ class Passes:
     levels: list[int] = field(default_factory=list)
     weight: float = 0.0
     rays: int = 0
+    change: NDArray[np.complex64] | None = None
+    share: float = 1.0
 
     def add(self, raw: RawData, level: int) -> None:
-        """Take in one more pass, weighted by what its rays are worth."""
-        own = 2.0 ** (WORTH * level)
+        """Take in one more pass, weighted by its rays."""
+        own = 2.0**level
         self.weight += own
+        self.share = own / self.weight
         self.count += 1
         self.levels.append(level)
         self.layers, self.metadata = raw.layers, dict(raw.metadata)
@@ -91,7 +101,9 @@ class Passes:
         if self.data is None:
             self.data = raw.data.copy()
         else:
-            self.data += (raw.data - self.data) * np.float32(own / self.weight)
+            step = raw.data - self.data
+            self.change = _by_channel(step, self.layers)
+            self.data += step * np.float32(self.share)
 
     def save(self, path: Path) -> None:
         """Write all of it; the file appears whole or not at all."""
@@ -102,14 +114,17 @@ class Passes:
             "history": self.history,
             "levels": self.levels,
             "weight": self.weight,
+            "share": self.share,
             "rays": self.rays,
             "layers": [dataclasses.astuple(layer) for layer in self.layers],
             "metadata": to_json(self.metadata),
         }
+        none = np.empty((0, 0, 0), np.complex64)
         with atomic_path(path) as temporary, open(temporary, "wb") as file:
             np.savez(
                 file,
                 data=np.asarray(self.data),
+                change=none if self.change is None else self.change,
                 record=np.frombuffer(json.dumps(record).encode(), dtype=np.uint8),
             )
 
@@ -128,12 +143,14 @@ class Passes:
             # opened here: of a damaged file NumPy leaves its own open
             with open(path, "rb") as opened, np.load(opened) as file:
                 record = json.loads(file["record"].tobytes().decode())
-                data = file["data"]
+                data, change = file["data"], file["change"]
             passes = Passes(
                 fingerprint=str(record["fingerprint"]),
                 count=int(record["count"]),
                 seconds=float(record["seconds"]),
                 data=data,
+                change=change if change.size else None,
+                share=float(record["share"]),
                 layers=tuple(Layer(*row) for row in record["layers"]),
                 history=[(float(a), float(b)) for a, b in record["history"]],
                 metadata=record["metadata"],
@@ -192,9 +209,9 @@ def refine(
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
     Every pass traces the scene anew with lattices of its own, shifted and turned at random, and twice the rays of the
-    pass before as far as memory and the time left allow: error energy falls faster than one over the rays, so denser
-    lattices beat more of them. The result is the mean of all passes, weighted by their density. The error of the image
-    is estimated from the two ray subsets.
+    pass before as far as memory and the time left allow: what all lattices of a density blur alike only denser ones
+    undo. The result is the mean of all passes, weighted by their rays. The error of the image is estimated from what
+    the last pass changed, so that a target takes two passes at least; after one pass it is that of the two ray subsets.
 
     Parameters
     ----------
@@ -221,7 +238,7 @@ def refine(
     Notes
     -----
     The passes reduce the error of ray sampling and no other; see
-    :func:`sarmitsuba.simulation.refinement.error_bars.estimate_error`.
+    :func:`sarmitsuba.simulation.refinement.error_bars.estimate_pass_error`.
     """
     target = scene.settings.target_error_db if target_error_db is None else target_error_db
     limit = scene.settings.time_limit if time_limit is None else time_limit
@@ -242,9 +259,7 @@ def refine(
         range_window,
         azimuth_window,
     )
-    plan = plan_scene(scene, clock=clock)
-    spacings = SamplingPlan.of(scene, plan.flags).spacings if scene.geometry.n_faces else None
-
+    whole = Run(scene, clock=clock)
     goal = _Goal(target, limit, max_passes, clock)
     took = 0.0  # seconds of the last pass with its check
     while True:
@@ -259,13 +274,12 @@ def refine(
         if level is None:
             break
         start = clock()
-        denser = spacings.at(2.0 ** (-0.5 * level)) if spacings else {}
-        settings = replace(scene.settings, **denser)  # type: ignore[arg-type]
-        raw = simulate(
-            replace(scene, settings=settings), plan=plan, pass_index=passes.count, ready=ready, clock=clock
-        )
-        ready = None
-        passes.add(raw, level)
+        run = whole.at(2.0 ** (-0.5 * level))
+        run.needs().check()
+        if ready:
+            ready(run)
+            ready = None
+        passes.add(echoes(run, pass_index=passes.count), level)
         took = clock() - start
         passes.seconds += took
         passes.history.append((passes.seconds, float("nan")))
@@ -298,12 +312,12 @@ class _Goal:
         return self.target < 0.0 and error <= self.target
 
     def reached(self, error: float, passes: Passes) -> bool:
-        return self.met(error) or passes.count >= self.max_passes
+        # the subsets of one pass are too uncertain to end it
+        return (self.met(error) and passes.count > 1) or passes.count >= self.max_passes
 
     def share(self, error: float, elapsed: float) -> tuple[float, float]:
         """Progress in per cent: by the passes that the target still needs, or by the time, whichever is further on."""
-        # error energy falls as 1 / rays^2
-        by_error = 10.0 ** ((self.target - error) / 20.0) if self.target < 0.0 else 0.0
+        by_error = 10.0 ** ((self.target - error) / (10.0 * ORDER)) if self.target < 0.0 else 0.0
         by_time = elapsed / self.limit if self.limit > 0.0 else 0.0
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 
@@ -318,41 +332,69 @@ class _Focuser:
         self.range_window, self.azimuth_window = range_window, azimuth_window
         self.ratio_db: float | None = None  # image error less raw error
         self.image: SarImage | None = None  # of the passes so far, where it was focused
+        self.source: Source = SUBSETS
 
     def raw(self) -> RawData:
         passes = self.passes
         assert passes.data is not None
-        scene = self.scene
-        radar = scene.radar
+        return self._raw(passes.data, passes.layers)
+
+    def _raw(self, data: NDArray[np.complex64], layers: tuple[Layer, ...]) -> RawData:
+        scene, radar = self.scene, self.scene.radar
         flown = radar.track if radar.recorded is not None else None
         return RawData(
-            passes.data, passes.layers, "compressed", radar.as_recorded(), passes.metadata, scene.image, flown
+            data, layers, "compressed", radar.as_recorded(), self.passes.metadata, scene.image, flown
         )
 
     def focus(self, raw: RawData) -> SarImage:
         return focus(raw, self.grid, range_window=self.range_window, azimuth_window=self.azimuth_window)
 
+    def bars(self, image: SarImage) -> ErrorBars:
+        """Of the image of all passes."""
+        change = self.passes.change
+        if change is None:
+            return estimate_error(image.data, image.layers, pixels=False)
+        channels = channels_of(image.layers)
+        changed = self.focus(self._raw(change, tuple(Layer(c) for c in channels)))
+        mean = _by_channel(image.data, image.layers)
+        return estimate_pass_error(changed.data, mean, channels, self.passes.share)
+
+    def _raw_error_db(self) -> float:
+        """Of the raw data, worst channel."""
+        passes = self.passes
+        assert passes.data is not None
+        if passes.change is None:
+            return max(estimate_error(passes.data, passes.layers, pixels=False).error_db)
+        mean = _by_channel(passes.data, passes.layers)
+        channels = channels_of(passes.layers)
+        return max(estimate_pass_error(passes.change, mean, channels, passes.share).error_db)
+
     def error_db(self, goal: _Goal) -> float:
         """Of the image, worst channel."""
-        raw, self.image = self.raw(), None
-        raw_error = _worst_error_db(raw.data, raw.layers)
+        self.image = None
+        raw_error = self._raw_error_db()
+        source: Source = SUBSETS if self.passes.change is None else PASSES
+        if source != self.source:  # another estimate, another ratio
+            self.ratio_db, self.source = None, source
         error = raw_error + (self.ratio_db or 0.0)
         if self.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
-            self.image = self.focus(raw)
-            error = _worst_error_db(self.image.data, self.image.layers)
+            self.image = self.focus(self.raw())
+            error = max(self.bars(self.image).error_db)
             self.ratio_db = error - raw_error
         return error
 
 
-def _worst_error_db(data: NDArray[np.complex64], layers: Sequence[Layer]) -> float:
-    return float(max(estimate_error(data, layers, pixels=False).error_db))
+def _by_channel(data: NDArray[np.complex64], layers: Sequence[Layer]) -> NDArray[np.complex64]:
+    """Sum of the layers of every channel, (n_channels, ...)."""
+    return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])
 
 
 def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
     """Raw data and image of all passes, with their record; receiver noise last."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)
-    error = _worst_error_db(image.data, image.layers)
+    bars = focuser.bars(image)
+    error = max(bars.error_db)
     passes.history[-1] = (passes.seconds, error)
     if noisy:
         raw = add_noise(raw, seed=focuser.scene.settings.seed)
@@ -365,6 +407,7 @@ def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
         "target_error_db": goal.target,
         "time_limit_s": goal.limit,
         "met": met,
+        "sampling_error": bars.as_dict(),
         "history": [[round(s, 3), round(e, 3)] for s, e in passes.history],
     }
     raw = replace(raw, metadata={**raw.metadata, "refinement": record})
