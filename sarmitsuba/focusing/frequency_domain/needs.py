@@ -1,6 +1,5 @@
 """Bytes that the frequency-domain focusers take."""
 
-import warnings
 from abc import ABC
 from dataclasses import replace
 
@@ -31,11 +30,7 @@ class RowsFocuser(Focuser, ABC):
         """Most bytes at a time while it makes the pixels, those included."""
         slant = slant_grid(radar, grid)
         geometry = track_geometry(radar, slant)
-        with warnings.catch_warnings():  # of an image that folds, which focusing itself gives
-            warnings.simplefilter("ignore")
-            dense = replace(
-                geometry, spacing=geometry.spacing / rate_factor(self.name, radar, slant, geometry)
-            )
+        dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])
         rows = int(track_period(radar, slant, dense) / dense.spacing)
         pixels = slant.azimuth.size * slant.range.size
         band = int(radar.window.n_samples * radar.waveform.bandwidth / radar.window.sampling_rate)
