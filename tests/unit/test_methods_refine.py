@@ -12,7 +12,9 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.refinement.passes import Passes, refine
+from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import crop
 
 
@@ -78,6 +80,22 @@ def test_more_passes_are_better_and_a_met_target_ends_them(scene: Scene) -> None
     more = refine(scene, target_error_db=one.error_db - 2.5, time_limit=600.0, clock=Ticks())
     assert more.met and 1 < more.passes <= 8  # doubling the rays lowers it by 2.5 dB
     assert more.error_db <= one.error_db - 2.5
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+def test_a_run_at_other_spacings_is_the_run_made_so(scene: Scene) -> None:
+    run = Run(scene)
+    assert run.sampling is not None
+    denser = run.at(0.7)
+    made = Run(
+        replace(scene, settings=replace(scene.settings, **run.sampling.spacings.at(0.7))), plan=run.plan
+    )
+    ours, theirs = (echoes(one, pass_index=3) for one in (denser, made))
+    # tol: float32 sums in whatever order threads finish
+    assert np.linalg.norm(ours.data - theirs.data) < 1e-5 * np.linalg.norm(theirs.data)
+    assert denser.report is not None and made.report is not None and run.report is None
+    assert denser.report.rays_per_key_pulse == made.report.rays_per_key_pulse
+    assert denser.trace_scene is run.trace_scene
 
 
 def test_state_of_another_scene_is_refused(scene: Scene, tmp_path: Path) -> None:
