@@ -199,7 +199,8 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
     image = render(scene, range_window=WINDOW, azimuth_window=WINDOW)
     line = scene.radar.track.center_position - scene.radar.aim_point
     azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
-    settings = dataclasses.replace(scene.settings, ray_spacing=0.0)
+    # scatterers as wide as the image's: a third of a wavelength, as for many aspects, would take most of the time
+    settings = dataclasses.replace(scene.settings, scatterer_cell=0.5 * state.resolution)
     rcs = rcs_sweep(
         dataclasses.replace(scene, settings=settings),
         Aspects(np.array([azimuth]), np.array([elevation])),
