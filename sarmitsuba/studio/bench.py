@@ -5,6 +5,7 @@ image to the bit.
 """
 
 import dataclasses
+import shlex
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -170,7 +171,8 @@ def scene_xml(state: BenchState) -> str:
 
 def command(path: Path) -> str:
     """The command line that makes the bench's image from a saved state."""
-    return f"python -m sarmitsuba render {path} -o {path.with_suffix('')} --no-error-bars --window {WINDOW}"
+    source, out = shlex.quote(str(path)), shlex.quote(str(path.with_suffix("")))
+    return f"python -m sarmitsuba render {source} -o {out} --no-error-bars --window {WINDOW}"
 
 
 def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
@@ -191,13 +193,14 @@ def view_of(state: BenchState, folder: Path, *, clock: Clock = time.perf_counter
         The state cannot be simulated.
     """
     start = clock()
-    path = folder / "now.xml"
+    path = folder / f"{state.source.stem}.xml"
     _write(path, scene_xml(state))
     scene = load_scene(path)
     image = render(scene, range_window=WINDOW, azimuth_window=WINDOW)
     line = scene.radar.track.center_position - scene.radar.aim_point
     azimuth, elevation = np.arctan2(line[1], line[0]), np.arctan2(line[2], np.hypot(line[0], line[1]))
-    settings = dataclasses.replace(scene.settings, ray_spacing=0.0)
+    # scatterers as wide as the image's: a third of a wavelength, as for many aspects, would take most of the time
+    settings = dataclasses.replace(scene.settings, scatterer_cell=0.5 * state.resolution)
     rcs = rcs_sweep(
         dataclasses.replace(scene, settings=settings),
         Aspects(np.array([azimuth]), np.array([elevation])),

@@ -186,7 +186,7 @@ class Studio:
         self._changed.set()
 
     def save(self, client: viser.ClientHandle | None = None) -> None:
-        """Write the scene that is shown, which a slider may have left since; ``client`` downloads it too."""
+        """Write the scene that is shown, which a slider may have left since; ``client`` may download it too."""
         if self.view is None:
             return
         try:
@@ -195,6 +195,7 @@ class Studio:
             self._status.content = f"**not saved:** {self.folder}: {error.strerror}"
             return
         self._command.value = command(self.saved)
+        self._status.content = f"saved as {self.saved}"
         if client is not None:
             client.send_file_download(self.saved.name, self.saved.read_bytes())
 
@@ -236,7 +237,7 @@ class Studio:
             # from behind the radar's side, with the antenna and the ground in the picture
             self.server.initial_camera.look_at = 0.35 * antenna
             self.server.initial_camera.position = _SIZE * (
-                -1.6 * along - 0.2 * across + np.array([0.0, 0.0, 0.9])
+                -1.25 * along - 0.1 * across + np.array([0.0, 0.0, 0.75])
             )
 
     @property

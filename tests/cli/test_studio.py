@@ -40,12 +40,12 @@ def drawn_state(seed: int) -> BenchState:
 def test_saved_command_makes_the_same_image_to_the_bit(seed: int, tmp_path: Path) -> None:
     state = drawn_state(seed)
     view = view_of(state, tmp_path)
-    path = save(state, tmp_path / "kept")
-    assert path.name == "bench_1.xml" and save(state, tmp_path / "kept").name == "bench_2.xml"
+    path = save(state, tmp_path / "kept here")
+    assert path.name == "bench_1.xml" and save(state, tmp_path / "kept here").name == "bench_2.xml"
     words = shlex.split(command(path))
     assert words[:3] == ["python", "-m", "sarmitsuba"]
     assert main([*words[3:], "--quiet"]) == 0
-    again = read_image(tmp_path / "kept" / "bench_1" / "image.h5")
+    again = read_image(tmp_path / "kept here" / "bench_1" / "image.h5")
     assert view.image.data.any() and again.layers == view.image.layers
     assert np.array_equal(again.data, view.image.data)
     assert np.array_equal(again.grid.azimuth, view.image.grid.azimuth)
