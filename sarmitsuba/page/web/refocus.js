@@ -168,7 +168,9 @@ class Refocus {
         await new Promise((resolve) => setTimeout(resolve)); // the page comes first
         if (this.wanted && name === "whole") break;
         const passed = performance.now() - start;
-        one.chunk = Math.max(1, passed < SLICE_MS ? 2 * one.chunk : one.chunk >> 1);
+        // reading and showing take their time however few pulses were added: never spend most of it on that
+        one.least = Math.min(one.least, passed);
+        one.chunk = Math.max(1, passed < Math.max(SLICE_MS, 2 * one.least) ? 2 * one.chunk : one.chunk >> 1);
       } while (one.done < end);
     }
   }
@@ -176,7 +178,7 @@ class Refocus {
   async projector(name) {
     if (!this.projectors[name]) {
       const bp = await createBackprojector(null, this.data, name === "small" ? this.small : this.grid);
-      this.projectors[name] = { bp, done: 0, chunk: 8, settings: "" };
+      this.projectors[name] = { bp, done: 0, chunk: 8, least: Infinity, settings: "" };
     }
     return this.projectors[name];
   }
