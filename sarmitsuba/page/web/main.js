@@ -61,6 +61,7 @@ class Page {
     this.controls();
     this.listen();
     await this.world.load();
+    performance.mark("geometry");
     this.showLook();
     this.world.view("overview");
     this.story.welcome();
@@ -165,7 +166,9 @@ class Page {
     });
     store.on(["building"], () => this.buildUp());
     store.on(["picked"], ({ picked }) => {
-      this.view.setCursor(picked && { row: Math.round(picked[0]), column: Math.round(picked[1]) });
+      const [row, column] = picked ? picked.map(Math.round) : [-1, -1];
+      const inside = row >= 0 && column >= 0 && row < this.look.grid.shape[0] && column < this.look.grid.shape[1];
+      this.view.setCursor(inside ? { row, column } : null);
       if (picked) this.showTab("tab-story");
     });
     document.addEventListener("keydown", (event) => this.key(event));
@@ -352,9 +355,12 @@ function fail(error) {
 }
 
 try {
+  performance.mark("modules");
   const page = new Page(await readPayload());
+  performance.mark("numbers");
   window.sarmitsuba = { page, pointOf }; // for tests, and for the curious
   await page.start();
+  performance.mark("ready");
   document.documentElement.dataset.ready = "true";
 } catch (error) {
   fail(error);
