@@ -94,7 +94,11 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "paths": None,
     }
     if run.raw is not None:
-        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name).payload())
+        windows = {
+            key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
+            for key in ("range_window", "azimuth_window")
+        }
+        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:
         flown = run.raw.flown if run.raw is not None else None

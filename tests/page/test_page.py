@@ -65,7 +65,9 @@ def opened(chromium: Any) -> Any:
     def call(path: Path) -> Open:
         page = chromium.new_page()
         one = Open(page, [], [])
-        page.on("console", lambda m: one.complaints.append(m.text) if m.type in ("error", "warning") else None)
+        page.on(
+            "console", lambda m: one.complaints.append(m.text) if m.type in ("error", "warning") else None
+        )
         page.on("pageerror", lambda error: one.complaints.append(str(error)))
         page.on("request", lambda request: one.requests.append(request.url))
         page.goto(path.as_uri())
@@ -164,13 +166,17 @@ def test_click_on_the_deck_shows_its_three_lines(shown: Open, bridge: tuple[Path
     )
     shown.page.mouse.click(*spot)
     shown.idle()
-    landed = shown.call("return page.story.landed.map(({ order, range, point }) => ({ order, range, point }));")
+    landed = shown.call(
+        "return page.story.landed.map(({ order, range, point }) => ({ order, range, point }));"
+    )
     radar = read_raw(bridge[0] / "raw.h5").radar
     antenna = radar.track.position[radar.track.n_pulses // 2]
     face = np.array([0.0, 8.0, 30.0])
     near, far = (float(np.linalg.norm(antenna - p)) for p in (face, face * [1, 1, -1]))
     # tol: a click is half a picture element off, here 0.1 m of height at most
-    np.testing.assert_allclose([one["range"] for one in landed], [near, 0.5 * (near + far), far], rtol=0, atol=0.1)
+    np.testing.assert_allclose(
+        [one["range"] for one in landed], [near, 0.5 * (near + far), far], rtol=0, atol=0.1
+    )
     center = np.array(shown.call("return page.data.center;"))
     for one in landed:
         point = np.array(one["point"]) + center

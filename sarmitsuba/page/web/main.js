@@ -264,8 +264,7 @@ class Page {
     } else if (this.built) {
       this.built = false;
       this.refocus.end = look.echo.nPulses;
-      this.refocus.wanted = null;
-      Promise.resolve(this.refocus.running).then(() => this.view.setLive(null));
+      this.refocus.stop().then(() => this.view.setLive(null));
     }
   }
 
