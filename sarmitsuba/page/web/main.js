@@ -1,5 +1,6 @@
 // The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
 
+import { plainSettings } from "sarmitsuba/aperture.js";
 import { createComparison } from "sarmitsuba/compare.js";
 import { createImageView } from "sarmitsuba/image_view.js";
 import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
@@ -254,12 +255,11 @@ class Page {
     this.refocus = createRefocus($("refocus"), {
       data: look.echo,
       grid: look.pixels,
-      start: look.windows ?? {},
       onImage: (sum) => {
         if (this.changed || this.store.get("building")) this.view.setLive(sum);
       },
       onSettings: (settings) => {
-        this.changed = JSON.stringify(settings) !== JSON.stringify({ ...this.refocus.start, error: settings.error }) || settings.error.kind !== "none";
+        this.changed = JSON.stringify(settings) !== JSON.stringify(plainSettings(look.echo));
         if (!this.changed && !this.store.get("building")) this.view.setLive(null);
       },
     });
@@ -274,7 +274,10 @@ class Page {
     } else {
       this.refocus.end = look.echo.nPulses;
       if (this.changed) this.refocus.setEnd(look.echo.nPulses);
-      else if (this.view.live) this.view.setLive(null);
+      else {
+        this.refocus.stop();
+        if (this.view.live) this.view.setLive(null);
+      }
     }
   }
 
