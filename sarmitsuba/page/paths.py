@@ -60,6 +60,7 @@ def page_paths(
     *,
     seed: int | None = None,
     most: int = MOST_PATHS,
+    tile: int = TILE,
 ) -> PagePaths:
     """Trace the paths of single pulses and sort them into the cells of an image.
 
@@ -71,6 +72,7 @@ def page_paths(
     channel : whose amplitudes count
     seed : of the run
     most : paths kept; the brightest cells come first
+    tile : cells along the edge of a part of the image that is traced at once; takes memory, changes nothing
 
     Notes
     -----
@@ -82,8 +84,8 @@ def page_paths(
     shape = (-(-grid.shape[0] // size[0]), -(-grid.shape[1] // size[1]))
     tracer = PathTracer(scene, seed=seed)
     parts = [
-        _of_tile(tracer, scene, grid, channel, size, shape, tile)
-        for tile in _tiles(shape, _served_rows(scene, grid, size[0]))
+        _of_tile(tracer, scene, grid, channel, size, shape, part)
+        for part in _tiles(shape, _served_rows(scene, grid, size[0]), tile)
     ]
     table = joined([part.table for part in parts])
     number, amplitude = (
@@ -129,13 +131,13 @@ class _Tile:
 
 
 def _tiles(
-    shape: tuple[int, int], served: list[tuple[int, int, int]]
+    shape: tuple[int, int], served: list[tuple[int, int, int]], edge: int
 ) -> list[tuple[int, int, int, int, int]]:
     """Parts of the image, so that the paths of one fit into memory: pulse, first and last row and column of cells."""
     found = []
     for pulse, top, bottom in served:
-        rows = np.linspace(top, bottom, -(-(bottom - top) // TILE) + 1).round().astype(int).tolist()
-        columns = np.linspace(0, shape[1], -(-shape[1] // TILE) + 1).round().astype(int).tolist()
+        rows = np.linspace(top, bottom, -(-(bottom - top) // edge) + 1).round().astype(int).tolist()
+        columns = np.linspace(0, shape[1], -(-shape[1] // edge) + 1).round().astype(int).tolist()
         found += [(pulse, i, k, j, n) for i, k in pairwise(rows) for j, n in pairwise(columns)]
     return found
 

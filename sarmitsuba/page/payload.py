@@ -88,14 +88,17 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "grid": _grid(grid, center),
         "pixels": _nested(*page_grid(image.grid)),
         "image": _image(image, name),
-        "windows": _windows(image),
         "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
         "radar": None,
         "echo": None,
         "paths": None,
     }
     if run.raw is not None:
-        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name).payload())
+        windows = {
+            key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
+            for key in ("range_window", "azimuth_window")
+        }
+        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:
         flown = run.raw.flown if run.raw is not None else None
@@ -148,14 +151,6 @@ def _image(image: SarImage, channel: str) -> dict[str, Value]:
             for order, plane in sorted(orders.items())
         ],
     }
-
-
-def _windows(image: SarImage) -> dict[str, Value] | None:
-    """Windows that the image was made with; None where it was not focused from pulses."""
-    focus = image.metadata.get("focus", {})
-    if "azimuth_window" not in focus:
-        return None
-    return {"azimuthWindow": focus["azimuth_window"], "rangeWindow": focus["range_window"]}
 
 
 def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:

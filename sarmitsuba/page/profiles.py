@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -16,13 +17,17 @@ F64 = NDArray[np.float64]
 
 # bins kept before and behind the image's own: what a range window's side lobes reach
 _GUARD = 64
+# windows that a page offers beside those that its image was made with
+_OFFERED = ("rectangular", "taylor", "hamming")
+# places from one end of a window to the other at which the page is given it; linear between them to 1e-5
+_NODES = 1025
 # points on each edge of the image at which its ranges are looked up
 _EDGE = 65
 # largest value of an int16 that has its negative
 _FULL = 32767
 
 # what the page reads: JSON for the numbers, little-endian arrays for the rest
-Header = dict[str, "float | int | str | list[float] | Header | None"]
+Header = dict[str, "float | int | str | list[float] | list[str] | Header | None"]
 Arrays = dict[str, NDArray[np.generic]]
 
 
@@ -42,6 +47,7 @@ class PageProfiles:
     first_bin : (n_pulses,) float64, m, slant range of bin 0 less the reference range
     samples : (n_pulses, n_bins, 2) int16, real and imaginary part
     scale : (n_pulses,) float32, m, value of one step of ``samples``
+    range_window, azimuth_window : those that the image was focused with
 
     Notes
     -----
@@ -54,6 +60,8 @@ class PageProfiles:
     first_bin: F64
     samples: NDArray[np.int16]
     scale: F32
+    range_window: Window
+    azimuth_window: Window
 
     @property
     def reference_range(self) -> F64:
@@ -94,6 +102,11 @@ class PageProfiles:
             header["band"] = {"half": radar.half_aperture}
             forward, center, gap = flight(radar)
             arrays |= {"band.forward": forward.astype(np.float32), "band.center": center, "band.gap": gap}
+        own = (self.range_window, self.azimuth_window)
+        windows = {str(window): window for window in (*own, *map(parse_window, _OFFERED))}
+        header["windows"] = {"texts": list(windows), "range": str(own[0]), "azimuth": str(own[1])}
+        places = np.linspace(-0.5, 0.5, _NODES)
+        arrays["windows.nodes"] = np.array([w(places) for w in windows.values()], dtype=np.float32)
         return header, arrays
 
 
@@ -103,7 +116,14 @@ def page_center(grid: ImageGrid) -> F64:
     return np.asarray(grid.positions_on_line(rows // 2)[columns // 2])
 
 
-def page_profiles(raw: RawData, grid: ImageGrid, channel: str | None = None) -> PageProfiles:
+def page_profiles(
+    raw: RawData,
+    grid: ImageGrid,
+    channel: str | None = None,
+    *,
+    range_window: str | Window = "rectangular",
+    azimuth_window: str | Window = "rectangular",
+) -> PageProfiles:
     """Cut, refer and quantise the range-compressed pulses of one channel.
 
     Parameters
@@ -111,11 +131,12 @@ def page_profiles(raw: RawData, grid: ImageGrid, channel: str | None = None) -> 
     raw : range-compressed data, see :func:`sarmitsuba.focusing.range_compression.range_compress`
     grid : image that the page is to focus; in the frame of the radar or of the file
     channel : polarisation, None for the first
+    range_window, azimuth_window : those of the image, with which the page starts; the data themselves stay as they are
 
     Raises
     ------
     DataError
-        The data are chirped, the channel is not there, or nothing of the image was recorded.
+        Unknown window, the data are chirped, the channel is not there, or nothing of the image was recorded.
     """
     if raw.domain != "compressed":
         raise DataError("page: the data are not range compressed; call range_compress first")
@@ -147,6 +168,8 @@ def page_profiles(raw: RawData, grid: ImageGrid, channel: str | None = None) -> 
         first_bin=window.start_range + first * window.sample_spacing - reference,
         samples=np.round(parts / scale[:, None, None]).astype(np.int16),
         scale=scale.astype(np.float32),
+        range_window=parse_window(range_window),
+        azimuth_window=parse_window(azimuth_window),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.range_compression import range_compress
+from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
 from sarmitsuba.io.encoding import Json
@@ -68,7 +68,9 @@ def read_run(path: Path) -> RunFolder:
     if raw_path is None or not raw_path.exists():
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
     else:
-        raw = range_compress(read_raw(raw_path))
+        # as the image's own data were, so that the page makes the same image of them
+        done = image.metadata.get("focus", {}).get("range_compression", "flat")
+        raw = range_compress(read_raw(raw_path), method=done if done in COMPRESSIONS else "flat")
     scene = _scene(scene_record)
     if scene is None:
         notes.append(f"{path}: the scene file is not known; the page shows the track and the image alone")

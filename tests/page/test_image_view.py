@@ -283,7 +283,7 @@ def test_focusing_again_by_hand(bench: Any) -> None:
         parts = [np.frombuffer(base64.b64decode(out[part]), dtype=np.float32) for part in ("re", "im")]
         return (parts[0] + 1j * parts[1]).reshape(grid.shape), out["seen"]
 
-    bench.page.get_by_label("Window over the aperture").select_option("hamming")
+    bench.page.get_by_label("Window over the aperture").select_option("hamming:0.54")
     got, seen = image()
     want = backproject(raw, grid, azimuth_window="hamming")[0]
     # tol: as the backprojection's own tests
@@ -293,7 +293,7 @@ def test_focusing_again_by_hand(bench: Any) -> None:
     assert len(seen) > 1 and seen[0]["done"] < radar.track.n_pulses
 
     # back to what was recorded, by the button; then the time line stops half-way, then goes back
-    bench.page.get_by_role("button", name="As recorded").click()
+    bench.page.get_by_role("button", name="As it was").click()
     full, _ = image()
     assert abs(coherence(full, backproject(raw, grid)[0])) > 0.9995
     for end in (120, 40):
@@ -342,7 +342,7 @@ def test_what_the_aperture_can_do_is_said(bench: Any) -> None:
     const { apertureFacts } = await import("sarmitsuba/aperture.js");
     return apertureFacts(data, settings);
     """
-    settings = {"keepEvery": 2, "from": 0.25, "to": 0.75, "rangeWindow": "hamming"}
+    settings = {"keepEvery": 2, "from": 0.25, "to": 0.75, "rangeWindow": "hamming:0.54"}
     data = page_profiles(raw, grid).payload()
     got = bench.run(script, data=data, settings=settings)
     step = 2.0 * float(np.linalg.norm(np.diff(radar.track.position[:2], axis=0)))

@@ -1,16 +1,18 @@
 // What a student may change about the aperture, and where every pulse stands as seen from a piece of the image.
 
-import { parseWindow } from "sarmitsuba/windows.js";
+import { windowOf } from "sarmitsuba/windows.js";
 
-/** What an image is focused with when nothing is changed. */
-export const PLAIN = {
-  rangeWindow: "rectangular",
-  azimuthWindow: "rectangular",
-  keepEvery: 1, // 2: every second pulse is thrown away
-  from: 0, // part of the aperture that is used, 0 ... 1
-  to: 1,
-  error: { kind: "none", amplitude: 0, cycles: 3 },
-};
+/** Settings with which the page's own image was focused. */
+export function plainSettings(data) {
+  return {
+    rangeWindow: data.windows?.range ?? "rectangular",
+    azimuthWindow: data.windows?.azimuth ?? "rectangular",
+    keepEvery: 1, // 2: every second pulse is thrown away
+    from: 0, // part of the aperture that is used, 0 ... 1
+    to: 1,
+    error: { kind: "none", amplitude: 0, cycles: 3 },
+  };
+}
 
 /** Kinds of track errors and what they do. */
 export const TRACK_ERRORS = {
@@ -23,16 +25,16 @@ export const TRACK_ERRORS = {
 /**
  * Which pulses count how much, and where the focuser believes the antenna was.
  * @param {object} data see backprojector.js
- * @param {object} settings see PLAIN; what is left out is as there
+ * @param {object} settings see plainSettings; what is left out is as there
  * @returns weights Float32Array(nPulses), 0 for pulses not used; trackError Float64Array(nPulses), m by which the
  *   antenna is believed to be too far from the scene's centre; band: null or {half, shift, step, window}
  */
 export function aperturePlan(data, settings) {
-  const s = { ...PLAIN, ...settings };
+  const s = { ...plainSettings(data), ...settings };
   const kept = [];
   for (let t = 0; t < data.nPulses; t += s.keepEvery) kept.push(t);
   const weights = new Float32Array(data.nPulses);
-  const window = parseWindow(s.azimuthWindow);
+  const window = windowOf(data, s.azimuthWindow);
   const trackError = makeTrackError(data.nPulses, s.error);
   if (data.band) {
     for (const t of kept) weights[t] = data.weights[t];
@@ -84,12 +86,12 @@ export function beamGain(beam, t, x, y, z) {
  *   of a point that pulses so far apart leave, m
  */
 export function apertureFacts(data, settings) {
-  const s = { ...PLAIN, ...settings };
+  const s = { ...plainSettings(data), ...settings };
   const { weights, band } = aperturePlan(data, s);
   const used = [];
   weights.forEach((weight, t) => weight > 0 && used.push(t));
   const broadening = (text) => {
-    const window = parseWindow(text);
+    const window = windowOf(data, text);
     let [sum, squares] = [0, 0];
     const n = 1024;
     for (let i = 0; i < n; i++) {

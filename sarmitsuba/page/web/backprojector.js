@@ -18,13 +18,14 @@
 //   weights Float32Array(nPulses);
 //   beam null (isotropic) or {pattern "gaussian" | "rectangular", perWidth [2], azimuthAxis, elevationAxis, boresight:
 //     Float32Array(3 nPulses)};
+//   windows: see windows.js;
 //   band null (all pulses serve all pixels) or {half, forward Float32Array(3 nPulses), center, gap Float64Array(nPulses)}
 // }
 // grid: { nx, ny; origin [3] m from the scene's centre; along, across [3] horizontal unit vectors at right angles;
 //   rows Float64Array(ny), columns Float64Array(nx): m along and across from origin }
 // pixel (row i, column j) stands at origin + rows[i] along + columns[j] across; images are [ny][nx].
 
-import { PLAIN, aperturePlan, beamGain } from "sarmitsuba/aperture.js";
+import { aperturePlan, beamGain, plainSettings } from "sarmitsuba/aperture.js";
 import { OVERSAMPLING, RangeProfiles } from "sarmitsuba/range_profiles.js";
 
 // what a block may be wide along each of its axes, each way from its middle:
@@ -162,8 +163,9 @@ function believedAntenna(data, t, error) {
 
 /** Sums over pulses on the GPU: WebGL2 with float textures. */
 class GpuSums {
-  constructor(gl, data, grid) {
+  constructor(gl, data, grid, own) {
     this.gl = gl;
+    this.own = own;
     this.data = data;
     this.grid = grid;
     this.blocks = new Blocks(data, grid);
@@ -416,6 +418,8 @@ class GpuSums {
     for (const one of this.targets) gl.deleteFramebuffer(one);
     gl.deleteBuffer(this.pixelBuffer);
     gl.deleteProgram(this.program);
+    // a browser keeps few contexts alive at a time
+    if (this.own) gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 }
 
@@ -508,10 +512,10 @@ class Backprojector {
 
   /**
    * Empty the image, and take other settings.
-   * @param {object} settings see PLAIN in aperture.js; what is left out is as there
+   * @param {object} settings see plainSettings in aperture.js; what is left out is as there
    */
   reset(settings = {}) {
-    const text = settings.rangeWindow ?? PLAIN.rangeWindow;
+    const text = settings.rangeWindow ?? plainSettings(this.data).rangeWindow;
     if (text !== this.rangeWindow) {
       this.profiles = new RangeProfiles(this.data, text);
       this.rangeWindow = text;
@@ -579,7 +583,9 @@ function floatContext(canvas) {
  */
 export async function createBackprojector(canvas, data, grid, device = "auto") {
   const gl = device === "cpu" ? null : floatContext(canvas);
-  if (gl && GpuSums.fits(gl, data, grid)) return new Backprojector(new GpuSums(gl, data, grid), data, grid, "gpu");
+  if (gl && GpuSums.fits(gl, data, grid)) {
+    return new Backprojector(new GpuSums(gl, data, grid, canvas === null), data, grid, "gpu");
+  }
   if (device === "gpu") throw new Error("backprojector: this browser has no WebGL2 with float textures that fit");
   return new Backprojector(new CpuSums(data, grid), data, grid, "cpu");
 }

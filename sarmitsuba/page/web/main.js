@@ -1,5 +1,6 @@
 // The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
 
+import { plainSettings } from "sarmitsuba/aperture.js";
 import { createComparison } from "sarmitsuba/compare.js";
 import { createImageView } from "sarmitsuba/image_view.js";
 import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
@@ -61,6 +62,7 @@ class Page {
     this.controls();
     this.listen();
     await this.world.load();
+    performance.mark("geometry");
     this.showLook();
     this.world.view("overview");
     this.story.welcome();
@@ -165,7 +167,9 @@ class Page {
     });
     store.on(["building"], () => this.buildUp());
     store.on(["picked"], ({ picked }) => {
-      this.view.setCursor(picked && { row: Math.round(picked[0]), column: Math.round(picked[1]) });
+      const [row, column] = picked ? picked.map(Math.round) : [-1, -1];
+      const inside = row >= 0 && column >= 0 && row < this.look.grid.shape[0] && column < this.look.grid.shape[1];
+      this.view.setCursor(inside ? { row, column } : null);
       if (picked) this.showTab("tab-story");
     });
     document.addEventListener("keydown", (event) => this.key(event));
@@ -251,12 +255,11 @@ class Page {
     this.refocus = createRefocus($("refocus"), {
       data: look.echo,
       grid: look.pixels,
-      start: look.windows ?? {},
       onImage: (sum) => {
         if (this.changed || this.store.get("building")) this.view.setLive(sum);
       },
       onSettings: (settings) => {
-        this.changed = JSON.stringify(settings) !== JSON.stringify({ ...this.refocus.start, error: settings.error }) || settings.error.kind !== "none";
+        this.changed = JSON.stringify(settings) !== JSON.stringify(plainSettings(look.echo));
         if (!this.changed && !this.store.get("building")) this.view.setLive(null);
       },
     });
@@ -271,7 +274,10 @@ class Page {
     } else {
       this.refocus.end = look.echo.nPulses;
       if (this.changed) this.refocus.setEnd(look.echo.nPulses);
-      else if (this.view.live) this.view.setLive(null);
+      else {
+        this.refocus.stop();
+        if (this.view.live) this.view.setLive(null);
+      }
     }
   }
 
@@ -352,9 +358,12 @@ function fail(error) {
 }
 
 try {
+  performance.mark("modules");
   const page = new Page(await readPayload());
+  performance.mark("numbers");
   window.sarmitsuba = { page, pointOf }; // for tests, and for the curious
   await page.start();
+  performance.mark("ready");
   document.documentElement.dataset.ready = "true";
 } catch (error) {
   fail(error);

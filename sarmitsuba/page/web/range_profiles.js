@@ -5,7 +5,7 @@
 // (f / (1 - f))^4 at the band's edge f = 1/4.8, -46 dB, less within the band and other in every pulse; images agree
 // with exact interpolation to -55 dB (benchmarks/browser.py).
 
-import { parseWindow } from "sarmitsuba/windows.js";
+import { windowOf } from "sarmitsuba/windows.js";
 
 export const OVERSAMPLING = 2;
 // the B-spline's taps reach one sample back and two on
@@ -65,7 +65,7 @@ function sinc(x) {
 export class RangeProfiles {
   /**
    * @param {object} data see backprojector.js
-   * @param {string} window over the band
+   * @param {string} window over the band, one of the data's
    */
   constructor(data, window) {
     this.data = data;
@@ -78,7 +78,7 @@ export class RangeProfiles {
     this.last = (data.nBins - 1) * OVERSAMPLING;
     this.re = new Float64Array(n * OVERSAMPLING);
     this.im = new Float64Array(n * OVERSAMPLING);
-    this.gains = this.makeGains(n, parseWindow(window));
+    this.gains = this.makeGains(n, windowOf(data, window));
   }
 
   /** Weight of every frequency, in the transform's order. */

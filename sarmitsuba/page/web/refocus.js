@@ -1,8 +1,9 @@
 // Controls with which the recorded pulses are focused again, otherwise: fewer of them, another window, a wrong track.
 
-import { PLAIN, TRACK_ERRORS, apertureFacts } from "sarmitsuba/aperture.js";
+import { TRACK_ERRORS, apertureFacts, plainSettings } from "sarmitsuba/aperture.js";
 import { createBackprojector } from "sarmitsuba/backprojector.js";
 import { make, slider, useStyle } from "sarmitsuba/image_view.js";
+import { windowNames } from "sarmitsuba/windows.js";
 
 // pixels of the quick picture that follows a slider while it moves
 const PREVIEW_PIXELS = 65536;
@@ -12,7 +13,7 @@ const SLICE_MS = 80;
 const WINDOWS = {
   rectangular: "rectangular: sharpest, side lobes at -13 dB",
   "taylor:4:-35": "Taylor: side lobes at -35 dB",
-  hamming: "Hamming: side lobes at -43 dB, wider",
+  "hamming:0.54": "Hamming: side lobes at -43 dB, wider",
 };
 const KEEP = { 1: "every pulse", 2: "every 2nd", 3: "every 3rd", 4: "every 4th", 6: "every 6th", 8: "every 8th" };
 const ERRORS = { none: "none", linear: "linear", quadratic: "bent", sinusoidal: "shaking" };
@@ -49,8 +50,7 @@ class Refocus {
   constructor(element, { data, grid, start = {}, onImage, onSettings }) {
     useStyle();
     Object.assign(this, { data, grid, onImage, onSettings });
-    this.start = { ...PLAIN, ...start };
-    this.settings = { ...this.start, error: { ...PLAIN.error } };
+    this.settings = plainSettings(data);
     this.small = previewGrid(grid);
     this.end = data.nPulses;
     this.projectors = {};
@@ -75,16 +75,16 @@ class Refocus {
       this.to.set(Math.round(100 * to));
       set({ to }, final);
     });
-    const windows = (own) => (own in WINDOWS ? WINDOWS : { ...WINDOWS, [own]: own });
-    this.azimuth = menu("Window over the aperture", windows(this.start.azimuthWindow), (azimuthWindow) => set({ azimuthWindow }));
-    this.range = menu("over the bandwidth", windows(this.start.rangeWindow), (rangeWindow) => set({ rangeWindow }));
+    const windows = Object.fromEntries(windowNames(this.data).map((text) => [text, WINDOWS[text] ?? text]));
+    this.azimuth = menu("Window over the aperture", windows, (azimuthWindow) => set({ azimuthWindow }));
+    this.range = menu("over the bandwidth", windows, (rangeWindow) => set({ rangeWindow }));
     const error = (changes, final) => set({ error: { ...this.settings.error, ...changes } }, final);
     this.kind = menu("Error of the track", ERRORS, (kind) => error({ kind }, true));
     const waves = { low: 0, high: 2, step: 0.02, value: 0, unit: "wavelengths" };
     this.amplitude = slider("of", waves, (value, final) => error({ amplitude: value * this.data.wavelength }, final));
-    const cycles = { low: 1, high: 20, step: 0.5, value: PLAIN.error.cycles, unit: "times" };
+    const cycles = { low: 1, high: 20, step: 0.5, value: this.settings.error.cycles, unit: "times" };
     this.cycles = slider("to and fro", cycles, (value, final) => error({ cycles: value }, final));
-    const plain = make("button", { type: "button" }, "As recorded");
+    const plain = make("button", { type: "button" }, "As it was");
     plain.addEventListener("click", () => this.restore());
     const all = [this.keep, this.from, this.to, this.azimuth, this.range, this.kind, this.amplitude, this.cycles];
     this.element.append(...all.map((one) => one.node), plain);
@@ -100,9 +100,9 @@ class Refocus {
     return this.request(!final);
   }
 
-  /** All pulses as they were recorded. */
+  /** All pulses, with the windows of the page's own image. */
   restore() {
-    return this.change({ ...this.start, error: { ...PLAIN.error } });
+    return this.change(plainSettings(this.data));
   }
 
   show() {
@@ -138,14 +138,19 @@ class Refocus {
   /** Ask for a picture; one that is under way gives way. Resolves when the last one asked for is shown. */
   request(preview) {
     this.wanted = { preview, end: this.end };
-    this.running ??= this.work().finally(() => {
-      this.running = null;
-    });
+    this.halted = false;
+    this.running ??= this.work()
+      .catch((error) => {
+        this.text.textContent = error.message;
+      })
+      .finally(() => {
+        this.running = null;
+      });
     return this.running;
   }
 
   async work() {
-    while (this.wanted) {
+    while (this.wanted && !this.halted) {
       const { preview, end } = this.wanted;
       this.wanted = null;
       const name = preview && this.small.step > 1 ? "small" : "whole";
@@ -162,13 +167,16 @@ class Refocus {
         one.bp.add(one.done, next);
         one.done = next;
         const sum = await one.bp.read();
+        if (this.halted) break;
         // a preview is shown when it has all its pulses, so that a moving slider does not flicker
         if (name === "whole") this.onImage(sum, { preview: false, done: next, end });
         else if (next === end) this.onImage(spread(sum, this.small, this.grid), { preview: true, done: next, end });
         await new Promise((resolve) => setTimeout(resolve)); // the page comes first
-        if (this.wanted && name === "whole") break;
+        if (this.halted || (this.wanted && name === "whole")) break;
         const passed = performance.now() - start;
-        one.chunk = Math.max(1, passed < SLICE_MS ? 2 * one.chunk : one.chunk >> 1);
+        // reading and showing take their time however few pulses were added: never spend most of it on that
+        one.least = Math.min(one.least, passed);
+        one.chunk = Math.max(1, passed < Math.max(SLICE_MS, 2 * one.least) ? 2 * one.chunk : one.chunk >> 1);
       } while (one.done < end);
     }
   }
@@ -176,24 +184,32 @@ class Refocus {
   async projector(name) {
     if (!this.projectors[name]) {
       const bp = await createBackprojector(null, this.data, name === "small" ? this.small : this.grid);
-      this.projectors[name] = { bp, done: 0, chunk: 8, settings: "" };
+      this.projectors[name] = { bp, done: 0, chunk: 8, least: Infinity, settings: "" };
     }
     return this.projectors[name];
   }
 
-  /** Give the GPU's memory back and leave the page. */
-  remove() {
+  /** Stop at the pulse that is under way; the next wish goes on from there. Resolves when no more image will come. */
+  async stop() {
     this.wanted = null;
-    for (const { bp } of Object.values(this.projectors)) bp.free();
+    this.halted = true;
+    await this.running;
+  }
+
+  /** Give the GPU's memory back, once it is not in use any more, and leave the page. */
+  async remove() {
     this.element.remove();
     this.text.remove();
+    await this.stop();
+    for (const { bp } of Object.values(this.projectors)) bp.free();
+    this.projectors = {};
   }
 }
 
 /**
  * @param {HTMLElement} element in which the controls are put
- * @param {object} options data, grid: see backprojector.js; start: settings to begin with and to come back to; onImage({re, im}, {preview, done, end}): the image so far;
- *   onSettings(settings): see PLAIN in aperture.js
+ * @param {object} options data, grid: see backprojector.js; onImage({re, im}, {preview, done, end}): the image so far;
+ *   onSettings(settings): see plainSettings in aperture.js
  */
 export function createRefocus(element, options) {
   return new Refocus(element, options);

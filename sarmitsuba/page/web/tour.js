@@ -1,6 +1,6 @@
 // A guided tour: what this scene shows, step by step, each with a view, something drawn and a few sentences.
 
-import { add, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { add, dot, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
 import { pointsOf } from "sarmitsuba/story.js";
 
 /** Index of the greatest of some numbers; -1 where none is above the bound. */
@@ -22,12 +22,15 @@ function highest(look) {
   return greatest(paths.order.length, (i) => (paths.order[i] === 1 && paths.amplitude[i] > 0.01 * strongest ? pointsOf(look, i)[0][2] - look.grid.height : 0));
 }
 
-/** Cell whose amplitude of an order is greatest. */
-function brightest(look, order) {
+/** Cell whose amplitude of an order, by paths that suit, is greatest. */
+function brightest(look, order, suits) {
   const { paths } = look;
   return greatest(paths.cell.length, (c) => {
     let sum = 0;
-    for (let i = paths.first[c]; i < paths.first[c + 1]; i++) if (paths.order[i] === order && roundabout(look, i)) sum += paths.amplitude[i];
+    const middle = pointOf(look.grid, cellPixel(look, c));
+    for (let i = paths.first[c]; i < paths.first[c + 1]; i++) {
+      if (paths.order[i] === order && roundabout(look, i) && suits(pointsOf(look, i), middle)) sum += paths.amplitude[i];
+    }
     return paths.by_order[6 * c + order - 1] > 100 ? sum : 0;
   });
 }
@@ -150,7 +153,12 @@ function buildingSteps({ look, store, world, story }) {
       });
     }
   }
-  const foot = brightest(look, 2);
+  // off the ground and off a wall, drawn where the wall stands
+  const atFoot = (points, middle) => {
+    const [low, high_] = points[0][2] < points[1][2] ? points : [points[1], points[0]];
+    return Math.abs(low[2] - look.grid.height) < 0.01 * world.radius && Math.abs(dot(sub(middle, high_), look.grid.across)) < 0.02 * world.radius;
+  };
+  const foot = brightest(look, 2, atFoot);
   if (foot >= 0) {
     steps.push({
       text: `<h2>The bright line at the foot</h2>`,
@@ -161,7 +169,7 @@ function buildingSteps({ look, store, world, story }) {
       },
     });
   }
-  const ghost = brightest(look, 3);
+  const ghost = brightest(look, 3, () => true);
   if (ghost >= 0) {
     steps.push({
       text: `<h2>Ghosts</h2>`,

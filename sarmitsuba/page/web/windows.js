@@ -1,45 +1,29 @@
-// Weighting functions w(u), |u| <= 1/2, of a band or an aperture; the same names and formulas as
-// sarmitsuba/focusing/windows (a test compares them).
+// Weighting functions w(u), |u| <= 1/2, of a band or an aperture, through the nodes that come with the data: all the
+// windows that sarmitsuba knows, and none twice.
+//
+// data.windows: { texts: names such as "taylor:4:-35"; range, azimuth: those that the image was made with;
+//   nodes Float32Array [texts][n]: w at n places from u = -1/2 to 1/2 }; left out: rectangular alone
 
-/** Fourier coefficients F_m of Taylor's window; Carrara, Goodman, Majewski, Spotlight SAR, appendix D.2. */
-function taylorCoefficients(nBar, levelDb) {
-  const a = Math.acosh(10 ** (-levelDb / 20)) / Math.PI;
-  const s2 = nBar ** 2 / (a ** 2 + (nBar - 0.5) ** 2);
-  const out = [];
-  for (let i = 1; i < nBar; i++) {
-    let top = 1;
-    let bottom = 1;
-    for (let m = 1; m < nBar; m++) {
-      top *= 1 - i ** 2 / s2 / (a ** 2 + (m - 0.5) ** 2);
-      if (m !== i) bottom *= 1 - i ** 2 / m ** 2;
-    }
-    out.push((0.5 * (-1) ** (i + 1) * top) / bottom);
-  }
-  return out;
+/** Names of the windows that come with the data. */
+export function windowNames(data) {
+  return data.windows ? data.windows.texts : ["rectangular"];
 }
 
-const FAMILIES = {
-  rectangular: () => () => 1,
-  hamming: (pedestal = 0.54) => (u) => pedestal + (1 - pedestal) * Math.cos(2 * Math.PI * u),
-  hann: () => (u) => 0.5 + 0.5 * Math.cos(2 * Math.PI * u),
-  taylor: (nBar = 4, levelDb = -35) => {
-    const f = taylorCoefficients(nBar, levelDb);
-    return (u) => f.reduce((sum, value, i) => sum + 2 * value * Math.cos(2 * Math.PI * (i + 1) * u), 1);
-  },
-};
-
-/** Names of the windows that a page can offer. */
-export const WINDOW_NAMES = Object.keys(FAMILIES);
-
 /**
- * The function w(u) of a window's text, such as "taylor:4:-35".
- * @param {string} text name, then parameters, between colons
- * @returns {(u: number) => number} zero outside |u| <= 1/2
+ * The function w(u) of a window's name, such as "taylor:4:-35"; linear between nodes, zero outside |u| <= 1/2.
+ * @returns {(u: number) => number}
  */
-export function parseWindow(text) {
-  const [name, ...rest] = text.split(":");
-  if (!(name in FAMILIES)) throw new Error(`window ${text}: unknown; choose one of ${WINDOW_NAMES.join(", ")}`);
-  if (!rest.map(Number).every(Number.isFinite)) throw new Error(`window ${text}: parameters must be numbers`);
-  const weight = FAMILIES[name](...rest.map(Number));
-  return (u) => (Math.abs(u) <= 0.5 ? weight(u) : 0);
+export function windowOf(data, text) {
+  const names = windowNames(data);
+  const index = names.indexOf(text);
+  if (index < 0) throw new Error(`window ${text}: not in this page; choose one of ${names.join(", ")}`);
+  if (!data.windows) return (u) => (Math.abs(u) <= 0.5 ? 1 : 0);
+  const n = data.windows.nodes.length / names.length;
+  const nodes = data.windows.nodes.slice(index * n, (index + 1) * n);
+  return (u) => {
+    if (!(Math.abs(u) <= 0.5)) return 0;
+    const place = (u + 0.5) * (n - 1);
+    const i = Math.min(Math.floor(place), n - 2);
+    return nodes[i] + (place - i) * (nodes[i + 1] - nodes[i]);
+  };
 }
