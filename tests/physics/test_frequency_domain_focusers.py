@@ -15,8 +15,8 @@ from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.frequency_domain.geometry import range_walk, track_geometry
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.focusing.profiles import plan_spectrum
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target

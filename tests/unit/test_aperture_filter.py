@@ -38,7 +38,9 @@ def test_it_is_the_fourier_transform_of_the_weights(window: str, seed: int) -> N
     n = 1 << 15
     u = edge * (2.0 * (np.arange(n) + 0.5) / n - 1.0)
     angle = u / np.hypot(u, rho)
-    gain = 0.5 ** ((angle / np.sin(0.5 * width)) ** 2)  # both ways of a Gaussian beam of that half-power width
+    gain = 0.5 ** (
+        (angle / np.sin(0.5 * width)) ** 2
+    )  # both ways of a Gaussian beam of that half-power width
     weight = taper(angle / (2.0 * half)) * gain
     exact = np.array(
         [np.sum(weight * np.exp(1j * k * (np.hypot(u, rho) - s * u))) * 2.0 * edge / n for s in sine]

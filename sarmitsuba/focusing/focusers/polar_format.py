@@ -31,6 +31,8 @@ C128 = NDArray[np.complex128]
 _WIDTH = 6
 # largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
 LARGEST_PHASE = 0.3
+# CPU seconds of a sample, and of a pixel
+_SECONDS = 1.55e-6
 # what both kernels and the transforms leave, dB
 _FLOOR_DB = -60.0
 # pulses at which the curvature is worked out
@@ -331,9 +333,8 @@ class PolarFormat(Focuser):
         return stated_error_db(radar, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """As measured by benchmarks/focusers.py."""
-        samples = radar.track.n_pulses * radar.window.n_samples
-        return 1e-6 * samples + 1e-6 * float(np.prod(grid.shape))
+        """Spreading of every sample and reading of every pixel, as measured by benchmarks/focusers.py."""
+        return _SECONDS * (radar.track.n_pulses * radar.window.n_samples + float(np.prod(grid.shape)))
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""
