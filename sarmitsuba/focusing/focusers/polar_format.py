@@ -112,7 +112,7 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
-    """Bound of the error against backprojection, dB: the worst place of the image stands for all of it.
+    """Bound of the error against backprojection, dB, by the worst place of the image; NaN where it leaves the beam.
 
     Powers add up of the phase that curvature leaves, of the change of R^2 over the aperture against that of the centre,
     of pulses weighed otherwise than backprojection weighs them, and of a floor.
@@ -122,7 +122,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
     power = float((np.mean(phase**2, axis=1) + spread**2).max())
     power += weights_difference(radar, points, pulse_weights(radar, points, "rectangular"))
-    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB)))
+    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB))) if np.isfinite(power) else float("nan")
 
 
 def polar_format(task: FocusTask) -> C64:

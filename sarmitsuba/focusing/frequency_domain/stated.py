@@ -38,7 +38,7 @@ _TAIL_NODES = 2048
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> float:
-    """Bound of the error against backprojection, dB; NaN for few pulses and images that fold over.
+    """Bound of the error against backprojection, dB; NaN for few pulses, and images that fold over or leave the beam.
 
     The worst place of the image stands for all of it. Powers add up of what the algorithm's law leaves (nothing for the
     exact one), of pulses weighed otherwise than backprojection weighs them, of stationary phase and the ends of
@@ -58,7 +58,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
         power += _OWN * product**_OWN_POWER + _tail_change(radar, slant, geometry)
     if law is not None:
         power += residual_power(radar, slant, law)
-    return float(10.0 * np.log10(power))
+    return float(10.0 * np.log10(power)) if np.isfinite(power) else float("nan")
 
 
 def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
