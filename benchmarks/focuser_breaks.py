@@ -49,7 +49,7 @@ STEPS = 24  # of a bisection
 # at which the curves are drawn
 NODES = {
     "squint": (0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 35.0, 50.0),
-    "swath": (8.0, 16.0, 40.0, 100.0, 250.0, 600.0, 1500.0, 4000.0),
+    "swath": (8.0, 16.0, 40.0, 100.0, 250.0, 600.0, 1500.0),
     "bandwidth": (1.0, 2.0, 4.0, 8.0, 15.0, 30.0),
 }
 # m, largest deviation of the track from a line
