@@ -49,7 +49,7 @@ STEPS = 24  # of a bisection
 # at which the curves are drawn
 NODES = {
     "squint": (0.0, 1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 35.0, 50.0),
-    "swath": (8.0, 16.0, 40.0, 100.0, 250.0, 600.0, 1500.0, 4000.0),
+    "swath": (8.0, 16.0, 40.0, 100.0, 250.0, 600.0, 1500.0),
     "bandwidth": (1.0, 2.0, 4.0, 8.0, 15.0, 30.0),
 }
 # m, largest deviation of the track from a line
@@ -114,24 +114,19 @@ def limit_of(name: str, which: str, low: float, high: float) -> float:
     return low
 
 
-def point_error(name: str, radar: Radar, grid: ImageGrid, point: Any) -> float:
-    """Error against backprojection over the pixels about a point, dB."""
-    raw = ideal_echoes(radar, point)
-    chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place_of(grid, point))
-    part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
-    reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
-    return image_error_db(focused(name, raw, grid)[chip], reference)
-
-
 def curves(which: str, quick: bool) -> dict[str, list[tuple[float, float, bool]]]:
-    """(value, error of an edge point in dB, whether it refuses) of every form."""
+    """(value, error of an edge point against backprojection in dB, whether it refuses) of every form."""
     values = NODES[which][:: 4 if quick else 1]
     out: dict[str, list[tuple[float, float, bool]]] = {name: [] for name in FORMS}
     for value in values:
         radar, grid, point = setting(which, value)
+        raw = ideal_echoes(radar, point)
+        chip = tuple(slice(max(p - CHIP, 0), p + CHIP) for p in place_of(grid, point))
+        part = replace(grid, azimuth=grid.azimuth[chip[0]], range=grid.range[chip[1]])
+        reference = backproject(raw, part, interpolation="kernel:8", oversampling=4)[0]
         for name in FORMS:
             refuses = bool(parse_focuser(name).refusal(radar, grid))
-            out[name].append((value, point_error(name, radar, grid, point), refuses))
+            out[name].append((value, image_error_db(focused(name, raw, grid)[chip], reference), refuses))
     return out
 
 

@@ -7,6 +7,7 @@ takes a few minutes: ``methods`` traces every pulse once.
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 
 from sarmitsuba.cli import main
+from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing.comparison import compare_focusers
+from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image
+from sarmitsuba.view.focusers import focusers_figure
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
@@ -143,6 +148,21 @@ def effects() -> Figure:
     )
 
 
+def focusers() -> Figure:
+    """Every focuser on the same echoes of a dozen points on weak clutter."""
+    rng = np.random.default_rng(4)
+    radar = ideal_radar(squint_angle=0.05, prf_factor=1.6)
+    points = np.column_stack([rng.uniform(-24.0, 24.0, (12, 2)), np.zeros(12)])
+    cloud = np.column_stack([rng.uniform(-30.0, 30.0, (600, 2)), np.zeros(600)])
+    echoes = [
+        ideal_echoes(radar, points, 10.0 ** rng.uniform(0.0, 2.0, 12), rng.uniform(0.0, 6.28, 12)),
+        ideal_echoes(radar, cloud, 0.002 * rng.exponential(1.0, 600), rng.uniform(0.0, 6.28, 600)),
+    ]
+    raw = replace(echoes[0], data=echoes[0].data + echoes[1].data)
+    grid = default_grid(raw, {"grid": "slant", "extent_azimuth": 60.0, "extent_range": 60.0})
+    return focusers_figure(compare_focusers(raw, grid, window="taylor"))
+
+
 def _panels(scene: str, variants: dict[str, list[str]]) -> Figure:
     figure = Figure(figsize=(13.0, 3.7), layout="constrained")
     panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
@@ -188,7 +208,7 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
     axes.text(x, y, text, fontsize=9, **{"color": INK, **options})
 
 
-FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects)}
+FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

@@ -12,6 +12,9 @@ from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 
+# summed weight w g^2, over the image's largest, from which on a place counts as lit: a tenth in amplitude
+_DARK = 0.01
+
 
 def direction_gain(radar: Radar, pulse: int | slice, direction: F64) -> F64:
     """Relative two-way amplitude of the antenna towards unit vectors, zero behind the aperture.
@@ -116,7 +119,8 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
 
     Returns
     -------
-    that of the worst place, over the pixel's own power; pulses whose window does not hold the place count as missing
+    that of the worst place, over the pixel's own power; pulses whose window does not hold the place count as missing.
+    Infinite where a place is all but outside of the beam: what it shows is other places' side lobes, at any level
     """
     distance = np.linalg.norm(
         np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position, axis=-1
@@ -126,11 +130,11 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
     held = (distance >= start) & (distance <= last)
     exact = matched_weights(radar, point) * held
     total = exact.sum(axis=-1, keepdims=True)
-    exact = np.divide(exact, total, out=np.zeros(exact.shape), where=total > 0.0)
+    if total.min() <= _DARK * total.max():
+        return float("inf")
+    exact = exact / total
     other = weights * held / np.maximum(weights.sum(axis=-1, keepdims=True), 1e-300)
-    power = np.sum(exact**2, axis=-1)
-    change = np.sum((other - exact) ** 2, axis=-1)
-    return float(np.divide(change, power, out=np.zeros(power.shape), where=power > 0.0).max())
+    return float((np.sum((other - exact) ** 2, axis=-1) / np.sum(exact**2, axis=-1)).max())
 
 
 def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:

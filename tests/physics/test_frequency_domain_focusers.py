@@ -136,7 +136,7 @@ def test_images_can_be_subtracted(name: str, mode: str, grid_kind: str) -> None:
 
 @pytest.mark.parametrize("name", ["omega_k", "chirp_scaling"])
 def test_images_do_not_depend_on_the_length_of_the_transforms(name: str) -> None:
-    """A receive window that stands still: the range walks through it, and transforms are longer than backprojection's."""
+    """A receive window that stands still: range walks through it, and transforms are longer than backprojection's."""
     radar = ideal_radar(squint_angle=0.08, n_samples=400, resolution=0.7)
     fixed = np.full(radar.track.n_pulses, radar.window.start_range.mean())
     radar = replace(radar, window=replace(radar.window, start_range=fixed))

@@ -49,6 +49,5 @@ def test_it_is_the_fourier_transform_of_the_weights(window: str, seed: int) -> N
     exact /= np.sqrt(2.0 * np.pi * rho / (k * cosine**3)) * np.exp(1j * (k * rho * cosine + 0.25 * np.pi))
     error = np.sum(np.abs(got - exact) ** 2) / np.sum(np.abs(exact) ** 2)
     product = 8.0 * half**2 * rho / radar.waveform.wavelength
-    # tol: next orders of stationary phase (without a window 8 dB less), which fall with the power of 2.5 of the time-bandwidth product
-
+    # tol: next orders of stationary phase, which fall with the power of 2.5 of the time-bandwidth product
     assert 10.0 * np.log10(error) < 10.0 * np.log10(2.0 * product**-2.5), product

@@ -31,6 +31,8 @@ C128 = NDArray[np.complex128]
 _WIDTH = 6
 # largest phase, rad, that the wavefront's curvature may leave at the end of the aperture
 LARGEST_PHASE = 0.3
+# CPU seconds of a sample, and of a pixel
+_SECONDS = 1.55e-6
 # what both kernels and the transforms leave, dB
 _FLOOR_DB = -60.0
 # pulses at which the curvature is worked out
@@ -112,7 +114,7 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
-    """Bound of the error against backprojection, dB: the worst place of the image stands for all of it.
+    """Bound of the error against backprojection, dB, by the worst place of the image; NaN where it leaves the beam.
 
     Powers add up of the phase that curvature leaves, of the change of R^2 over the aperture against that of the centre,
     of pulses weighed otherwise than backprojection weighs them, and of a floor.
@@ -122,7 +124,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
     power = float((np.mean(phase**2, axis=1) + spread**2).max())
     power += weights_difference(radar, points, pulse_weights(radar, points, "rectangular"))
-    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB)))
+    return float(10.0 * np.log10(power + 10.0 ** (0.1 * _FLOOR_DB))) if np.isfinite(power) else float("nan")
 
 
 def polar_format(task: FocusTask) -> C64:
@@ -338,9 +340,8 @@ class PolarFormat(Focuser):
         return stated_error_db(radar, grid)
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """As measured by benchmarks/focusers.py."""
-        samples = radar.track.n_pulses * radar.window.n_samples
-        return 1e-6 * samples + 1e-6 * float(np.prod(grid.shape))
+        """Spreading of every sample and reading of every pixel, as measured by benchmarks/focusers.py."""
+        return _SECONDS * (radar.track.n_pulses * radar.window.n_samples + float(np.prod(grid.shape)))
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

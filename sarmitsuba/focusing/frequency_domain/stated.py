@@ -27,7 +27,7 @@ F64 = NDArray[np.float64]
 # what all have, dB: ripple of the pulses' ends where the pulse rate is raised, stationary phase
 _FLOOR_DB = -58.0
 # of stationary phase in pixels' own apertures: this power at a time-bandwidth product of 1, falling with its power of
-# 2.5; measured over random radars (tests/physics/test_stated_errors.py), 4 dB above what was found
+# 2.5; tests/physics/test_stated_errors.py holds it over random radars
 _OWN, _OWN_POWER = 0.32, -2.5
 # fewer pulses leave more than that
 _FEWEST_PULSES = 50
@@ -38,7 +38,7 @@ _TAIL_NODES = 2048
 
 
 def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> float:
-    """Bound of the error against backprojection, dB; NaN for few pulses and images that fold over.
+    """Bound of the error against backprojection, dB; NaN for few pulses, and images that fold over or leave the beam.
 
     The worst place of the image stands for all of it. Powers add up of what the algorithm's law leaves (nothing for the
     exact one), of pulses weighed otherwise than backprojection weighs them, of stationary phase and the ends of
@@ -58,7 +58,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
         power += _OWN * product**_OWN_POWER + _tail_change(radar, slant, geometry)
     if law is not None:
         power += residual_power(radar, slant, law)
-    return float(10.0 * np.log10(power))
+    return float(10.0 * np.log10(power)) if np.isfinite(power) else float("nan")
 
 
 def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
@@ -78,8 +78,11 @@ def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> floa
     return worst
 
 
-def spectrum_size(radar: Radar, grid: ImageGrid) -> tuple[float, float]:
-    """Samples of the two-dimensional spectrum, and of it after the transform to pixels over range."""
+def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
+    """Samples of the two-dimensional spectrum, before and after the transform to pixels over range.
+
+    Those that are weighed by the spectrum of their own apertures count twice before it.
+    """
     slant = slant_grid(radar, grid)
     geometry = track_geometry(radar, slant)
     factor = rate_factor(radar, slant, geometry)[0]
@@ -87,7 +90,7 @@ def spectrum_size(radar: Radar, grid: ImageGrid) -> tuple[float, float]:
     rows = track_period(radar, slant, dense) / dense.spacing
     plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, geometry))
     count = plan.n_fft * radar.waveform.bandwidth / radar.window.sampling_rate
-    return rows * count, rows * slant.range.size
+    return rows * (count * (2.0 if np.isfinite(radar.half_aperture) else 1.0) + slant.range.size)
 
 
-__all__ = ["spectrum_size", "stated_error_db"]
+__all__ = ["spectrum_work", "stated_error_db"]
