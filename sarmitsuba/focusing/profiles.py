@@ -122,8 +122,8 @@ class ProfilePlan:
     def profiles(self, data: C64, beyond: int = 0) -> C64:
         """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample.
 
-        With ``beyond``, at most ``MOST_BEYOND``, the profile goes on by that many receiver samples on either side; it is
-        longer by twice as many times ``oversampling``, and the first receiver sample stands by half of that later.
+        With ``beyond``, at most ``MOST_BEYOND``, the profile goes on by that many receiver samples on either side: it
+        is longer by twice as many times ``oversampling``, and the first receiver sample stands by half of that later.
         """
         spectrum = self.spectrum(data)
         spectrum *= np.float32(1.0 / self.n_fft)
@@ -185,4 +185,11 @@ def plan_spectrum(radar: Radar, window: Window, *, extra: int = 0) -> ProfilePla
     return ProfilePlan(receive.n_samples, receive.sample_spacing, 1, 1, gains)
 
 
-__all__ = ["MOST_BEYOND", "ProfilePlan", "band_weights", "parse_interpolation", "plan_profiles", "plan_spectrum"]
+__all__ = [
+    "MOST_BEYOND",
+    "ProfilePlan",
+    "band_weights",
+    "parse_interpolation",
+    "plan_profiles",
+    "plan_spectrum",
+]

@@ -1,7 +1,7 @@
 """The compiled steps of factorised backprojection: pulses to subimages, subimages to wider ones, these to pixels.
 
-All positions are in a section's frame, see :class:`sarmitsuba.focusing.factorised.plan.Section`; subimages are complex64
-in arrays [group, angle, range], one 8-byte word a sample, which is one load.
+All positions are in a section's frame, see :class:`sarmitsuba.focusing.factorised.plan.Section`; subimages are
+complex64 in arrays [group, angle, range], one 8-byte word a sample, which is one load.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ class Polar:
     n_ranges : UInt32
     start_angle, angle_step : rad, float64
     n_angles : UInt32
+    per_range, per_angle : one over the steps, float64
     """
 
     start_range: dr.ArrayBase
@@ -53,17 +54,26 @@ class Polar:
     start_angle: dr.ArrayBase
     angle_step: dr.ArrayBase
     n_angles: dr.ArrayBase
+    per_range: dr.ArrayBase
+    per_angle: dr.ArrayBase
 
     @classmethod
     def of(cls, types: ModuleType, section: Section, level: Level) -> Polar:
         """Grid of a level."""
-        reals = (section.start_range, section.range_step, section.drop)
+
+        def real(value: float) -> dr.ArrayBase:
+            return dr.opaque(types.Float64, value)
+
         return cls(
-            *(dr.opaque(types.Float64, value) for value in reals),
-            dr.opaque(types.UInt32, section.n_ranges),
-            dr.opaque(types.Float64, level.start_angle),
-            dr.opaque(types.Float64, level.angle_step),
-            dr.opaque(types.UInt32, level.n_angles),
+            start_range=real(section.start_range),
+            range_step=real(section.range_step),
+            drop=real(section.drop),
+            n_ranges=dr.opaque(types.UInt32, section.n_ranges),
+            start_angle=real(level.start_angle),
+            angle_step=real(level.angle_step),
+            n_angles=dr.opaque(types.UInt32, level.n_angles),
+            per_range=real(1.0 / section.range_step),
+            per_angle=real(1.0 / level.angle_step),
         )
 
     def position(self, types: ModuleType, column: dr.ArrayBase, angle: dr.ArrayBase) -> Vector:
@@ -204,10 +214,12 @@ def form(
         pulse = group * pulses.n_pulses + t
         shift = dr.gather(types.Array4f64, pulses.shifts, pulse)
         start = dr.gather(Float64, pulses.starts, pulse)
-        axes = [dr.gather(types.Array4f, pulses.axes, 4 * pulse + i) for i in range(1 if weighting.uniform else 4)]
+        axes = [
+            dr.gather(types.Array4f, pulses.axes, 4 * pulse + i) for i in range(1 if weighting.uniform else 4)
+        ]
         row = Int32(pulse * pulses.n_stored)
         for k, point in enumerate(points):
-            further, inverse = point.farther(types, shift)
+            further, _ = point.farther(types, shift)
             distance = point.near + Float(further)
             position = dr.fma(point.distance + further, pulses.per_metre, -start)
             whole = dr.floor(position)
@@ -215,7 +227,10 @@ def form(
             inside = (sample >= 0) & (sample < pulses.last)
             gain = axes[0][3] * distance * distance * Float(pulses.inverse_square)
             if not weighting.uniform:
-                gain = gain * _weight(types, weighting, point, shift, distance, axes)
+                near = dr.rcp(distance)
+                u = [Float(dr.fma(-0.5, v, -s)) * near for v, s in zip(point.twice, shift, strict=False)]
+                w, g = _weights(types, weighting, tuple(u), near, axes)
+                gain = gain * w * g
             gain = dr.select(inside, gain, 0.0)
             factor = scaled(gain, cis(types, further * pulses.turns_per_metre))
             taps = kernel.taps(Float(position - whole), dr)
@@ -239,33 +254,71 @@ def form(
     for k in range(ANGLES):
         for layer in range(n_layers):
             j = 2 * (k * n_layers + layer)
-            dr.scatter(out[layer], packed(types, (sums[j], sums[j + 1])), place + k * polar.n_ranges, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(
+                out[layer],
+                packed(types, (sums[j], sums[j + 1])),
+                place + k * polar.n_ranges,
+                mode=dr.ReduceMode.NoConflicts,
+            )
 
 
-def _weight(
+def _weights(
     types: ModuleType,
     weighting: Weighting,
-    point: Point,
-    shift: dr.ArrayBase,
-    distance: dr.ArrayBase,
+    u: tuple[dr.ArrayBase, ...],
+    inverse: dr.ArrayBase,
     axes: list[dr.ArrayBase],
-) -> dr.ArrayBase:
-    """Band's weight w times the antenna's amplitude g of one pulse at a point."""
+) -> tuple[dr.ArrayBase, dr.ArrayBase]:
+    """Band's weight w and the antenna's amplitude g of one pulse, in the direction u at 1 / ``inverse`` metres."""
     azimuth, elevation, boresight, forward = axes
-    inverse = dr.rcp(distance)
-    u = tuple(
-        types.Float32(dr.fma(-0.5, v, -s)) * inverse for v, s in zip(point.twice, shift, strict=False)
-    )
-    value = types.Float32(1.0)
+    w, g = types.Float32(1.0), types.Float32(1.0)
     if weighting.band is not None:
         sine = dot(u, forward)
         per_step = dr.rcp(elevation[3] * inverse * (1.0 - sine * sine))
         offset = sine - forward[3]
-        value = value * weighting.band.share(offset, per_step) * weighting.band.shape(types, offset)
+        w = weighting.band.share(offset, per_step) * weighting.band.shape(types, offset)
     if weighting.beam is not None:
         amplitude = weighting.beam.two_way_amplitude(dot(u, azimuth), dot(u, elevation))
-        value = value * dr.select(dot(u, boresight) > 0.0, amplitude, 0.0)
-    return value
+        g = dr.select(dot(u, boresight) > 0.0, amplitude, 0.0)
+    return w, g
+
+
+def sum_weights(
+    types: ModuleType,
+    points: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    axes: dr.ArrayBase,
+    weighting: Weighting,
+) -> NDArray[np.float64]:
+    r"""What every pulse together weighs at points (n, 3), :math:`\sum_t w_t g_t^2`, (n,).
+
+    Parameters
+    ----------
+    types : array types
+    points, positions : (n, 3) of the points and (n_pulses, 3) of the antenna, m, in one frame
+    axes : float32, ``AXES_STRIDE`` per pulse, in that frame
+    weighting : antenna and aperture
+    """
+    Float, UInt32 = types.Float32, types.UInt32
+    place = [device_array(types.Float64, points[:, axis]) for axis in range(3)]
+    antenna = quads(types, positions, squares=False)
+    n_pulses = dr.opaque(UInt32, len(positions))
+
+    def body(t: dr.ArrayBase, total: dr.ArrayBase) -> tuple[dr.ArrayBase, ...]:
+        center = dr.gather(types.Array4f64, antenna, t)
+        line = [Float(p - c) for p, c in zip(place, center, strict=False)]
+        inverse = dr.rsqrt(dr.fma(line[0], line[0], dr.fma(line[1], line[1], line[2] * line[2])))
+        rows = [dr.gather(types.Array4f, axes, 4 * t + i) for i in range(4)]
+        w, g = _weights(types, weighting, tuple(v * inverse for v in line), inverse, rows)
+        return t + 1, dr.fma(rows[0][3] * w, g * g, total)
+
+    _, total = dr.while_loop(
+        state=(UInt32(0), dr.zeros(Float, len(points))),
+        cond=lambda t, _: t < n_pulses,
+        body=body,
+        mode="symbolic",
+    )
+    return np.asarray(total.numpy(), dtype=np.float64)
 
 
 def merge(
@@ -294,9 +347,10 @@ def merge(
     """
     Float, Float64, UInt32 = types.Float32, types.Float64, types.UInt32
     (low, low_level), (high, high_level) = below, above
+    n_ranges = len(images[0]) // (low_level.n_groups * low_level.n_angles)
     ratio, n_layers = low_level.ratio, len(images)
     merged = dr.opaque(UInt32, low_level.n_groups // high_level.n_groups)
-    n_lanes = high_level.n_groups * (high_level.n_angles // ratio) * int(low.n_ranges[0])
+    n_lanes = high_level.n_groups * (high_level.n_angles // ratio) * n_ranges
     lane = dr.arange(UInt32, n_lanes)
     line = lane // high.n_ranges
     column = lane - line * high.n_ranges
@@ -333,7 +387,10 @@ def merge(
                 even = [0.5 * (weights[j][k] + weights[j][TAPS - 1 - k]) for k in range(TAPS // 2)]
                 odd = [0.5 * (weights[j][k] - weights[j][TAPS - 1 - k]) for k in range(TAPS // 2)]
                 e, o = _mix(even, sums), _mix(odd, differences)
-                for place, value in ((j, (e[0] + o[0], e[1] + o[1])), (ratio - 1 - j, (e[0] - o[0], e[1] - o[1]))):
+                for place, value in (
+                    (j, (e[0] + o[0], e[1] + o[1])),
+                    (ratio - 1 - j, (e[0] - o[0], e[1] - o[1])),
+                ):
                     i = 2 * (place * n_layers + layer)
                     p = phasors[place]
                     acc[i] = dr.fma(value[0], p[0], dr.fma(-value[1], p[1], acc[i]))
@@ -344,14 +401,19 @@ def merge(
     _, *sums = dr.while_loop(
         state=(UInt32(0), *zeros), cond=lambda c, *_: c < merged, body=body, mode="symbolic"
     )
-    size = high_level.n_groups * high_level.n_angles * int(low.n_ranges[0])
+    size = high_level.n_groups * high_level.n_angles * n_ranges
     out = [dr.zeros(types.UInt64, size) for _ in images]
     dr.make_opaque(out)
     place = (group * high.n_angles + chunk * ratio) * high.n_ranges + column
     for j in range(ratio):
         for layer in range(n_layers):
             i = 2 * (j * n_layers + layer)
-            dr.scatter(out[layer], packed(types, (sums[i], sums[i + 1])), place + j * high.n_ranges, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(
+                out[layer],
+                packed(types, (sums[i], sums[i + 1])),
+                place + j * high.n_ranges,
+                mode=dr.ReduceMode.NoConflicts,
+            )
     dr.eval(out)
     return out
 
@@ -393,11 +455,13 @@ class Pixels:
     Parameters
     ----------
     n_columns : UInt32 opaque
+    per_column : one over it, float64 opaque
     corner, along, across : three float64 opaque each, m: of the first row, a step to the next, a unit vector
     distances : float64, m across per column
     """
 
     n_columns: dr.ArrayBase
+    per_column: dr.ArrayBase
     corner: Vector
     along: Vector
     across: Vector
@@ -417,7 +481,8 @@ def resample(
     r"""Add a section's subimage, whose interpolation is corrected beforehand, to pixels: :math:`I += b e^{j k R_0}`."""
     Float, UInt32, Int32 = types.Float32, types.UInt32, types.Int32
     lane = dr.arange(UInt32, n_lanes)
-    row = lane // pixels.n_columns
+    # a whole-number division would be done lane by lane
+    row = UInt32((types.Float64(lane) + 0.5) * pixels.per_column)
     across = dr.gather(types.Float64, pixels.distances, lane - row * pixels.n_columns)
     down = types.Float64(row)
     x, y, z = (
@@ -425,9 +490,8 @@ def resample(
         for a, c, base in zip(pixels.along, pixels.across, pixels.corner, strict=True)
     )
     distance = dr.sqrt(dr.fma(x, x, dr.fma(y, y, z * z)))
-    column = (distance - polar.start_range) / polar.range_step
-    start, per_angle = Float(polar.start_angle), Float(1.0 / polar.angle_step)
-    angle = (dr.atan2(Float(y), Float(x)) - start) * per_angle
+    column = (distance - polar.start_range) * polar.per_range
+    angle = (dr.atan2(Float(y), Float(x)) - Float(polar.start_angle)) * Float(polar.per_angle)
     first_column, first_angle = dr.floor(column), dr.floor(angle)
     lead, width = kernel.lead, kernel.width
     low_angle, low_column = Int32(first_angle) - lead, Int32(first_column) - lead
@@ -459,4 +523,15 @@ def quads(types: ModuleType, vectors: NDArray[np.float64], *, squares: bool) -> 
     return device_array(types.Float64, np.concatenate([vectors, last[..., None]], axis=-1))
 
 
-__all__ = ["ANGLES", "AXES_STRIDE", "Pixels", "Polar", "Pulses", "form", "merge", "quads", "resample"]
+__all__ = [
+    "ANGLES",
+    "AXES_STRIDE",
+    "Pixels",
+    "Polar",
+    "Pulses",
+    "form",
+    "merge",
+    "quads",
+    "resample",
+    "sum_weights",
+]

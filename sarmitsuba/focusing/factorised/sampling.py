@@ -53,11 +53,16 @@ class Sampling:
 
         The range profiles', the mergers' and twice (angle and range) the last interpolation's error add in power.
         """
-        power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[self.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
-        power += merges * refinement_error(self.upsampling) ** 2
-        nu = np.linspace(0.0, 0.5 / self.upsampling, _NODES)
-        power += 2.0 * float(np.mean(spreading_kernel(self.width).aliasing(nu) ** 2))
-        return float(10.0 * np.log10(power))
+        return _error_db(self, merges)
+
+
+@lru_cache(maxsize=64)
+def _error_db(sampling: Sampling, merges: int) -> float:
+    power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[sampling.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
+    power += merges * refinement_error(sampling.upsampling) ** 2
+    nu = np.linspace(0.0, 0.5 / sampling.upsampling, _NODES)
+    power += 2.0 * float(np.mean(spreading_kernel(sampling.width).aliasing(nu) ** 2))
+    return float(10.0 * np.log10(power))
 
 
 def choose_sampling(error_db: float, upsampling: float, merges: int) -> Sampling:

@@ -1,7 +1,7 @@
 """From range-compressed pulses to pixels by the stages of a plan."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import ModuleType
 
@@ -24,6 +24,7 @@ from sarmitsuba.focusing.factorised.kernels import (
     merge,
     quads,
     resample,
+    sum_weights,
 )
 from sarmitsuba.focusing.factorised.plan import Level, Plan, Section
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, Sampling, correction
@@ -37,9 +38,13 @@ F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
 # bytes of profiles at a time
-BATCH_BYTES = 64 << 20
+BATCH_BYTES = 32 << 20
+# of them while they are made: spectrum, its padded form, transform, cut-out, table and the device's
+_COPIES = 6
 # pixels per launch
 TILE_PIXELS = 1 << 20
+# nodes along azimuth and range of the sum of weights
+_NODES = (257, 33)
 # nodes of the azimuth window over a pixel's own aperture
 _WINDOW_NODES = 1025
 
@@ -193,13 +198,7 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
     starts = np.zeros(padded)
     starts[:n] = radar.window.start_range[own] / plan.step - MOST_BEYOND * plan.oversampling
     axes = np.zeros((padded, AXES_STRIDE), dtype=np.float32)
-    turn = section.axes.T
-    forward, sine, gap = (part[own] for part in flight(radar))
-    axes[:n, 0:3] = radar.pointing.azimuth_axis[own] @ turn
-    axes[:n, 3] = job.pulse_weights[own]
-    axes[:n, 4:7] = radar.pointing.elevation_axis[own] @ turn
-    axes[:n, 8:11] = radar.pointing.boresight[own] @ turn
-    axes[:n, 12:15], axes[:n, 15], axes[:n, 7] = forward @ turn, sine, gap
+    axes[:n] = _axes(radar, job.pulse_weights, own, section.axes)
     axes[n:, 7] = 1.0
     stored = plan.n_stored + 2 * MOST_BEYOND * plan.oversampling
     profiles = np.zeros((len(job.raw.layers), padded, stored), dtype=np.complex64)
@@ -218,6 +217,19 @@ def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slic
         turns_per_metre=job.turns_per_metre,
         inverse_square=dr.opaque(Float64, 1.0 / job.reference**2),
     )
+
+
+def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> NDArray[np.float32]:
+    """Axes, weight and flight of pulses (n, ``AXES_STRIDE``) in a frame of unit vectors, as backprojection's."""
+    forward, sine, gap = (part[pulses] for part in flight(radar))
+    table = np.zeros((len(sine), AXES_STRIDE), dtype=np.float32)
+    table[:, 0:3] = radar.pointing.azimuth_axis[pulses] @ frame.T
+    table[:, 3] = weights[pulses]
+    table[:, 4:7] = radar.pointing.elevation_axis[pulses] @ frame.T
+    table[:, 7] = gap
+    table[:, 8:11] = radar.pointing.boresight[pulses] @ frame.T
+    table[:, 12:15], table[:, 15] = forward @ frame.T, sine
+    return table
 
 
 def _corrected(job: Job, section: Section, images: list[dr.ArrayBase]) -> tuple[Polar, list[dr.ArrayBase]]:
@@ -243,13 +255,50 @@ def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -
     vectors = (corner, section.axes @ grid.along * grid.azimuth_spacing, section.axes @ grid.across)
     x, y, z = (tuple(dr.opaque(types.Float64, float(v)) for v in vector) for vector in vectors)
     return Pixels(
-        dr.opaque(types.UInt32, grid.shape[1]), x, y, z, device_array(types.Float64, grid.across_distance())
+        dr.opaque(types.UInt32, grid.shape[1]),
+        dr.opaque(types.Float64, 1.0 / grid.shape[1]),
+        x,
+        y,
+        z,
+        device_array(types.Float64, grid.across_distance()),
     )
 
 
-def make_job(
-    raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid
-) -> Job:
+def whole_weights(job: Job, grid: ImageGrid) -> NDArray[np.float32]:
+    """Sum of all pulses' weights in every pixel (n_azimuth, n_range), or (1, 1) where it is the same in all.
+
+    Worked out at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.
+    """
+    radar = job.raw.radar
+    if job.weighting.uniform:
+        return np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
+    nodes = [
+        np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.azimuth, grid.range), _NODES, strict=True)
+    ]
+    points = replace(grid, azimuth=nodes[0], range=nodes[1]).positions().reshape(-1, 3)
+    axes = device_array(
+        job.types.Float32, _axes(radar, job.pulse_weights, slice(0, radar.track.n_pulses), np.eye(3))
+    )
+    sums = sum_weights(job.types, points, radar.track.position, axes, job.weighting).reshape(_NODES)
+    along, across = (
+        _between(node, axis) for node, axis in zip(nodes, (grid.azimuth, grid.range), strict=True)
+    )
+    return np.asarray((along @ sums).astype(np.float32) @ across.T.astype(np.float32))
+
+
+def _between(nodes: F64, places: F64) -> F64:
+    """Weights (n_places, n_nodes) of linear interpolation between nodes."""
+    return np.array([np.interp(places, nodes, unit) for unit in np.eye(nodes.size)]).T
+
+
+def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int) -> int:
+    """Most bytes at a time beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
+    group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
+    pixels = int(np.prod(grid.shape))
+    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + 16 * TILE_PIXELS
+
+
+def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
     """What all stages need, from data and plan."""
     types, radar = arrays(), raw.radar
     own = np.isfinite(radar.half_aperture)
@@ -259,4 +308,4 @@ def make_job(
     return Job(types, raw, profiles, weights, weighting_of(types, radar, window), reference, plan.sampling)
 
 
-__all__ = ["Job", "make_job", "run_plan", "weighting_of"]
+__all__ = ["Job", "make_job", "plan_bytes", "run_plan", "whole_weights"]
