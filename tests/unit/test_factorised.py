@@ -109,7 +109,7 @@ def test_the_antenna_weighs_as_in_backprojection() -> None:
 
 
 def stripmap() -> Radar:
-    """Track three apertures long; every pixel has its own, at whose end the beam has fallen by 16 dB two-way."""
+    """Track three apertures long; every pixel has its own, at whose end the two-way beam has fallen by 9 dB."""
     radar = ideal_radar(
         slant_range=3e3,
         resolution=0.3,
@@ -132,20 +132,20 @@ def stripmap() -> Radar:
     )
     start = np.full(3 * n, 3e3 - 250 * radar.window.sample_spacing)
     window = dataclasses.replace(radar.window, start_range=start)
-    return dataclasses.replace(radar, track=longer, pointing=pointing, window=window, half_aperture=0.026)
+    return dataclasses.replace(radar, track=longer, pointing=pointing, window=window, half_aperture=0.018)
 
 
 def test_pixels_with_their_own_apertures() -> None:
     radar = stripmap()
     raw = band_noise(radar, 6)
-    grid = default_grid(radar, ImageRequest(grid="ground", extent_azimuth=90.0, extent_range=60.0))
-    focuser = Factorised(error=-40.0)
+    grid = default_grid(radar, ImageRequest(grid="ground", extent_azimuth=200.0, extent_range=60.0))
+    focuser = Factorised(error=-36.0)
     plan = focuser.plan(radar, grid)
     assert isinstance(plan, Plan) and len(plan.sections) > 1 and plan.merges == 0
     for window in ("rectangular", "hamming"):
         exact = focus(raw, grid, focuser=EXACT, azimuth_window=window).data
         image = focus(raw, grid, focuser=focuser, azimuth_window=window).data
-        assert image_error_db(image, exact) < focuser.error_db(radar, grid) <= -40.0
+        assert image_error_db(image, exact) < focuser.error_db(radar, grid) <= -36.0
     # sharp ends and a small error: no gain over the plain sum
     sharp = dataclasses.replace(radar, antenna=Antenna())
     with pytest.raises(

@@ -37,8 +37,8 @@ _PROFILE = 2.5e-8
 _GROUPS = (4, 8, 16, 32, 64, 128)
 _MERGED = (4, 8, 16)
 # error, dB, of a section whose aperture ends within it, for a weight of 1 there and a length of one Fresnel length
-# sqrt(lambda R / 2), what a tenfold length takes off it, and the least that is stated: fitted to random cases
-_EDGE_DB, _EDGE_SLOPE_DB, _EDGE_LEAST_DB = -3.0, 26.0, -60.0
+# sqrt(lambda R / 2), what a tenfold length takes off it, and the least that is stated: fitted to band-filling noise
+_EDGE_DB, _EDGE_SLOPE_DB, _EDGE_LEAST_DB = -7.0, 26.0, -60.0
 _SHORTEST = 4.0
 # nodes along each of the image's sides for extents, and across it for spectra
 _SIDE, _ACROSS = 33, 5
@@ -403,7 +403,7 @@ class _Edges:
         far = float(np.linalg.norm(middle - radar.track.center_position, axis=1).max())
         gap = float(np.linalg.norm(np.diff(radar.track.position, axis=0), axis=1).mean())
         beam = radar.antenna.two_way_amplitude(np.array(radar.half_aperture), np.array(0.0))
-        weight = float(window(np.array(0.5))) * float(beam) ** 2
+        weight = float(window(np.array(0.5))) * float(beam)
         fresnel = np.sqrt(0.5 * radar.waveform.wavelength * far) / max(gap, 1e-9)
         return cls(20.0 * float(np.log10(max(weight, 1e-9))), float(fresnel))
 

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.gridding import spreading_kernel
-from sarmitsuba.errors import DataError
 
 F64 = NDArray[np.float64]
 
@@ -16,6 +15,8 @@ TAPS = 8
 RATIOS = (8, 4, 2)
 """Ratios of angular spacings of a subimage and the one it is merged into; literals of the kernel, so few."""
 
+UPSAMPLING = (1.5, 4.0)
+"""Bounds of the upsampling: below, the correction of the last interpolation needs more taps than it has."""
 CORRECTION = 6
 """Samples to either side that the correction of the last interpolation reads."""
 
@@ -66,17 +67,9 @@ def _error_db(sampling: Sampling, merges: int) -> float:
 
 
 def choose_sampling(error_db: float, upsampling: float, merges: int) -> Sampling:
-    """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; that of least error if none.
-
-    Raises
-    ------
-    DataError
-        The upsampling given is too small.
-    """
+    """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; that of least error if none."""
     choices = [Sampling(*choice) for choice in _CHOICES]
     if upsampling:
-        if not 1.5 <= upsampling <= 4.0:
-            raise DataError(f"focuser factorised: upsampling = {upsampling:g} must lie in 1.5 ... 4 (or 0)")
         choices = [Sampling(upsampling, 4), Sampling(upsampling, 6)]
     for choice in choices:
         if choice.error_db(merges) <= error_db - MARGIN_DB:
@@ -134,6 +127,7 @@ __all__ = [
     "MARGIN_DB",
     "RATIOS",
     "TAPS",
+    "UPSAMPLING",
     "Sampling",
     "choose_sampling",
     "correction",

@@ -9,7 +9,7 @@ import numpy as np
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import matched_weights
 from sarmitsuba.focusing.factorised.plan import Plan, make_plan
-from sarmitsuba.focusing.factorised.sampling import MARGIN_DB
+from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,
@@ -83,6 +83,11 @@ class Factorised(Focuser):
         """
         if self.stages not in STAGES:
             raise DataError(f"focuser factorised: stages = {self.stages} must be 0, 2, 3 or 4")
+        low, high = UPSAMPLING
+        if self.upsampling != 0.0 and not low <= self.upsampling <= high:
+            raise DataError(
+                f"focuser factorised: upsampling = {self.upsampling:g} must lie in {low:g} ... {high:g}, or be 0"
+            )
         return make_plan(radar, grid, window, self.error, self.upsampling, self.stages)
 
     def refusal(self, radar: Radar, grid: ImageGrid) -> str:
