@@ -1,5 +1,7 @@
 """From range-compressed pulses to pixels by the stages of a plan."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
