@@ -19,6 +19,8 @@ C64 = NDArray[np.complex64]
 _DEFAULT_OVERSAMPLING = {2: 6, 4: 2, 6: 2, 8: 2}
 # receiver samples of zeros between the end of a profile and its periodic repetition
 _GUARD = 64
+MOST_BEYOND = _GUARD // 2
+"""Receiver samples by which a profile may be continued past either end."""
 
 
 def parse_interpolation(text: str) -> int:
@@ -118,8 +120,12 @@ class ProfilePlan:
         out = scipy.fft.fft(data, n=self.n_fft, axis=-1, workers=workers)
         return np.asarray(out * self.gains.astype(np.float32), dtype=np.complex64)
 
-    def profiles(self, data: C64) -> C64:
-        """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample."""
+    def profiles(self, data: C64, beyond: int = 0) -> C64:
+        """Upsampled profiles (..., n_stored) complex64; entry ``kernel.lead`` is the first receiver sample.
+
+        With ``beyond``, at most ``MOST_BEYOND``, the profile goes on by that many receiver samples on either side: it
+        is longer by twice as many times ``oversampling``, and the first receiver sample stands by half of that later.
+        """
         spectrum = self.spectrum(data)
         spectrum *= np.float32(1.0 / self.n_fft)
         n, n_up = self.n_fft, self.n_fft * self.oversampling
@@ -128,8 +134,8 @@ class ProfilePlan:
         padded[..., : n - half] = spectrum[..., : n - half]
         padded[..., n_up - half :] = spectrum[..., n - half :]
         fine = scipy.fft.ifft(padded, axis=-1, workers=-1, overwrite_x=True, norm="forward")
-        lead = self.kernel.lead
-        body = fine[..., : self.n_stored - lead]
+        lead = self.kernel.lead + beyond * self.oversampling
+        body = fine[..., : self.n_stored + 2 * beyond * self.oversampling - lead]
         return (
             np.concatenate([fine[..., n_up - lead :], body], axis=-1) if lead else np.ascontiguousarray(body)
         )
@@ -180,4 +186,11 @@ def plan_spectrum(radar: Radar, window: Window, *, extra: int = 0) -> ProfilePla
     return ProfilePlan(receive.n_samples, receive.sample_spacing, 1, 1, gains)
 
 
-__all__ = ["ProfilePlan", "band_weights", "parse_interpolation", "plan_profiles", "plan_spectrum"]
+__all__ = [
+    "MOST_BEYOND",
+    "ProfilePlan",
+    "band_weights",
+    "parse_interpolation",
+    "plan_profiles",
+    "plan_spectrum",
+]

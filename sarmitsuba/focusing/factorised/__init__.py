@@ -1,0 +1,1 @@
+"""Fast factorised backprojection: how the aperture is divided, and the compiled steps from pulses to pixels."""

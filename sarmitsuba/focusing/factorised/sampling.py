@@ -1,0 +1,136 @@
+"""How densely subimages are sampled and interpolated, and the error that leaves."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.echo.gridding import spreading_kernel
+
+F64 = NDArray[np.float64]
+
+TAPS = 8
+"""Taps of the interpolation over angle that refines a subimage."""
+RATIOS = (8, 4, 2)
+"""Ratios of angular spacings of a subimage and the one it is merged into; literals of the kernel, so few."""
+
+UPSAMPLING = (1.5, 4.0)
+"""Bounds of the upsampling: below, the correction of the last interpolation needs more taps than it has."""
+CORRECTION = 6
+"""Samples to either side that the correction of the last interpolation reads."""
+
+# of range profiles at twice the receiver's rate, as benchmarks/focusers.py measures it, by taps
+_PROFILE_ERROR_DB = {4: -66.0, 6: -105.0}
+# (upsampling, taps of the last interpolation) in the order of their cost
+_CHOICES = ((1.75, 4), (2.0, 4), (2.0, 6), (2.5, 6))
+# float32 sums and phases
+_ROUNDING_DB = -90.0
+# kept between the predicted error and the one stated
+MARGIN_DB = 3.0
+_NODES = 64
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Density of subimages and the interpolations between them.
+
+    Parameters
+    ----------
+    upsampling : samples per critical sample of all subimages, in angle and in range
+    width : taps of the range profiles' and of the last interpolation
+    """
+
+    upsampling: float
+    width: int
+
+    @property
+    def interpolation(self) -> str:
+        """Name of the range profiles' interpolation."""
+        return f"kernel:{self.width}"
+
+    def error_db(self, merges: int) -> float:
+        """Predicted rms error, dB, of an image whose spectrum fills the band, after that many mergers.
+
+        The range profiles', the mergers' and twice (angle and range) the last interpolation's error add in power.
+        """
+        return _error_db(self, merges)
+
+
+@lru_cache(maxsize=64)
+def _error_db(sampling: Sampling, merges: int) -> float:
+    power = 10.0 ** (0.1 * _PROFILE_ERROR_DB[sampling.width]) + 10.0 ** (0.1 * _ROUNDING_DB)
+    power += merges * refinement_error(sampling.upsampling) ** 2
+    nu = np.linspace(0.0, 0.5 / sampling.upsampling, _NODES)
+    power += 2.0 * float(np.mean(spreading_kernel(sampling.width).aliasing(nu) ** 2))
+    return float(10.0 * np.log10(power))
+
+
+def choose_sampling(error_db: float, upsampling: float, merges: int) -> Sampling:
+    """The cheapest sampling with a predicted error ``MARGIN_DB`` below the wanted one; that of least error if none."""
+    choices = [Sampling(*choice) for choice in _CHOICES]
+    if upsampling:
+        choices = [Sampling(upsampling, 4), Sampling(upsampling, 6)]
+    for choice in choices:
+        if choice.error_db(merges) <= error_db - MARGIN_DB:
+            return choice
+    return choices[-1]
+
+
+@lru_cache(maxsize=64)
+def refinement_weights(upsampling: float, ratio: int) -> tuple[tuple[float, ...], ...]:
+    r"""Weights (ratio, TAPS) of a sample's neighbours at the places (j + 1/2) / ratio after the middle left one.
+
+    Of all sets of weights the one with the least mean error over the band :math:`|\nu| < \nu_0 = 1 / 2 u`:
+
+    .. math:: \sum_l \mathrm{sinc}(2 \nu_0 (k - l)) w_l = \mathrm{sinc}(2 \nu_0 (k - x))
+    """
+    band = 1.0 / upsampling
+    k = np.arange(TAPS) - (TAPS // 2 - 1)
+    normal = np.sinc(band * (k[:, None] - k))
+    places = (np.arange(ratio) + 0.5) / ratio
+    # weights that are hard to tell apart stay small
+    return tuple(
+        tuple(float(w) for w in np.linalg.solve(normal + 1e-11 * np.eye(TAPS), np.sinc(band * (k - x))))
+        for x in places
+    )
+
+
+@lru_cache(maxsize=64)
+def refinement_error(upsampling: float) -> float:
+    """Relative rms error of the refinement over band and places."""
+    nu = np.linspace(-0.5 / upsampling, 0.5 / upsampling, _NODES)
+    ratio = RATIOS[0]
+    k = np.arange(TAPS) - (TAPS // 2 - 1)
+    x = (np.arange(ratio) + 0.5) / ratio
+    value = np.exp(2j * np.pi * np.outer(nu, k)) @ np.transpose(refinement_weights(upsampling, ratio))
+    return float(np.sqrt(np.mean(np.abs(value - np.exp(2j * np.pi * np.outer(nu, x))) ** 2)))
+
+
+def correction(sampling: Sampling, n: int) -> NDArray[np.float32]:
+    """Gains of an FFT's n bins that undo the last interpolation's transform within the band.
+
+    A filter of ``2 CORRECTION + 1`` taps, so that the ends of a subimage spoil no more samples than that: in the band
+    the least squares of one over the kernel's transform.
+    """
+    order = np.arange(CORRECTION + 1)
+    nu = np.linspace(0.0, 0.5 / sampling.upsampling, 8 * _NODES)
+    transform = spreading_kernel(sampling.width).transform(nu)
+    terms = np.cos(2.0 * np.pi * np.outer(nu, order)) * transform[:, None]
+    taps = np.linalg.lstsq(terms, np.ones_like(nu), rcond=None)[0]
+    cosines = np.cos(2.0 * np.pi * np.outer(np.fft.fftfreq(n), order))
+    return np.asarray(cosines @ taps, dtype=np.float32)
+
+
+__all__ = [
+    "CORRECTION",
+    "MARGIN_DB",
+    "RATIOS",
+    "TAPS",
+    "UPSAMPLING",
+    "Sampling",
+    "choose_sampling",
+    "correction",
+    "refinement_error",
+    "refinement_weights",
+]

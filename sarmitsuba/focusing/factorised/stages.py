@@ -1,0 +1,313 @@
+"""From range-compressed pulses to pixels by the stages of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import ModuleType
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import arrays, device_array, dr
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
+from sarmitsuba.focusing.factorised.kernels import (
+    ANGLES,
+    AXES_STRIDE,
+    Pixels,
+    Polar,
+    Pulses,
+    form,
+    merge,
+    quads,
+    resample,
+    sum_weights,
+)
+from sarmitsuba.focusing.factorised.plan import Level, Plan, Section
+from sarmitsuba.focusing.factorised.sampling import CORRECTION, Sampling, correction
+from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
+from sarmitsuba.focusing.windows import Window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.progress import Progress
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# bytes of profiles at a time
+BATCH_BYTES = 32 << 20
+# of them while they are made: spectrum, its padded form, transform, cut-out, table and the device's
+_COPIES = 6
+# pixels per launch
+TILE_PIXELS = 1 << 20
+# nodes along azimuth and range of the sum of weights
+_NODES = (257, 33)
+# nodes of the azimuth window over a pixel's own aperture
+_WINDOW_NODES = 1025
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What all stages need.
+
+    Parameters
+    ----------
+    types : Dr.Jit's array types
+    raw : range-compressed data, some layers of them
+    profiles : how they become profiles
+    pulse_weights : (n_pulses,) of the azimuth window; ones where each pixel has its own band
+    weighting : antenna and bands
+    reference : m, the range whose spread is divided out
+    sampling : of subimages
+    """
+
+    types: ModuleType
+    raw: RawData
+    profiles: ProfilePlan
+    pulse_weights: F64
+    weighting: Weighting
+    reference: float
+    sampling: Sampling
+
+    @property
+    def turns_per_metre(self) -> dr.ArrayBase:
+        """Of the carrier's phase, 2 fc / c."""
+        return dr.opaque(self.types.Float64, 2.0 * self.raw.radar.waveform.center_frequency / SPEED_OF_LIGHT)
+
+
+def weighting_of(types: ModuleType, radar: Radar, window: Window) -> Weighting:
+    """Antenna and aperture band of a radar; the azimuth window is over the band where there is one."""
+    band = None
+    if np.isfinite(radar.half_aperture):
+        nodes = window(np.linspace(-0.5, 0.5, _WINDOW_NODES)).astype(np.float32)
+        band = ApertureBand(dr.opaque(types.Float32, radar.half_aperture), device_array(types.Float32, nodes))
+    return Weighting(None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna), band)
+
+
+def run_plan(job: Job, plan: Plan, grid: ImageGrid, progress: Progress) -> C64:
+    """Pixels (n_layers, n_azimuth, n_range), sums over all pulses as yet undivided by their weights."""
+    types, n_layers = job.types, len(job.raw.layers)
+    image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
+    tiles = list(_tiles(grid))
+    states = [
+        [dr.zeros(types.Float32, (rows.stop - rows.start) * grid.shape[1]) for _ in range(2 * n_layers)]
+        for rows in tiles
+    ]
+    dr.make_opaque(states)
+    work = float(image.size) * job.raw.radar.track.n_pulses
+    for i, section in enumerate(plan.sections):
+        polar, words = _corrected(job, section, _subimage(job, section))
+        for rows, state in zip(tiles, states, strict=True):
+            if rows.start < section.rows.stop and section.rows.start < rows.stop:
+                lanes = (rows.stop - rows.start) * grid.shape[1]
+                kernel = job.profiles.kernel
+                pixels = _pixels(types, section, grid, rows)
+                state[:] = resample(types, polar, pixels, lanes, job.turns_per_metre, kernel, words, state)
+                dr.eval(state)
+        dr.sync_thread()
+        progress("focus", work * (i + 1) / len(plan.sections), work, {})
+    for rows, state in zip(tiles, states, strict=True):
+        for layer in range(n_layers):
+            target = image[layer, rows].reshape(-1)
+            target.real, target.imag = state[2 * layer].numpy(), state[2 * layer + 1].numpy()
+    return image
+
+
+def _tiles(grid: ImageGrid) -> Iterator[slice]:
+    step = max(1, TILE_PIXELS // grid.shape[1])
+    for start in range(0, grid.shape[0], step):
+        yield slice(start, min(start + step, grid.shape[0]))
+
+
+def _centers(section: Section, level: Level, antenna: F64) -> F64:
+    """Mean antenna position (n_groups, 3) of a level's groups in the section's frame; zero for groups of padding."""
+    if level.n_groups == 1:
+        return np.zeros((1, 3))
+    starts = np.arange(0, section.n_pulses, level.n_pulses)
+    means = np.add.reduceat(antenna, starts, axis=0) / np.diff(np.append(starts, section.n_pulses))[:, None]
+    out = np.zeros((level.n_groups, 3))
+    out[: len(means)] = means
+    return out
+
+
+def _subimage(job: Job, section: Section) -> list[dr.ArrayBase]:
+    """The section's own subimage, words [angle, range] per layer."""
+    types = job.types
+    span = slice(section.first, section.first + section.n_pulses)
+    antenna = section.local(job.raw.radar.track.position[span])
+    centers = [_centers(section, level, antenna) for level in section.levels]
+    images = _finest(job, section, antenna, centers[0])
+    polars = [Polar.of(types, section, level) for level in section.levels]
+    for i, (low, high) in enumerate(pairwise(section.levels)):
+        shift = centers[i] - np.repeat(centers[i + 1], low.n_groups // high.n_groups, axis=0)
+        images = merge(
+            types,
+            (polars[i], low),
+            (polars[i + 1], high),
+            quads(types, shift, squares=True),
+            quads(types, centers[i + 1], squares=False),
+            job.turns_per_metre,
+            job.sampling.upsampling,
+            images,
+        )
+    return images
+
+
+def _finest(job: Job, section: Section, antenna: F64, centers: F64) -> list[dr.ArrayBase]:
+    """The finest subimages, from pulses in batches of whole groups."""
+    types, level, n_layers = job.types, section.levels[0], len(job.raw.layers)
+    polar = Polar.of(types, section, level)
+    size = level.n_groups * level.n_angles * section.n_ranges
+    out = [dr.zeros(types.UInt64, size) for _ in range(n_layers)]
+    dr.make_opaque(out)
+    used = -(-section.n_pulses // level.n_pulses)
+    bytes_per_group = 8 * n_layers * level.n_pulses * job.profiles.n_stored
+    step = max(1, BATCH_BYTES // bytes_per_group)
+    for start in range(0, used, step):
+        groups = slice(start, min(start + step, used))
+        n = groups.stop - groups.start
+        form(
+            types,
+            polar,
+            n * (level.n_angles // ANGLES) * section.n_ranges,
+            quads(types, centers[groups], squares=False),
+            _pulses(job, section, antenna, centers, groups),
+            job.profiles.kernel,
+            n_layers,
+            job.weighting,
+            out,
+            dr.opaque(types.UInt32, groups.start),
+        )
+        dr.eval(out)
+        dr.sync_thread()
+    return out
+
+
+def _pulses(job: Job, section: Section, antenna: F64, centers: F64, groups: slice) -> Pulses:
+    """Tables of the pulses of some groups; those of padding, at the section's end, weigh nothing."""
+    types, plan, radar = job.types, job.profiles, job.raw.radar
+    length = section.levels[0].n_pulses
+    first, stop = groups.start * length, min(groups.stop * length, section.n_pulses)
+    n, padded = stop - first, (groups.stop - groups.start) * length
+    own = slice(section.first + first, section.first + stop)
+    shift = np.zeros((padded, 3))
+    shift[:n] = antenna[first:stop] - centers[np.arange(first, stop) // length]
+    starts = np.zeros(padded)
+    starts[:n] = radar.window.start_range[own] / plan.step - MOST_BEYOND * plan.oversampling
+    axes = np.zeros((padded, AXES_STRIDE), dtype=np.float32)
+    axes[:n] = _axes(radar, job.pulse_weights, own, section.axes)
+    axes[n:, 7] = 1.0
+    stored = plan.n_stored + 2 * MOST_BEYOND * plan.oversampling
+    profiles = np.zeros((len(job.raw.layers), padded, stored), dtype=np.complex64)
+    profiles[:, :n] = plan.profiles(job.raw.data[:, own], MOST_BEYOND)
+    Float64, UInt32 = types.Float64, types.UInt32
+    return Pulses(
+        n_pulses=dr.opaque(UInt32, length),
+        shifts=quads(types, shift, squares=True),
+        starts=device_array(Float64, starts),
+        axes=device_array(types.Float32, axes),
+        profiles=device_array(types.UInt64, profiles.view(np.uint64)),
+        n_stored=dr.opaque(UInt32, stored),
+        n_plane=dr.opaque(UInt32, padded * stored),
+        last=dr.opaque(types.Int32, stored - plan.width),
+        per_metre=dr.opaque(Float64, 1.0 / plan.step),
+        turns_per_metre=job.turns_per_metre,
+        inverse_square=dr.opaque(Float64, 1.0 / job.reference**2),
+    )
+
+
+def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> NDArray[np.float32]:
+    """Axes, weight and flight of pulses (n, ``AXES_STRIDE``) in a frame of unit vectors, as backprojection's."""
+    forward, sine, gap = (part[pulses] for part in flight(radar))
+    table = np.zeros((len(sine), AXES_STRIDE), dtype=np.float32)
+    table[:, 0:3] = radar.pointing.azimuth_axis[pulses] @ frame.T
+    table[:, 3] = weights[pulses]
+    table[:, 4:7] = radar.pointing.elevation_axis[pulses] @ frame.T
+    table[:, 7] = gap
+    table[:, 8:11] = radar.pointing.boresight[pulses] @ frame.T
+    table[:, 12:15], table[:, 15] = forward @ frame.T, sine
+    return table
+
+
+def _corrected(job: Job, section: Section, images: list[dr.ArrayBase]) -> tuple[Polar, list[dr.ArrayBase]]:
+    """The section's subimage with the last interpolation's transform divided out, in angle and range."""
+    level = section.levels[-1]
+    shape = (level.n_angles, section.n_ranges)
+    sizes = [scipy.fft.next_fast_len(n + CORRECTION) for n in shape]
+    factors = [correction(job.sampling, n) for n in sizes]
+    out = []
+    for image in images:
+        spectrum = scipy.fft.fft2(image.numpy().view(np.complex64).reshape(shape), s=sizes, workers=-1)
+        spectrum *= factors[0][:, None]
+        spectrum *= factors[1]
+        fine = scipy.fft.ifft2(spectrum, overwrite_x=True, workers=-1)[: shape[0], : shape[1]]
+        out.append(device_array(job.types.UInt64, np.ascontiguousarray(fine).view(np.uint64)))
+    return Polar.of(job.types, section, level), out
+
+
+def _pixels(types: ModuleType, section: Section, grid: ImageGrid, rows: slice) -> Pixels:
+    """Rows of the image in the section's frame."""
+    base = grid.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, grid.height])
+    corner = section.local(base + grid.azimuth[rows.start] * grid.along)
+    vectors = (corner, section.axes @ grid.along * grid.azimuth_spacing, section.axes @ grid.across)
+    x, y, z = (tuple(dr.opaque(types.Float64, float(v)) for v in vector) for vector in vectors)
+    return Pixels(
+        dr.opaque(types.UInt32, grid.shape[1]),
+        dr.opaque(types.Float64, 1.0 / grid.shape[1]),
+        x,
+        y,
+        z,
+        device_array(types.Float64, grid.across_distance()),
+    )
+
+
+def whole_weights(job: Job, grid: ImageGrid) -> NDArray[np.float32]:
+    """Sum of all pulses' weights in every pixel (n_azimuth, n_range), or (1, 1) where it is the same in all.
+
+    Worked out at nodes and linear in between: it varies as slowly as a beam, or as an aperture cut by the track's end.
+    """
+    radar = job.raw.radar
+    if job.weighting.uniform:
+        return np.full((1, 1), job.pulse_weights.sum(), dtype=np.float32)
+    nodes = [
+        np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.azimuth, grid.range), _NODES, strict=True)
+    ]
+    points = replace(grid, azimuth=nodes[0], range=nodes[1]).positions().reshape(-1, 3)
+    axes = device_array(
+        job.types.Float32, _axes(radar, job.pulse_weights, slice(0, radar.track.n_pulses), np.eye(3))
+    )
+    sums = sum_weights(job.types, points, radar.track.position, axes, job.weighting).reshape(_NODES)
+    along, across = (
+        _between(node, axis) for node, axis in zip(nodes, (grid.azimuth, grid.range), strict=True)
+    )
+    return np.asarray((along @ sums).astype(np.float32) @ across.T.astype(np.float32))
+
+
+def _between(nodes: F64, places: F64) -> F64:
+    """Weights (n_places, n_nodes) of linear interpolation between nodes."""
+    return np.array([np.interp(places, nodes, unit) for unit in np.eye(nodes.size)]).T
+
+
+def plan_bytes(plan: Plan, profiles: ProfilePlan, grid: ImageGrid, n_layers: int) -> int:
+    """Most bytes at a time beyond raw data and image: profiles of a batch, subimages, sums and a launch's pixels."""
+    group = 8 * n_layers * profiles.n_stored * max(section.levels[0].n_pulses for section in plan.sections)
+    pixels = int(np.prod(grid.shape))
+    return _COPIES * max(group, BATCH_BYTES) + n_layers * (plan.n_bytes + 8 * pixels) + 16 * TILE_PIXELS
+
+
+def make_job(raw: RawData, profiles: ProfilePlan, plan: Plan, window: Window, grid: ImageGrid) -> Job:
+    """What all stages need, from data and plan."""
+    types, radar = arrays(), raw.radar
+    own = np.isfinite(radar.half_aperture)
+    weights = np.ones(radar.track.n_pulses) if own else window.aperture(radar.track.n_pulses)
+    middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+    reference = float(np.linalg.norm(middle - radar.track.center_position))
+    return Job(types, raw, profiles, weights, weighting_of(types, radar, window), reference, plan.sampling)
+
+
+__all__ = ["Job", "make_job", "plan_bytes", "run_plan", "whole_weights"]

@@ -1,0 +1,152 @@
+"""Fast factorised backprojection: two-stage and recursive."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.factorised.plan import Plan, make_plan
+from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
+from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
+from sarmitsuba.focusing.focuser import (
+    FOCUSERS,
+    PIXEL_PULSE_SECONDS,
+    Focused,
+    Focuser,
+    FocusTask,
+    option,
+)
+from sarmitsuba.focusing.profiles import plan_profiles
+from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.memory import check_fits
+from sarmitsuba.radar.radar import Radar
+
+# layers that share one pass over the geometry
+_MAX_LAYERS = 2
+# pixels whose summed weight is below this part of the aperture's were not illuminated
+_DARK = 1e-6
+STAGES = (0, 2, 3, 4)
+RECTANGULAR = parse_window("rectangular")
+
+
+@dataclass(frozen=True)
+class Factorised(Focuser):
+    r"""Backprojection in stages: few pulses at few places first, many pulses at many places last.
+
+    Consecutive pulses about the mean position :math:`A_g` of their group make a subimage
+
+    .. math:: b_g(p) = \sum_{t \in g} w_t g_t R_t^2 s_t(R_t) e^{+j k_c (R_t - R_g)}, \quad k_c = 4 \pi f_c / c
+
+    whose spectrum, without the carrier of :math:`R_g = |p - A_g|`, is as narrow as the group is short: in angle
+    about the group it needs few samples. Subimages of neighbouring groups are refined in angle, brought to a common
+    carrier by :math:`e^{j k_c (R_g - R_G)}` and summed; the widest ones are interpolated at the pixels. ``stages=2``
+    has no merger: the local backprojection of Yegulalp 1999. With 3 and 4 it is the recursion of Ulander, Hellsten and
+    Stenstrom 2003, with one difference: all subimages of a section of the aperture have the section's ranges, so that
+    mergers interpolate in angle only (as Dong 2017 does in Cartesian coordinates). Sections are as long as that pays;
+    within one, :math:`\kappa (d R_t / d\varphi)` of the range band :math:`|\kappa| \le 2 \pi B / c` widens the
+    spectrum in angle.
+
+    Every grid is as fine as the spectra of its pulses, worked out from the track, ask for, times ``upsampling``; the
+    error is that of the interpolations, predicted by
+    :meth:`sarmitsuba.focusing.factorised.sampling.Sampling.error_db`, and ``upsampling=0`` takes the least that keeps
+    ``error``.
+
+    Validity: any track, spotlight or with apertures of the pixels' own (then in two stages). Refuses an image that
+    reaches under the track, where angle and range are no coordinates, one that leaves the receive window, and own
+    apertures whose sharp ends ask for sections so long that backprojection is as fast.
+
+    Notes
+    -----
+    Ignores what backprojection ignores. Where a pixel's own aperture ends within a section, the section's subimage has
+    an edge, of which the part outside its spectrum is lost: the longer the section over the Fresnel length
+    :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.focusing.factorised.plan.Plan.edge_db`, an empirical law).
+    """
+
+    name: ClassVar[str] = "factorised"
+    title: ClassVar[str] = "any track, an image off the flight line; fast for large images"
+
+    error: float = option(-50.0, "wanted error against exact backprojection, dB")
+    upsampling: float = option(0.0, "samples per critical sample of subimages; 0 = as the error wants")
+    stages: int = option(0, "between pulses and pixels: 2 (Yegulalp), 3 or 4; 0 = those of least time")
+
+    def plan(self, radar: Radar, grid: ImageGrid, window: Window = RECTANGULAR) -> Plan | str:
+        """How the aperture is divided; what is in the way where it cannot be.
+
+        Raises
+        ------
+        DataError
+            An option is out of its bounds.
+        """
+        if self.stages not in STAGES:
+            raise DataError(f"focuser factorised: stages = {self.stages} must be 0, 2, 3 or 4")
+        low, high = UPSAMPLING
+        if self.upsampling != 0.0 and not low <= self.upsampling <= high:
+            raise DataError(
+                f"focuser factorised: upsampling = {self.upsampling:g} must lie in {low:g} ... {high:g}, or be 0"
+            )
+        return make_plan(radar, grid, window, self.error, self.upsampling, self.stages)
+
+    def refusal(self, radar: Radar, grid: ImageGrid) -> str:
+        """Why it cannot focus this radar's data on this grid; empty when it can."""
+        plan = self.plan(radar, grid)
+        if isinstance(plan, str):
+            return plan
+        direct = PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
+        if np.isfinite(radar.half_aperture) and plan.seconds > direct:
+            return (
+                f"the pixels' own apertures end so sharply that {self.error:g} dB would take longer than "
+                "backprojection; raise error"
+            )
+        return ""
+
+    def error_db(self, radar: Radar, grid: ImageGrid) -> float:
+        """Predicted error of a rectangular azimuth window, with a margin."""
+        plan = self.plan(radar, grid)
+        return math.nan if isinstance(plan, str) else plan.error_db + MARGIN_DB
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """Of all stages."""
+        plan = self.plan(radar, grid)
+        return math.inf if isinstance(plan, str) else plan.seconds
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus.
+
+        Raises
+        ------
+        DataError
+            The aperture cannot be divided, see :meth:`refusal`.
+        ResourceError
+            Subimages and profiles do not fit into memory.
+        """
+        raw, grid = task.raw, task.grid
+        radar, n_layers = raw.radar, len(raw.layers)
+        plan = self.plan(radar, grid, task.azimuth_window)
+        if isinstance(plan, str):
+            raise DataError(f"focuser factorised: {plan}")
+        profiles = plan_profiles(radar, task.range_window, interpolation=plan.sampling.interpolation)
+        check_fits(
+            f"focuser factorised: subimages of {len(plan.sections)} sections",
+            plan_bytes(plan, profiles, grid, min(n_layers, _MAX_LAYERS)),
+            "make the image smaller, or take focuser backprojection",
+        )
+        image = np.empty((n_layers, *grid.shape), dtype=np.complex64)
+        for start in range(0, n_layers, _MAX_LAYERS):
+            layers = slice(start, min(start + _MAX_LAYERS, n_layers))
+            some = replace(raw, data=raw.data[layers], layers=raw.layers[layers])
+            job = make_job(some, profiles, plan, task.azimuth_window, grid)
+            image[layers] = run_plan(job, plan, grid, task.progress)
+            weights = whole_weights(job, grid)
+            seen = weights > _DARK * job.pulse_weights.sum()
+            scale = np.float32(job.reference**2 / radar.amplitude_constant)
+            image[layers] *= np.divide(scale, weights, out=np.zeros_like(weights), where=seen)
+        return Focused(image, lambda point: matched_weights(radar, point, task.azimuth_window))
+
+
+FOCUSERS.register(Factorised())
+
+__all__ = ["Factorised"]
