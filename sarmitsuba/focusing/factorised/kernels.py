@@ -18,11 +18,9 @@ from sarmitsuba.echo.gridding import SpreadingKernel
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     Weighting,
-    cis,
     dot,
-    scaled,
-    times,
 )
+from sarmitsuba.focusing.device_complex import cis, scaled, times
 from sarmitsuba.focusing.factorised.plan import Level, Section
 from sarmitsuba.focusing.factorised.sampling import TAPS, refinement_weights
 
