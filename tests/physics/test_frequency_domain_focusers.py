@@ -137,13 +137,13 @@ def test_images_can_be_subtracted(name: str, mode: str, grid_kind: str) -> None:
 @pytest.mark.parametrize("name", ["omega_k", "chirp_scaling"])
 def test_images_do_not_depend_on_the_length_of_the_transforms(name: str) -> None:
     """A receive window that stands still: range walks through it, and transforms are longer than backprojection's."""
-    radar = ideal_radar(squint_angle=0.08, n_samples=400, resolution=0.7)
+    radar = ideal_radar(squint_angle=0.25, n_samples=400, resolution=0.7)
     fixed = np.full(radar.track.n_pulses, radar.window.start_range.mean())
     radar = replace(radar, window=replace(radar.window, start_range=fixed))
-    assert range_walk(radar, track_geometry(radar, default_grid(radar, {**REQUEST, "grid": "slant"}))) > 60
+    assert range_walk(radar, track_geometry(radar, default_grid(radar, {**REQUEST, "grid": "slant"}))) > 55
     raw = ideal_echoes(radar, [3.4, -4.2, 0.0])
     grid = default_grid(radar, {**REQUEST, "grid": "slant", "extent_range": 40.0})
-    # tol: side lobes over range that the window's ends cut off; -46 dB with the band's edges weighed anew
+    # tol: side lobes over range that the window's ends cut off
     assert image_error_db(focus(raw, grid, focuser=name).data, backproject(raw, grid)) < -56.0
 
 
