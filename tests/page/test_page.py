@@ -64,6 +64,7 @@ def opened(chromium: Any) -> Any:
 
     def call(path: Path) -> Open:
         page = chromium.new_page()
+        page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
         one = Open(page, [], [])
         page.on(
             "console", lambda m: one.complaints.append(m.text) if m.type in ("error", "warning") else None
