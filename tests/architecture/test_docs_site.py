@@ -36,6 +36,8 @@ def test_site_builds_without_a_warning(tmp_path: Path) -> None:
         "-W",
         "--keep-going",
         "-q",
+        "-D",
+        "nb_execution_mode=off",  # tests/tutorials runs the notebooks
         "docs",
         str(tmp_path),
     ]
