@@ -16,7 +16,7 @@ from focusers import band_noise
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.focusing.factorised.plan import Plan
+from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.focuser import FocusTask
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.focusers.factorised import Factorised

@@ -8,7 +8,7 @@ import pytest
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.factorised.plan import Plan
+from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.factorised.sampling import Sampling, refinement_error, refinement_weights
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject_numpy

@@ -16,19 +16,18 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.focusing.aperture import flight
 from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
+from sarmitsuba.focusing.factorised.division import Level, Plan, Section
 from sarmitsuba.focusing.factorised.kernels import (
     ANGLES,
     AXES_STRIDE,
-    Pixels,
     Polar,
     Pulses,
     form,
     merge,
     quads,
-    resample,
     sum_weights,
 )
-from sarmitsuba.focusing.factorised.plan import Level, Plan, Section
+from sarmitsuba.focusing.factorised.resampling import Pixels, resample
 from sarmitsuba.focusing.factorised.sampling import CORRECTION, Sampling, correction
 from sarmitsuba.focusing.profiles import MOST_BEYOND, ProfilePlan
 from sarmitsuba.focusing.windows import Window

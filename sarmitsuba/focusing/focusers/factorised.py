@@ -8,7 +8,8 @@ import numpy as np
 
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import matched_weights
-from sarmitsuba.focusing.factorised.plan import Plan, make_plan
+from sarmitsuba.focusing.factorised.division import Plan
+from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
@@ -63,7 +64,8 @@ class Factorised(Focuser):
     -----
     Ignores what backprojection ignores. Where a pixel's own aperture ends within a section, the section's subimage has
     an edge, of which the part outside its spectrum is lost: the longer the section over the Fresnel length
-    :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.focusing.factorised.plan.Plan.edge_db`, an empirical law).
+    :math:`\sqrt{\lambda R / 2}`, the less (:attr:`sarmitsuba.focusing.factorised.division.Plan.edge_db`, an empirical
+    law).
     """
 
     name: ClassVar[str] = "factorised"
