@@ -262,9 +262,10 @@ class Blocks:
         if has_subsets(self.layers):
             return above_rays(self._subset_errors())
         rays = self.lattices[0]
-        if sum(grid.n_rays for grid in rays) >= STRIP_FROM:
-            few = {c: e - SURE_DB for c, e in self._shift_errors([_strip(grid) for grid in rays]).items()}
-            if above_rays(few) <= LEEWAY_DB:
+        strips = [_strip(grid) for grid in rays]
+        if sum(grid.n_rays for grid in rays) >= STRIP_FROM and all(grid.n_rays for grid in strips):
+            sure = {channel: value - SURE_DB for channel, value in self._shift_errors(strips).items()}
+            if above_rays(sure) <= LEEWAY_DB:
                 return 0.0
         return above_rays(self._shift_errors(rays))
 
