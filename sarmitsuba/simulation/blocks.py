@@ -43,7 +43,7 @@ WORTH_DB = 8.0
 # from so many rays per key pulse on their error is looked for on a strip of this share of the launch window first: a
 # tenth of a key pulse is traced more, where all rays shifted would be a whole one
 STRIP_FROM = 1_000_000
-STRIP = 0.08
+STRIP = 0.05
 # energy of a strip that fades as a raised cosine over half of its width, over that of its rays at full weight
 STRIP_ENERGY = 11.0 / 16.0
 # a strip has to clear blocks by this much: bright lines elsewhere may carry more of the image than of the error, dB
@@ -247,9 +247,8 @@ class Blocks:
 
     def _excess(self, error: dict[str, float]) -> float:
         """How far the worst channel's error is above what is wanted of blocks, dB; 0 where none is."""
-        tolerance, target = (
-            getattr(self.tracer.sampling.scene.settings, name) for name in ("tolerance_db", "target_error_db")
-        )
+        settings = self.tracer.sampling.scene.settings
+        tolerance, target = settings.tolerance_db, settings.target_error_db
 
         def above(wanted: dict[str, float]) -> float:
             return max(0.0, *(value - max(wanted[channel], tolerance) for channel, value in error.items()))
