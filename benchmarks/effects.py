@@ -23,9 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from corrections import block_of, correction_lines, correction_table, one_batch
 
 from sarmitsuba.backend import ensure_backend
-from sarmitsuba.echo.block import BlockPlan, plan_block
+from sarmitsuba.echo.block import BlockPlan
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import focus
@@ -41,7 +42,6 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.launch import lattice
 
@@ -151,24 +151,6 @@ def kernel_table(rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
-def block_of(sampling: SamplingPlan) -> BlockPlan:
-    """The middle 64 pulses."""
-    radar = sampling.scene.radar
-    start = radar.track.n_pulses // 2 - 32
-    extra, box = sampling.extra_slant_range, sampling.phase_box
-    return plan_block(radar, start, start + 64, sampling.window.center, box, extra_slant_range=extra)
-
-
-def one_batch(job: Tracer, block: BlockPlan, grid: Any) -> float:
-    """Trace one key pulse; processor seconds of the kernel, adding included, synthesis not."""
-    radar = job.sampling.scene.radar
-    accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
-    job.timer = StageTimer(time.process_time)
-    pick = slice(block.key, block.key + 1)
-    job.launch(grid, block.position[None], block.velocity[None], pick, accumulator, block.n_pulses)
-    return job.timer.seconds["trace"]
-
-
 # ---- planned against everything on
 
 
@@ -191,7 +173,7 @@ def planned_row(name: str, quick: bool) -> dict[str, Any]:
     while rounds <= (1 if quick else LEAST_ROUNDS) or (not quick and spent < SPENT and rounds <= MOST_ROUNDS):
         for key, plan in (("plan", None), ("all", full)):
             start, before = time.perf_counter(), time.process_time()
-            raw = simulate(scene, plan=plan)
+            raw = simulate(scene, plan=plan, clock=time.process_time)
             taken, used = time.perf_counter() - start, time.process_time() - before
             if rounds == 0:
                 images[key] = focus(raw).data  # the first round compiles
@@ -371,6 +353,8 @@ def markdown(results: dict[str, Any]) -> str:
             less = "" if first else f"{r['instructions_less']}"
             cost = f"{1e3 * r['seconds']:.0f} ms" if first else f"{100 * r['cost']:.0f} %"
             lines.append(f"| {r['effect']} | {r['instructions']} | {less} | {cost} |")
+    if results["corrections"]:
+        lines += correction_lines(results["corrections"])
     if results["plans"]:
         lines += [
             "",
@@ -439,7 +423,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes, or munich (default: all)")
     parser.add_argument("--quick", action="store_true", help="one round, no prediction, no kernel table")
-    parser.add_argument("--only", choices=("kernels", "plans", "predictions"), help="one of the parts")
+    parser.add_argument(
+        "--only", choices=("kernels", "corrections", "plans", "predictions"), help="one of the parts"
+    )
     parser.add_argument(
         "--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md, adding to those there"
     )
@@ -452,15 +438,24 @@ def main() -> None:
         print(json.dumps((measured if args.measure else predicted)(args.scenes[0])))
         return
     names = args.scenes or [e.name for e in list_scenes()] + (["munich"] if munich() else [])
-    parts = [args.only] if args.only else ["plans"] if args.quick else ["kernels", "plans", "predictions"]
-    results: dict[str, Any] = {"kernels": [], "plans": [], "predictions": []}
+    parts = (
+        [args.only]
+        if args.only
+        else ["plans"]
+        if args.quick
+        else ["kernels", "corrections", "plans", "predictions"]
+    )
+    results: dict[str, Any] = {"kernels": [], "corrections": [], "plans": [], "predictions": []}
     if args.out and (args.out / "effects.json").exists():  # parts and scenes not run now stay
-        results = json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
+        results |= json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
     results["machine"] = (
         f"{platform.machine()}, {os.cpu_count()} cores, {backend.variant}, Python {platform.python_version()}"
     )
     if "kernels" in parts:
         results["kernels"] = kernel_table(COST_ROUNDS)
+        store(results, args.out)
+    if "corrections" in parts:
+        results["corrections"] = correction_table(load("munich" if munich() else "urban_block"), ROUNDS)
         store(results, args.out)
     measures: dict[str, Callable[[str], dict[str, Any]]] = {
         "plans": lambda name: planned_row(name, args.quick),

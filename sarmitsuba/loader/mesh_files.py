@@ -75,11 +75,11 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     with _reading(path, where):
         if path.suffix.lower() == ".obj":
             options = {"file_type": "obj", "skip_materials": True, "maintain_order": True}
-            mesh = trimesh.load_mesh(BytesIO(_obj_geometry(path)), process=False, **options)
+            loaded = trimesh.load_scene(BytesIO(_obj_geometry(path)), process=False, **options)
         else:
-            mesh = trimesh.load_mesh(path, process=False)
-        if isinstance(mesh, trimesh.Scene):
-            mesh = mesh.to_mesh()
+            loaded = trimesh.load_scene(path, process=False)
+        # these formats place nothing: the only part is taken as it is, without the copies that joining parts makes
+        mesh = loaded.to_mesh() if len(loaded.geometry) != 1 else next(iter(loaded.geometry.values()))
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
     return vertices, _checked(vertices, faces, path, where)

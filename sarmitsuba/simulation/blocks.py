@@ -40,6 +40,14 @@ LEEWAY_DB = 1.0
 # nothing wanted, blocks stay as the track allows up to this error above that of the rays, dB: half of it costs twice
 # the time, and shadows that move in steps of less than a cell do not change what an image shows
 WORTH_DB = 8.0
+# from so many rays per key pulse on their error is looked for on a strip of this share of the launch window first: a
+# tenth of a key pulse is traced more, where all rays shifted would be a whole one
+STRIP_FROM = 1_000_000
+STRIP = 0.05
+# energy of a strip that fades as a raised cosine over half of its width, over that of its rays at full weight
+STRIP_ENERGY = 11.0 / 16.0
+# a strip has to clear blocks by this much: bright lines elsewhere may carry more of the image than of the error, dB
+SURE_DB = 3.0
 
 
 def partition(n_pulses: int, length: int) -> list[tuple[int, int]]:
@@ -226,13 +234,7 @@ class Blocks:
         error = self._errors([self._middle])
         if max(error.values()) <= settings.tolerance_db + LEEWAY_DB:
             return self.interval
-        rays = self._ray_errors()
-        excess: float = 0.0
-        for channel, value in error.items():
-            wanted = rays[channel] + WORTH_DB
-            if settings.target_error_db < 0.0:
-                wanted = settings.target_error_db - BELOW_TARGET_DB
-            excess = max(excess, value - max(wanted, settings.tolerance_db))
+        excess = self._excess(error)
         if excess <= LEEWAY_DB or self.interval <= SHORTEST:
             return self.interval
         length = max(SHORTEST, int(self.interval * 10.0 ** (-0.1 * excess)))
@@ -243,27 +245,76 @@ class Blocks:
         fitting = self.tracer.sampling.block_length(length)
         return min(fitting, self.interval) if fitting > 1 else self.interval
 
-    def _ray_errors(self) -> dict[str, float]:
-        """Error of each channel by the sampling with rays, in the middle of the track, dB."""
-        start, stop = self.blocks[self._middle][0], self.blocks[self._middle + 1][1]
+    def _excess(self, error: dict[str, float]) -> float:
+        """How far the worst channel's error is above what is wanted of blocks, dB; 0 where none is."""
+        settings = self.tracer.sampling.scene.settings
+        tolerance, target = settings.tolerance_db, settings.target_error_db
+
+        def above(wanted: dict[str, float]) -> float:
+            return max(0.0, *(value - max(wanted[channel], tolerance) for channel, value in error.items()))
+
+        def above_rays(rays: dict[str, float]) -> float:
+            return above({channel: value + WORTH_DB for channel, value in rays.items()})
+
+        if target < 0.0:
+            return above(dict.fromkeys(error, target - BELOW_TARGET_DB))
         if has_subsets(self.layers):
-            shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
-            planes = self.data[:, start:stop] * shares[:, None, None]
-            bars = estimate_error(planes, self.layers, pixels=False)
-            return dict(zip(bars.channels, bars.error_db, strict=True))
-        # one set of rays: against the same lattice shifted by half a cell, at one pulse
+            return above_rays(self._subset_errors())
+        rays = self.lattices[0]
+        strips = [_strip(grid) for grid in rays]
+        if sum(grid.n_rays for grid in rays) >= STRIP_FROM and all(grid.n_rays for grid in strips):
+            sure = {channel: value - SURE_DB for channel, value in self._shift_errors(strips).items()}
+            if above_rays(sure) <= LEEWAY_DB:
+                return 0.0
+        return above_rays(self._shift_errors(rays))
+
+    def _subset_errors(self) -> dict[str, float]:
+        """Error of each channel by the sampling with rays, from the subsets in the middle of the track, dB."""
+        start, stop = self.blocks[self._middle][0], self.blocks[self._middle + 1][1]
+        shares = np.array([SUBSET_SHARES[layer.subset] for layer in self.layers], dtype=np.float32)
+        planes = self.data[:, start:stop] * shares[:, None, None]
+        bars = estimate_error(planes, self.layers, pixels=False)
+        return dict(zip(bars.channels, bars.error_db, strict=True))
+
+    def _shift_errors(self, rays: Sequence[LaunchGrid]) -> dict[str, float]:
+        """The same at one pulse of one set of rays, or of a strip of it: against rays shifted by half a cell, dB."""
         pulse = self.blocks[self._middle][1]
-        other, _ = self._traced([_shifted(grid) for grid in self.lattices[0]], pulse, pulse + 1)
+        whole = here = self.data[:, pulse]
+        all_rays, share = self.lattices[0], 1.0
+        if rays is not all_rays:
+            here = self._at(rays, pulse)
+            share = STRIP_ENERGY * sum(g.n_rays for g in rays) / sum(g.n_rays for g in all_rays)
+        other = self._at([_shifted(grid) for grid in rays], pulse)
         out = {}
         for channel in dict.fromkeys(layer.channel for layer in self.layers):
-            here = self._channel(self.data[:, pulse], channel)
-            out[channel] = _ratio_db(self._channel(other[:, 0], channel) - here, here) - 3.0
+            change = self._channel(other, channel) - self._channel(here, channel)
+            out[channel] = _ratio_db(change, self._channel(whole, channel)) - 3.0 - 10.0 * np.log10(share)
         return out
+
+    def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
+        """Profiles (n_layers, n_samples) of one pulse with other rays."""
+        profiles, _ = self._traced(rays, pulse, pulse + 1)
+        return profiles[:, 0]
+
+
+def _strip(grid: LaunchGrid) -> LaunchGrid:
+    """Rays of a strip across the middle of the window, over all ranges, that fades to both sides."""
+    half = 0.5 * STRIP * (grid.half_x + grid.taper)
+    keep = np.abs(grid.x) <= 2.0 * half
+    counts = np.bincount(grid.level[keep], minlength=len(grid.every_level))
+    first = np.cumsum([0, *counts[:-1]])
+    levels = tuple(replace(level, first=int(n)) for level, n in zip(grid.levels, first, strict=False))
+    # the fade-out of both axes is as wide: over range it ends where the window's does
+    half_y = max(grid.half_y + grid.taper - half, 0.0)
+    return replace(
+        grid, x=grid.x[keep], y=grid.y[keep], half_x=half, half_y=half_y, taper=half, levels=levels
+    )
 
 
 def _shifted(grid: LaunchGrid) -> LaunchGrid:
-    """The lattice shifted by half the diagonal of its cell."""
-    half = np.float32(0.5 * np.sqrt(2.0) * grid.spacing)
+    """The lattice shifted by half the diagonal of its cell, each of its levels by its own."""
+    spacing = np.array([level.spacing for level in grid.every_level], dtype=np.float32)
+    half = np.float32(0.5 * np.sqrt(2.0)) * spacing[grid.level]
     angle = grid.turn + 0.25 * np.pi
     return replace(
         grid, x=grid.x + half * np.float32(np.cos(angle)), y=grid.y + half * np.float32(np.sin(angle))

@@ -64,7 +64,7 @@ def close_coherent(
     error that changes sign with the order of the facets. Co-polar channels hold both estimates already.
     """
     flags, constants = kernel.flags, kernel.constants
-    part, n, s = tube_here.polygon, hit.normal, hit.to_antenna
+    n, s = hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range, point = _mean_leg(kernel, hit), hit.p
@@ -73,8 +73,8 @@ def close_coherent(
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
-        filled, place = polygon.phase_integral(
-            -constants.wavenumber * wave, tube_here.u, tube_here.v, part, mi.Float(constants.cell)
+        filled, *place = polygon.phase_integral(
+            -constants.wavenumber * wave, tube_here.u, tube_here.v, tube_here.bounds, mi.Float(constants.cell)
         )
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))
@@ -85,7 +85,7 @@ def close_coherent(
         change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
     else:
-        filled = part.area()
+        filled = tube_here.bounds.area()
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     closed = {}

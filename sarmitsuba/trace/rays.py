@@ -257,7 +257,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         # behind mirrors the facets of the whole chain limit the tube
         lines = polygon.selected(hit.first, lines, polygon.extent_lines(extent))
     closed = ((hit.material >> CLOSED_BIT) & 1) == 1
-    part = polygon.clipped(lines, extent, patch.rim, hit.first & closed)
+    bounds = polygon.Bounds(lines, extent, patch.rim, hit.first & closed)
     if kernel.scene.piece_table is not None:
         patch = tube.patch(tube.limited(ray.extent, _edges(kernel.scene.piece_table, hit), point, u, v))
     area = lane.tube_area * dr.square(growth) / hit.cos_incidence
@@ -272,7 +272,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, patch, part, area, loss, loss_retro)
+    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.beam import BeamPattern
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.tubes.polygon import Polygon
+    from sarmitsuba.tubes.polygon import Bounds
     from sarmitsuba.tubes.tube import Patch
 
 # kinds of return, as numbers that a lane can carry
@@ -234,7 +234,7 @@ class Footprint:
     u, v : m, edges of the whole tube's footprint
     extent : how far the facets hit so far let the tube extend
     patch : what its diffuse return comes from, as a quadrilateral
-    polygon : what its coherent return comes from, exact up to the facet's corners
+    bounds : of what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
     loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
     """
@@ -243,7 +243,7 @@ class Footprint:
     v: mi.Vector3f
     extent: Extent
     patch: Patch
-    polygon: Polygon
+    bounds: Bounds
     area: mi.Float
     loss: mi.Float
     loss_retro: mi.Float

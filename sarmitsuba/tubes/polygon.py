@@ -128,7 +128,70 @@ def selected(condition: mi.Bool, a: Sequence[Line], b: Sequence[Line]) -> list[L
     ]
 
 
-def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float], exact: mi.Bool) -> Polygon:
+@dataclass(frozen=True)
+class Bounds:
+    """What bounds the part of a facet that one ray stands for.
+
+    Parameters
+    ----------
+    lines : half-planes that the facet lies in
+    extent : how far the facets hit so far let the tube extend
+    rim : point that phases refer to where the part is not exact
+    exact : the lines bound a convex part of a flat facet all around
+    """
+
+    lines: Sequence[Line]
+    extent: Extent
+    rim: tuple[mi.Float, mi.Float]
+    exact: mi.Bool
+
+    def apart(self) -> mi.Bool:
+        """Whether all lines leave the ray's own cell and the eight around it whole: :meth:`part` is the cell then."""
+        out = mi.Bool(True)
+        for line in self.lines:
+            # tol: rounding of the same heights in :meth:`part`
+            out &= line.h > 1.001 * (dr.abs(line.gu) + dr.abs(line.gv))
+        return out
+
+    def bounded(self) -> mi.Bool:
+        """Whether there are lines enough for corners."""
+        return sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in self.lines), mi.Float(0.0)) > 2.5
+
+    def cell(self) -> Polygon:
+        """The ray's own cell."""
+        low, high = mi.Float(-0.5), mi.Float(0.5)
+        sides = (
+            (low, low, high, low),
+            (high, high, low, high),
+            (high, low, high, high),
+            (low, high, low, low),
+        )
+        return Polygon(sides, (), self.rim, mi.Float(1.0), self.exact & self.bounded())
+
+    def part(self) -> Polygon:
+        """The ray's part; see :func:`clipped`."""
+        return clipped(self.lines, self.extent, self.rim, self.exact, self.bounded())
+
+    def area(self) -> mi.Float:
+        """Area of the part over that of a whole tube, times its weight."""
+        area: mi.Float = dr.if_stmt(
+            (),
+            self.apart(),
+            lambda: self.cell().area(),
+            lambda: self.part().area(),
+            label="edges",
+            mode="symbolic",
+        )
+        return area
+
+
+def clipped(
+    lines: Sequence[Line],
+    extent: Extent,
+    rim: tuple[mi.Float, mi.Float],
+    exact: mi.Bool,
+    bounded: mi.Bool,
+) -> Polygon:
     """Part of the facet within ``lines`` that a ray stands for.
 
     The rays on a facet share it out row by row of their lattice: each has its own cell, the outermost of a row all
@@ -158,8 +221,6 @@ def clipped(lines: Sequence[Line], extent: Extent, rim: tuple[mi.Float, mi.Float
     top = dr.select(wide, top, dr.select(by_row, 0.5, REACH))
     bottom = dr.select(wide, bottom, dr.select(by_row, -0.5, -REACH))
     chance = dr.clip(dr.select(by_row, high - low, top_end - bottom_end), LEAST_CHANCE, 1.0)
-    used = sum((dr.select(line.h < NOWHERE, 1.0, 0.0) for line in lines), mi.Float(0.0))
-    bounded = used > 2.5
     left = dr.select(bounded, left, dr.select(extent.left < 1.0, -REACH_RIM, -0.5))
     right = dr.select(bounded, right, dr.select(extent.right < 1.0, REACH_RIM, 0.5))
     top = dr.select(bounded, top, dr.select(extent.top < 1.0, REACH_RIM, 0.5))
@@ -266,8 +327,29 @@ def _side(
 
 
 def phase_integral(
+    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, bounds: Bounds, longest: mi.Float
+) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
+    """:func:`part_integral` over the part of a facet that one ray stands for, and the place that it stands at.
+
+    Most rays on a large facet are far from its edges and have the four sides of their cell. Rays are launched in an
+    order that keeps neighbours together, so whole packets of lanes skip what only edges need.
+    """
+
+    def inside() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
+        return part_integral(q, u, v, bounds.cell(), longest)
+
+    def at_edge() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
+        return part_integral(q, u, v, bounds.part(), longest)
+
+    result: tuple[mi.Complex2f, mi.Float, mi.Float] = dr.if_stmt(
+        (), bounds.apart(), inside, at_edge, rv_labels=("integral", "u", "v"), label="edges", mode="symbolic"
+    )
+    return result
+
+
+def part_integral(
     q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon, longest: mi.Float
-) -> tuple[mi.Complex2f, tuple[mi.Float, mi.Float]]:
+) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
     r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
 
     .. math::
@@ -350,7 +432,16 @@ def phase_integral(
         for mean, rim in zip((place_u, place_v), piece.rim, strict=True)
     )
     s, c = dr.sincos(-(qu * place[0] + qv * place[1]))
-    return filled * mi.Complex2f(c, s), (place[0], place[1])
+    return filled * mi.Complex2f(c, s), place[0], place[1]
 
 
-__all__ = ["Line", "Polygon", "clipped", "extent_lines", "facet_lines", "phase_integral", "selected"]
+__all__ = [
+    "Bounds",
+    "Line",
+    "Polygon",
+    "extent_lines",
+    "facet_lines",
+    "part_integral",
+    "phase_integral",
+    "selected",
+]

@@ -1,0 +1,63 @@
+"""The rays' own error, which decides whether shorter blocks are worth their time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sarmitsuba.loader.library import resolve
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.simulation import blocks as blocks_module
+from sarmitsuba.simulation.blocks import Blocks
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.trace.launch import Level, lattice
+
+
+def test_levels_shift_by_half_a_cell_of_their_own() -> None:
+    """Finer rays over a small part stay over it."""
+    grid = lattice(4.0, 4.0, 0.5)
+    half = grid.n_rays // 2
+    grid = replace(grid, levels=(Level(0, 0.5, (0.1, np.inf)), Level(half, 0.05, (0.0, 0.1))))
+    moved = blocks_module._shifted(grid)
+    step = np.hypot(moved.x - grid.x, moved.y - grid.y)
+    np.testing.assert_allclose(step[:half], 0.5 * np.sqrt(0.5), rtol=1e-5)  # tol: float32 coordinates
+    np.testing.assert_allclose(step[half:], 0.05 * np.sqrt(0.5), rtol=1e-4)  # tol: float32 coordinates
+
+
+def test_strip_keeps_levels() -> None:
+    """Rays of a strip keep the level they had."""
+    grid = lattice(40.0, 10.0, 0.5, taper=2.0)
+    first = grid.n_rays // 3
+    grid = replace(grid, levels=(Level(0, 0.5, (0.1, np.inf)), Level(first, 0.05, (0.0, 0.1))))
+    strip = blocks_module._strip(grid)
+    keep = np.abs(grid.x) <= strip.half_x + strip.taper
+    assert 0 < strip.n_rays < 0.1 * grid.n_rays
+    np.testing.assert_array_equal(strip.x, grid.x[keep])
+    np.testing.assert_array_equal(strip.level, grid.level[keep])
+
+
+@pytest.mark.parametrize("strips", [True, False])
+def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips: bool) -> None:
+    """The tower's blocks stay as they are by either way, by a strip with a fraction of the rays."""
+    monkeypatch.setattr(blocks_module, "STRIP_FROM", 0 if strips else np.inf)
+    scene = load_scene(resolve("tower"))
+    run = Run(replace(scene, settings=replace(scene.settings, tolerance_db=-60.0)))
+    assert run.sampling is not None
+    tracer, lattices = run.tracer(run.sampling), run.lattices(run.sampling, 0)
+    radar, layers = scene.radar, run.layers.layers
+    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    made = Blocks(tracer, lattices, layers, data, run.layers.max_order)
+    traced = []
+    launch = tracer.launch
+
+    def counted(grid, *args):
+        traced.append(grid.n_rays)
+        return launch(grid, *args)
+
+    monkeypatch.setattr(tracer, "launch", counted)
+    before = made.interval
+    made.settle()
+    each = sum(grid.n_rays for grid in lattices[0])
+    assert made.interval == before
+    more = sum(traced) / each - 2.0
+    assert more == pytest.approx(1.0) if not strips else 0.0 < more < 0.25

@@ -1,0 +1,86 @@
+"""The part of a facet that a ray stands for, and the short way for rays far from its edges."""
+
+import numpy as np
+
+from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.tubes import polygon
+from sarmitsuba.tubes.tube import limited, patch, unlimited
+
+SPACING = 0.25  # m
+
+
+def bounds_of(middle: np.ndarray, half: np.ndarray, turn: np.ndarray) -> polygon.Bounds:
+    """Rays at the origin on rectangles of given middle, half extents (2, n) m and angle, on the ground."""
+    u, v = mi.Vector3f(SPACING, 0.0, 0.0), mi.Vector3f(0.0, SPACING, 0.0)
+    point = mi.Vector3f(0.0)
+    edges = []
+    for k in range(4):
+        angle = turn + 0.5 * np.pi * k
+        inward = -np.stack([np.cos(angle), np.sin(angle)])
+        offset = (inward * middle).sum(axis=0) - half[k % 2]
+        edges.append(mi.Vector4f(*(mi.Float(x.astype(np.float32)) for x in (*inward, 0.0 * turn, offset))))
+    extent = limited(unlimited(), edges, point, u, v)
+    lines = polygon.facet_lines(edges, [mi.Bool(False)] * 4, point, u, v)
+    return polygon.Bounds(lines, extent, patch(extent).rim, mi.Bool(True))
+
+
+def test_rays_far_from_edges_have_their_cell() -> None:
+    """Where all edges are said to be far the part is the ray's cell, elsewhere the part as it is worked out."""
+    ensure_backend()
+    rng = np.random.default_rng(5)
+    n = 20000
+    half = rng.uniform(0.5, 8.0, (2, n)) * SPACING
+    turn = rng.uniform(0.0, 2.0 * np.pi, n)
+    middle = 0.9 * rng.uniform(-1.0, 1.0, (2, n)) * half
+    middle = np.stack(
+        [
+            middle[0] * np.cos(turn) - middle[1] * np.sin(turn),
+            middle[0] * np.sin(turn) + middle[1] * np.cos(turn),
+        ]
+    )
+    bounds = bounds_of(middle, half, turn)
+    q = mi.Vector3f(*(mi.Float(x) for x in rng.uniform(-15.0, 15.0, (2, n)).astype(np.float32)), 0.0)
+    u, v = mi.Vector3f(SPACING, 0.0, 0.0), mi.Vector3f(0.0, SPACING, 0.0)
+    longest = mi.Float(0.35)
+    apart = bounds.apart().numpy()
+    assert 0.1 < apart.mean() < 0.9
+
+    short, *short_place = polygon.phase_integral(q, u, v, bounds, longest)
+    long, *long_place = polygon.part_integral(q, u, v, bounds.part(), longest)
+    for a, b in zip((short.real, short.imag, *short_place), (long.real, long.imag, *long_place), strict=True):
+        # tol: float32 rounding of sums over sides whose terms are below ten
+        np.testing.assert_allclose(a.numpy(), b.numpy(), atol=2e-6)
+
+    area = bounds.area().numpy()
+    np.testing.assert_allclose(area[apart], 1.0, atol=1e-6)  # tol: float32 rounding
+    np.testing.assert_allclose(
+        area, bounds.part().area().numpy(), atol=1e-4
+    )  # tol: float32, parts up to 9 x 9 cells
+
+    # no line within reach of a ray that is said to be far from all: corners of its three by three cells lie inside
+    for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+        px, py = x * SPACING - middle[0], y * SPACING - middle[1]
+        along = np.abs(px * np.cos(turn) + py * np.sin(turn))
+        across = np.abs(-px * np.sin(turn) + py * np.cos(turn))
+        assert ((along < half[0]) & (across < half[1]))[apart].all()
+
+
+def test_cell_has_the_closed_form() -> None:
+    """Not cut off from its neighbours, a ray's cell returns sinc(q.u / 2) sinc(q.v / 2)."""
+    ensure_backend()
+    rng = np.random.default_rng(6)
+    n = 1000
+    far = np.full((2, n), 100.0)
+    bounds = bounds_of(np.zeros((2, n)), far, np.full(n, 0.3))
+    assert bounds.apart().numpy().all()
+    # less than two from ray to ray: nothing is left out
+    qu, qv = rng.uniform(-0.7, 0.7, (2, n))
+    q = mi.Vector3f(*(mi.Float((x / SPACING).astype(np.float32)) for x in (qu, qv)), 0.0)
+    u, v = mi.Vector3f(SPACING, 0.0, 0.0), mi.Vector3f(0.0, SPACING, 0.0)
+    value, *place = polygon.phase_integral(q, u, v, bounds, mi.Float(SPACING))
+    turned = qu * place[0].numpy() + qv * place[1].numpy()
+    expected = np.sinc(0.5 * qu / np.pi) * np.sinc(0.5 * qv / np.pi) * np.exp(-1j * turned)
+    got = value.real.numpy() + 1j * value.imag.numpy()
+    # tol: float32 terms of 1 / |Q|^2 up to 1000 that cancel
+    np.testing.assert_allclose(got, expected, atol=1e-3)
+    assert dr.width(value) == n
