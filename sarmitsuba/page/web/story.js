@@ -1,7 +1,7 @@
 // What a click shows, in the scene and in words: the paths behind a pixel, and where the echoes of a wall are drawn.
 
 import { add, dot, landings, norm, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
-import { orderColour } from "sarmitsuba/world.js";
+import { orderColour } from "sarmitsuba/stage.js";
 
 const NAMES = ["", "one bounce", "two bounces", "three bounces"];
 export const bounces = (order) => NAMES[order] ?? `${order} bounces`;

@@ -1,49 +1,23 @@
 // The scene in 3-D with the radar's passage: platform, beam, line of sight, range shells, shadow, image, paths.
 
 import * as THREE from "three";
-import { OrbitControls } from "three/orbit_controls";
 
-import { Labels } from "sarmitsuba/labels.js";
+import { imageMesh, imageTexture } from "sarmitsuba/drape.js";
 import { add, dot, footprint, norm, onPlane, pointOf, rangeAndRate, row, scaled, sub, unit } from "sarmitsuba/localise.js";
-import { cleared, loadModel, platformModel } from "sarmitsuba/models.js";
+import { cleared, platformModel } from "sarmitsuba/models.js";
+import { Stage, orderColour, vector } from "sarmitsuba/stage.js";
 
-const vector = (a) => new THREE.Vector3(a[0], a[1], a[2]);
 const BEAM = 0x5cc8ff;
 const SHELL = 0xffffff;
-export const ORDER_COLOURS = [0xffd166, 0xffd166, 0x2ee6a8, 0xff7a9c, 0xc3a6ff];
-export const orderColour = (order) => ORDER_COLOURS[Math.min(order, ORDER_COLOURS.length - 1)];
 
-export class World {
+export class World extends Stage {
   /**
    * @param {{canvas: HTMLCanvasElement, labels: HTMLElement, page: object, store: object,
    *   onWall: function, onPixel: function}} options
    */
   constructor({ canvas, labels, page, store, onWall, onPixel }) {
-    Object.assign(this, { canvas, page, store, onWall, onPixel });
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
-    this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.autoUpdate = false; // it is the same from frame to frame
-    this.renderer.shadowMap.type = THREE.PCFShadowMap;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.scene = new THREE.Scene();
-    this.scene.background = new THREE.Color(0x0b1016);
-    this.camera = new THREE.PerspectiveCamera(38, 1, 1, 1e4);
-    this.camera.up.set(0, 0, 1);
-    this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.addEventListener("change", () => this.request());
-    this.labels = new Labels(labels);
-    this.sky = new THREE.HemisphereLight(0xcfe2ff, 0x7a7a88, 1.0);
-    this.light = new THREE.DirectionalLight(0xfff2d8, 2.6);
-    this.light.castShadow = true;
-    this.scene.add(this.sky, this.light, this.light.target);
-    this.models = page.scenes.map(() => null);
-    this.groups = {};
-    for (const name of ["track", "beam", "shell", "rulings", "drape", "pick", "points"]) {
-      this.groups[name] = new THREE.Group();
-      this.scene.add(this.groups[name]);
-    }
-    this.pending = false;
-    this.frames = 0;
+    super({ canvas, labels, groups: ["track", "beam", "shell", "rulings", "drape"] });
+    Object.assign(this, { page, store, onWall, onPixel });
     this.listen();
   }
 
@@ -53,15 +27,10 @@ export class World {
 
   /** Read the meshes; resolves when the scene can be drawn. */
   async load() {
-    for (const [number, facts] of this.page.scenes.entries()) {
-      this.models[number] = await loadModel(facts);
-      facts.glb = null;
-      this.scene.add(this.models[number]);
-    }
+    await this.loadModels(this.page.scenes);
     this.measure();
     this.showLook();
-    new ResizeObserver(() => this.resize()).observe(this.canvas.parentElement);
-    this.resize();
+    this.fit();
     this.view("overview");
   }
 
@@ -71,27 +40,17 @@ export class World {
     const corners = [[0, 0], [grid.shape[0] - 1, grid.shape[1] - 1]].map((at) => pointOf(grid, at));
     const across = norm(sub(corners[1], corners[0]));
     this.radius = Math.max(0.5 * across, 1);
-    const model = this.models[this.look.scene ?? -1];
-    this.box = new THREE.Box3();
-    if (model) {
-      this.box.setFromObject(model);
-      const size = this.box.isEmpty() ? 0 : this.box.getSize(new THREE.Vector3()).length();
-      this.radius = Math.min(Math.max(this.radius, 0.5 * size), 2 * this.radius);
-    }
+    this.radius = Math.min(Math.max(this.radius, this.modelRadius(this.look.scene)), 2 * this.radius);
   }
 
   // ---- one look of a radar at the scene -------------------------------------------------------------------------
 
   showLook() {
     const { look } = this;
-    this.models.forEach((model, number) => {
-      if (model) model.visible = number === look.scene;
-    });
-    this.lamp = null;
+    this.showModel(look.scene, this.page.scenes[look.scene ?? -1]);
     this.setBuildings();
     this.place = this.placing();
     this.drawTrack();
-    this.drawPoints();
     this.drawRulings();
     this.drawDrape();
     this.showPulse();
@@ -132,17 +91,6 @@ export class World {
     group.add(this.platform);
   }
 
-  drawPoints() {
-    const group = this.groups.points;
-    cleared(group);
-    const facts = this.page.scenes[this.look.scene ?? -1];
-    for (const point of facts?.points ?? []) {
-      const dot_ = new THREE.Mesh(new THREE.SphereGeometry(0.012 * this.radius, 12, 8), new THREE.MeshBasicMaterial({ color: 0xff5c5c }));
-      dot_.position.copy(vector(point.position));
-      group.add(dot_);
-    }
-  }
-
   /** The image on the ground, or in the slant plane, where range is drawn to scale. */
   drawDrape() {
     const group = this.groups.drape;
@@ -150,30 +98,7 @@ export class World {
     const mode = this.store.get("drape");
     this.drape = null;
     if (mode === "off" || !this.texture) return;
-    const { grid } = this.look;
-    const [rows, columns] = grid.shape;
-    const steps = Math.min(columns - 1, 256) || 1;
-    const positions = [];
-    const uv = [];
-    const index = [];
-    const toPlane = mode === "slant" ? this.slantPlane() : pointOf;
-    for (let j = 0; j <= steps; j++) {
-      const column = -0.5 + (j / steps) * columns;
-      for (const end of [0, 1]) {
-        positions.push(...toPlane(grid, [-0.5 + end * rows, column]));
-        uv.push(j / steps, end);
-      }
-      if (j > 0) index.push(2 * j - 2, 2 * j, 2 * j - 1, 2 * j - 1, 2 * j, 2 * j + 1);
-    }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
-    geometry.setAttribute("uv", new THREE.Float32BufferAttribute(uv, 2));
-    geometry.setIndex(index);
-    const material = new THREE.MeshBasicMaterial({
-      map: this.texture, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: -2, polygonOffsetUnits: -8,
-      transparent: true, opacity: 0.93,
-    });
-    this.drape = new THREE.Mesh(geometry, material);
+    this.drape = imageMesh(this.look.grid, this.texture, mode === "slant" ? this.slantPlane() : pointOf);
     group.add(this.drape);
   }
 
@@ -197,11 +122,7 @@ export class World {
   /** Canvas with the image, first row at its top; call `imageChanged` when it was painted. */
   setImage(canvas) {
     this.texture?.dispose();
-    this.texture = new THREE.CanvasTexture(canvas);
-    this.texture.colorSpace = THREE.SRGBColorSpace;
-    this.texture.flipY = false;
-    this.texture.generateMipmaps = false;
-    this.texture.minFilter = THREE.LinearFilter;
+    this.texture = imageTexture(canvas);
     this.drawDrape();
     this.request();
   }
@@ -275,29 +196,10 @@ export class World {
     // the model flies towards its -y
     this.platform.rotation.set(0, 0, Math.atan2(course[1], course[0]) + 0.5 * Math.PI);
     this.labels.put("track", "radar", add(shown, [0, 0, 0.06 * this.radius]), "");
-    this.aimLight(antenna);
+    this.aimLight(unit(antenna), this.store.get("shadow"));
     this.drawBeam(pulse, antenna, shown);
     this.drawShell();
     this.request();
-  }
-
-  aimLight(antenna) {
-    const direction = unit(antenna);
-    const on = this.store.get("shadow");
-    // a lamp that moved by less than this, rad, throws the same shadow
-    if (this.lamp && this.light.castShadow === on && norm(sub(direction, this.lamp)) < 2e-3) return;
-    this.lamp = direction;
-    this.renderer.shadowMap.needsUpdate = true;
-    const away = 4 * this.radius;
-    this.light.position.copy(vector(scaled(direction, away)));
-    const camera = this.light.shadow.camera;
-    const half = 1.5 * this.radius;
-    Object.assign(camera, { left: -half, right: half, top: half, bottom: -half, near: 0.05 * away, far: 2 * away });
-    camera.updateProjectionMatrix();
-    if (this.light.shadow.mapSize.x !== 2048) this.light.shadow.mapSize.set(2048, 2048);
-    this.light.shadow.bias = -2e-4;
-    this.light.shadow.normalBias = 3e-3 * this.radius;
-    this.light.castShadow = on;
   }
 
   drawBeam(pulse, antenna, shown) {
@@ -375,62 +277,10 @@ export class World {
   }
 
   setBuildings() {
-    const glass = this.store.get("buildings") === "glass";
-    const hidden = this.store.get("buildings") === "hidden";
-    this.renderer.shadowMap.needsUpdate = true;
-    for (const model of this.models) {
-      model?.traverse((node) => {
-        if (!node.isMesh) return;
-        node.visible = !hidden;
-        node.material.transparent = glass;
-        node.material.opacity = glass ? 0.35 : 1;
-        node.material.depthWrite = !glass;
-        node.material.needsUpdate = true;
-      });
-    }
-    this.request();
+    this.shade(this.store.get("buildings"));
   }
 
   // ---- what was clicked ------------------------------------------------------------------------------------------
-
-  clearPick() {
-    cleared(this.groups.pick);
-    this.labels.drop("pick");
-    this.request();
-  }
-
-  /** A thick line through points, true scene positions. */
-  addLine(points, colour, { width = 1, opacity = 1, arrows = false } = {}) {
-    const thick = 0.0035 * this.radius * width;
-    const material = () => new THREE.MeshBasicMaterial({ color: colour, transparent: opacity < 1, opacity });
-    for (let i = 1; i < points.length; i++) {
-      const [a, b] = [vector(points[i - 1]), vector(points[i])];
-      const length = a.distanceTo(b);
-      if (!(length > 0)) continue;
-      const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 1, 0), b.clone().sub(a).normalize());
-      const put = (geometry, share) => {
-        const mesh = new THREE.Mesh(geometry, material());
-        mesh.position.lerpVectors(a, b, share);
-        mesh.quaternion.copy(turn);
-        this.groups.pick.add(mesh);
-      };
-      put(new THREE.CylinderGeometry(thick, thick, length, 6), 0.5);
-      if (arrows && length > 12 * thick) put(new THREE.ConeGeometry(3.2 * thick, 10 * thick, 10), 0.55);
-    }
-    this.request();
-  }
-
-  addSpot(key, point, colour, text, className = "", size = 1) {
-    const ball = new THREE.Mesh(
-      new THREE.SphereGeometry(0.011 * this.radius * size, 16, 10),
-      new THREE.MeshBasicMaterial({ color: colour, depthTest: false, transparent: true }),
-    );
-    ball.renderOrder = 5;
-    ball.position.copy(vector(point));
-    this.groups.pick.add(ball);
-    if (text) this.labels.put(`pick${key}`, text, point, className);
-    this.request();
-  }
 
   /** One path: in from the radar, from bounce to bounce, and back. */
   addPath(points, pulse, order, strong = true) {
@@ -511,6 +361,12 @@ export class World {
     }
   }
 
+  /** How far the camera has to see: to the radar, where it is drawn. */
+  get depth() {
+    const { radar } = this.look;
+    return radar ? 2 * norm(this.place(row(radar.position, 0))) : 0;
+  }
+
   // ---- the camera -----------------------------------------------------------------------------------------------
 
   /**
@@ -533,44 +389,10 @@ export class World {
     else if (name === "radar") from(antenna, 3.4);
     else from(add(scaled(across, -1e-3), [0, 0, 1]), 3.2);
   }
-
-  lookAt(from, target) {
-    this.camera.position.copy(vector(from));
-    this.controls.target.copy(vector(target));
-    const away = norm(sub(from, target));
-    this.camera.near = Math.max(away / 500, 0.01);
-    this.camera.far = 4 * away + 10 * this.radius + (this.look.radar ? 2 * norm(this.place(row(this.look.radar.position, 0))) : 0);
-    this.camera.updateProjectionMatrix();
-    this.controls.update();
-    this.request();
-  }
-
-  resize() {
-    const { clientWidth, clientHeight } = this.canvas.parentElement;
-    if (!clientWidth || !clientHeight) return;
-    this.renderer.setSize(clientWidth, clientHeight, false);
-    this.camera.aspect = clientWidth / clientHeight;
-    this.camera.updateProjectionMatrix();
-    this.request();
-  }
-
-  request() {
-    if (this.pending) return;
-    this.pending = true;
-    requestAnimationFrame(() => this.draw());
-  }
-
-  draw() {
-    this.pending = false;
-    this.frames += 1;
-    this.renderer.render(this.scene, this.camera);
-    const size = this.canvas.parentElement;
-    this.labels.place(this.camera, size.clientWidth, size.clientHeight);
-  }
 }
 
 /** 1, 2 or 5 times a power of ten, near a wish. */
-export function niceStep(wish) {
+function niceStep(wish) {
   const power = 10 ** Math.floor(Math.log10(wish));
   const share = wish / power;
   return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
