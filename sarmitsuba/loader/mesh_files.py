@@ -78,8 +78,10 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
             loaded = trimesh.load_scene(BytesIO(_obj_geometry(path)), process=False, **options)
         else:
             loaded = trimesh.load_scene(path, process=False)
-        # these formats place nothing: the only part is taken as it is, without the copies that joining parts makes
-        mesh = loaded.to_mesh() if len(loaded.geometry) != 1 else next(iter(loaded.geometry.values()))
+        parts = list(loaded.geometry.values())
+        # these formats place nothing: an only mesh is taken as it is, without the copies that joining parts makes
+        alone = len(parts) == 1 and isinstance(parts[0], trimesh.Trimesh)
+        mesh = parts[0] if alone else loaded.to_mesh()
         vertices = np.array(mesh.vertices, dtype=np.float64)
         faces = np.array(mesh.faces, dtype=np.int64)
     return vertices, _checked(vertices, faces, path, where)
