@@ -85,7 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--window", default="taylor", metavar="NAME", help="of the image (default: taylor)")
     parser.add_argument(
-        "--page", action="store_true", help="also make a page for a browser: the target in 3-D beside its numbers"
+        "--page",
+        action="store_true",
+        help="also make a page for a browser: the target in 3-D beside its numbers",
     )
     parser.add_argument(
         "--force", action="store_true", help="replace results of something else in OUT; other files stay"

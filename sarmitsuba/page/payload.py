@@ -116,6 +116,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
 
 
 def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:
+    """Axes of an image's grid, positions from the page's origin."""
     return {
         "kind": grid.kind,
         "shape": grid.shape,
