@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sarmitsuba.commands.output import OutputFolder
+    from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.turntable import Aspects, RcsSweep
 
@@ -84,6 +85,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--window", default="taylor", metavar="NAME", help="of the image (default: taylor)")
     parser.add_argument(
+        "--page",
+        action="store_true",
+        help="also make a page for a browser: the target in 3-D beside its numbers",
+    )
+    parser.add_argument(
         "--force", action="store_true", help="replace results of something else in OUT; other files stay"
     )
 
@@ -92,6 +98,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep."""
     from sarmitsuba.commands import results
     from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.commands.view import PAGE
     from sarmitsuba.focusing.windows import parse_window
     from sarmitsuba.radar.builder import read_channels
     from sarmitsuba.simulation.turntable import image_refusal, rcs_sweep
@@ -112,6 +119,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         names = [TABLE, PLOT, results.RECORD]
         if not why:
             names += [results.PICTURE, "image.h5", *(results.picture_name(channels, c) for c in channels)]
+        if args.page:
+            names.append(PAGE)
         mark = _mark(scene, args, aspects)
         folder.check(mark, names, force=args.force)
         for note in scene.notes:
@@ -123,13 +132,16 @@ def run(args: argparse.Namespace, console: Console) -> int:
         folder.clear(mark)
         record = _record(args, scene, sweep) | {"versions": results.versions(), "backend": backend}
         _write(folder, scene, sweep, console)
+        image = None
         if why:
             console.note(f"no image: {why}")
         else:
-            _image(folder, scene, aspects, channels, args, console, watch, record)
+            image = _image(folder, scene, aspects, channels, args, console, watch, record)
         record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
+        if args.page:
+            _page(folder, scene, sweep, image, console)
         console.say(f"{folder.path / PLOT} ({watch.total:.1f} s)")
     return 0
 
@@ -300,8 +312,8 @@ def _image(
     console: Console,
     watch: StageTimer,
     record: dict[str, object],
-) -> None:
-    """Render the target from its arc of aspects and write the image with its pictures."""
+) -> "SarImage":
+    """Render the target from its arc of aspects and write the image with its pictures. Return it."""
     from sarmitsuba.commands import results
     from sarmitsuba.io import write_image
     from sarmitsuba.simulation.render import render
@@ -339,6 +351,21 @@ def _image(
         "plan": image.metadata.get("plan"),
     }
     console.say(f"{folder.path / results.PICTURE}: image from {table.radar}")
+    return image
+
+
+def _page(
+    folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", image: "SarImage | None", console: Console
+) -> None:
+    """Write the page."""
+    from sarmitsuba.commands.view import PAGE
+    from sarmitsuba.page import rcs
+    from sarmitsuba.page.write import write_page
+
+    with folder.writing(PAGE) as path:
+        write_page(path, rcs.rcs_payload(scene, sweep, image), rcs.PAGE)
+    size = (folder.path / PAGE).stat().st_size
+    console.say(f"{folder.path / PAGE} ({size / 1e6:.1f} MB; open it in a browser)")
 
 
 def _azimuth_window(aspects: "Aspects", window: str) -> str:

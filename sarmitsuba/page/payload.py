@@ -48,7 +48,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
             mesh = page_mesh(geometry, center)
             if mesh.glb not in meshes:
                 meshes[mesh.glb] = len(scenes)
-                scenes.append(_scene(run.scene, mesh, center))
+                scenes.append(scene_payload(run.scene, mesh, center))
             number = meshes[mesh.glb]
         looks.append({"scene": number, **_look(run, channel, center, say)})
     return {
@@ -60,7 +60,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
     }
 
 
-def _scene(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
+def scene_payload(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
     """Geometry, materials and ideal points, positions from the page's origin."""
     return {
         "glb": np.frombuffer(mesh.glb, dtype=np.uint8),
@@ -85,9 +85,9 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "name": run.path.name,
         "channel": name,
         "wavelength": image.wavelength,
-        "grid": _grid(grid, center),
-        "pixels": _nested(*page_grid(image.grid)),
-        "image": _image(image, name),
+        "grid": grid_payload(grid, center),
+        "pixels": nested(*page_grid(image.grid)),
+        "image": image_payload(image, name),
         "focus": str(image.metadata.get("focus", {}).get("method", image.metadata.get("method", ""))),
         "radar": None,
         "echo": None,
@@ -98,7 +98,7 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
             key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
             for key in ("range_window", "azimuth_window")
         }
-        look["echo"] = _nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
+        look["echo"] = nested(*page_profiles(run.raw, image.grid, name, **windows).payload())
     radar = run.raw.radar if run.raw is not None else None if run.scene is None else run.scene.radar
     if radar is not None:
         flown = run.raw.flown if run.raw is not None else None
@@ -115,7 +115,8 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
     return look
 
 
-def _grid(grid: ImageGrid, center: F64) -> dict[str, Value]:
+def grid_payload(grid: ImageGrid, center: F64) -> dict[str, Value]:
+    """Axes of an image's grid, positions from the page's origin."""
     return {
         "kind": grid.kind,
         "shape": grid.shape,
@@ -128,7 +129,7 @@ def _grid(grid: ImageGrid, center: F64) -> dict[str, Value]:
     }
 
 
-def _image(image: SarImage, channel: str) -> dict[str, Value]:
+def image_payload(image: SarImage, channel: str) -> dict[str, Value]:
     """Complex layers per bounce order, or one of all orders (0), as float16 pairs of RCS amplitude times ``scale``."""
     orders: dict[int, NDArray[np.complex64]] = {}
     for layer, plane in zip(image.layers, image.data, strict=True):
@@ -175,7 +176,7 @@ def _radar(radar: Radar, grid: ImageGrid, center: F64) -> dict[str, Value]:
     }
 
 
-def _nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
+def nested(header: Mapping[str, Value], arrays: Mapping[str, NDArray[np.generic]]) -> dict[str, Value]:
     """Numbers and arrays in one nest; ``band.gap`` goes into ``band``."""
     found: dict[str, dict[str, Value]] = {"": dict(header)}
     for name, array in arrays.items():
@@ -230,4 +231,4 @@ def _paths(paths: PagePaths, scene: Scene, center: F64, channel: str) -> dict[st
     }
 
 
-__all__ = ["Say", "Value", "page_payload"]
+__all__ = ["Say", "Value", "grid_payload", "image_payload", "nested", "page_payload", "scene_payload"]

@@ -54,6 +54,8 @@ def read_run(path: Path) -> RunFolder:
         There is no image or no record in it, or the scene is not the one that the results are of.
     """
     record = _record(path)
+    if record.get("command") == "rcs":
+        raise DataError(f"{path}: this is a sweep of `rcs`; `rcs ... --page` makes its page")
     image_path = _result(path, "image")
     if image_path is None:
         raise DataError(f"{path}: there is no image in it; give a folder that `render` or `focus` wrote")

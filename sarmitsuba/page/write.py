@@ -46,7 +46,9 @@ class Packer:
     def pack(self, value: Value) -> object:
         """The value with a reference in place of every array: ``{"$": number, "dtype": ..., "shape": [...]}``."""
         if isinstance(value, np.ndarray):
-            return self._array(value) if value.size > _SHORT else value.tolist()
+            # JSON has no infinity
+            whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
+            return value.tolist() if value.size <= _SHORT and whole else self._array(value)
         if isinstance(value, Mapping):
             return {key: self.pack(entry) for key, entry in value.items()}
         if isinstance(value, list | tuple):
@@ -65,13 +67,14 @@ class Packer:
         return {"$": len(self.blobs) - 1, "dtype": plain.dtype.name, "shape": list(plain.shape)}
 
 
-def write_page(path: Path, payload: Mapping[str, Value]) -> None:
+def write_page(path: Path, payload: Mapping[str, Value], page: str = "index.html") -> None:
     """Write the page, whole or not at all.
 
     Parameters
     ----------
     path : of the HTML file
-    payload : of :func:`sarmitsuba.page.payload.page_payload`
+    payload : of :func:`sarmitsuba.page.payload.page_payload`, or of the function that belongs to ``page``
+    page : the HTML that it is filled into, in ``page/web``
     """
     packer = Packer()
     facts = json.dumps(packer.pack(payload), allow_nan=False, ensure_ascii=False)
@@ -88,7 +91,7 @@ def write_page(path: Path, payload: Mapping[str, Value]) -> None:
         "facts": facts.replace("<", "\\u003c"),
         "blobs": blobs,
     }
-    text = (web / "index.html").read_text(encoding="utf-8")
+    text = (web / page).read_text(encoding="utf-8")
     text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match.group(1)], text)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

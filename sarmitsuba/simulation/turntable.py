@@ -243,7 +243,7 @@ class _Tracing:
 
 def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[KernelFlags, int]:
     """Effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
-    center, radius = _middle(scene)
+    center, radius = target_middle(scene)
     position = center + aspects.directions * max(FAR * radius, 1.0)
     radar = dataclasses.replace(
         scene.radar,
@@ -261,7 +261,7 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     return flags, plan.max_depth
 
 
-def _middle(scene: Scene) -> tuple[F64, float]:
+def target_middle(scene: Scene) -> tuple[F64, float]:
     """Middle of everything that there is to see, (3,) m, scene frame, and the radius of what surrounds it, m."""
     clouds = [point.position[None] for point in scene.points]
     if scene.geometry.n_faces:
@@ -276,7 +276,7 @@ def _middle(scene: Scene) -> tuple[F64, float]:
 
 def _points(scene: Scene, look: F64) -> C128:
     """Amplitudes (n,) of the ideal points, hidden where a mesh stands before them."""
-    center, radius = _middle(scene)
+    center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength
     total = np.zeros(look.shape[0], dtype=np.complex128)
     if not scene.points:
@@ -342,7 +342,7 @@ def turntable_scene(
     -----
     The radar is a thousand radii away. In the plane of the image itself it is raised by 1e-4 rad.
     """
-    center, radius = _middle(scene)
+    center, radius = target_middle(scene)
     frequency = scene.radar.waveform.center_frequency
     width = float(np.linalg.norm((_outline(scene) - center)[:, :2], axis=1).max())
     radius, width = max(radius, 1e-3), max(width, 1e-3)
@@ -411,4 +411,4 @@ def _outline(scene: Scene) -> F64:
     return np.concatenate([scene.geometry.vertices, *(point.position[None] for point in scene.points)])
 
 
-__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "turntable_scene"]
+__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "target_middle", "turntable_scene"]

@@ -66,12 +66,12 @@ export function slider(name, { low, high, step, value, unit }, call) {
   };
 }
 
-const bounces = (order) => (order === 0 ? "all" : order === 1 ? "1 bounce" : `${order} bounces`);
+export const bounces = (order) => (order === 0 ? "all" : order === 1 ? "1 bounce" : `${order} bounces`);
 
 class ImageView {
-  constructor(element, { title = "", image, grid, controls = true, onPick, onCursor, onRange, onPaint }) {
+  constructor(element, { title = "", image, grid, controls = true, axes, onPick, onCursor, onRange, onPaint }) {
     useStyle();
-    Object.assign(this, { onPick, onCursor, onRange, onPaint });
+    Object.assign(this, { axes, onPick, onCursor, onRange, onPaint });
     /** Pixels, first row at the top: for a texture too. */
     this.canvas = make("canvas", { class: "sar-pixels", tabindex: 0, role: "application" });
     this.drawing = make("canvas", { class: "sar-drawing", "aria-hidden": "true" });
@@ -276,11 +276,20 @@ class ImageView {
       return;
     }
     const { row, column } = this.cursor;
-    const [x, y] = this.pointOf(this.cursor).map((value) => value.toFixed(1));
-    const { kind, azimuth, range, nx } = this.grid;
+    const { azimuth, range, nx } = this.grid;
+    const names = this.names();
+    const step = Math.abs((range.at(-1) - range[0]) / Math.max(range.length - 1, 1)) || 1;
+    const text = (value) => value.toFixed(Math.max(1, Math.ceil(-Math.log10(step))));
+    const [x, y] = this.pointOf(this.cursor).map(text);
     this.readout.textContent =
-      `x ${x} m, y ${y} m; azimuth ${azimuth[row].toFixed(1)} m, ${kind} range ${range[column].toFixed(1)} m; ` +
+      `x ${x} m, y ${y} m; ${names.along[0]} ${text(azimuth[row])} m, ${names.across[0]} ${text(range[column])} m; ` +
       `${this.image.cellArea ? "sigma0" : "RCS"} ${this.levelText(row * nx + column)}${this.more(this.cursor)}`;
+  }
+
+  /** What the axes are called: in a sentence, and in full. */
+  names() {
+    const range = `${this.grid.kind} range`;
+    return this.axes ?? { along: ["azimuth", "azimuth (m), flight →"], across: [range, `${range} (m), away from the radar →`] };
   }
 
   levelText(index) {
@@ -345,7 +354,7 @@ class ImageView {
       context.fillRect(box.left + place - 0.5, bottom, 1, 4);
       context.fillText(value.toFixed(digits(step)), box.left + place, bottom + 16);
     }
-    context.fillText(`${grid.kind} range (m), away from the radar →`, box.left + box.width / 2, bottom + 32);
+    context.fillText(this.names().across[1], box.left + box.width / 2, bottom + 32);
     context.textAlign = "right";
     for (const { place, value, step } of ticks(grid.azimuth, box.height, 45)) {
       context.fillRect(box.left - 4, bottom - place - 0.5, 4, 1);
@@ -355,7 +364,7 @@ class ImageView {
     context.translate(11, box.top + box.height / 2);
     context.rotate(-Math.PI / 2);
     context.textAlign = "center";
-    context.fillText("azimuth (m), flight →", 0, 0);
+    context.fillText(this.names().along[1], 0, 0);
     context.restore();
   }
 
@@ -401,7 +410,8 @@ function ticks(axis, length, apart) {
 /**
  * @param {HTMLElement} element in which the view is put; its height bounds the picture's
  * @param {object} options title; image, grid: see the head of this file; controls: false leaves sliders and switches
- *   away; onPick(pixel, point), onCursor(pixel | null, point | null), onRange(black, white), onPaint(view)
+ *   away; axes: { along, across } of [name, label], in place of azimuth and range; onPick(pixel, point),
+ *   onCursor(pixel | null, point | null), onRange(black, white), onPaint(view)
  */
 export function createImageView(element, options) {
   return new ImageView(element, options);

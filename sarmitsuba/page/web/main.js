@@ -1,7 +1,9 @@
 // The page: state, time line, switches, keys, help. What is drawn is drawn by world.js, profile.js and the image's own modules.
 
 import { plainSettings } from "sarmitsuba/aperture.js";
+import { boot } from "sarmitsuba/boot.js";
 import { createComparison } from "sarmitsuba/compare.js";
+import { button, helpText, keyName, ours, switches, turn } from "sarmitsuba/controls.js";
 import { createImageView } from "sarmitsuba/image_view.js";
 import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
 import { Signals } from "sarmitsuba/profile.js";
@@ -9,7 +11,6 @@ import { createRefocus } from "sarmitsuba/refocus.js";
 import { Store } from "sarmitsuba/store.js";
 import { Story, prepare } from "sarmitsuba/story.js";
 import { Tour } from "sarmitsuba/tour.js";
-import { readPayload } from "sarmitsuba/unpack.js";
 import { World } from "sarmitsuba/world.js";
 
 const $ = (id) => document.getElementById(id);
@@ -73,20 +74,10 @@ class Page {
 
   controls() {
     $("title").textContent = this.data.title;
-    for (const [name, text, key] of VIEWS) this.button($("views"), text, key, () => this.world.view(name)).dataset.view = name;
-    for (const [name, text, key, values, words] of SWITCHES) {
-      const node = this.button($("switches"), text, key, () => this.turn(name, values));
-      const show = () => {
-        const value = this.store.get(name);
-        if (words) node.textContent = `${text}: ${words[value]}`;
-        else node.setAttribute("aria-pressed", String(value));
-      };
-      node.dataset.name = name;
-      this.store.on([name], show);
-      show();
-    }
+    for (const [name, text, key] of VIEWS) button($("views"), text, key, () => this.world.view(name)).dataset.view = name;
+    switches($("switches"), SWITCHES, this.store);
     this.data.looks.forEach((look, i) => {
-      if (this.data.looks.length > 1) this.button($("looks"), this.nameOf(look), "l", () => this.store.set({ look: i })).dataset.look = i;
+      if (this.data.looks.length > 1) button($("looks"), this.nameOf(look), "l", () => this.store.set({ look: i })).dataset.look = i;
     });
     $("speed").innerHTML = PASS_SECONDS.map((s) => `<option value="${s}" ${s === 10 ? "selected" : ""}>${s} s</option>`).join("");
     $("speed").addEventListener("change", () => this.store.set({ seconds: Number($("speed").value) }));
@@ -98,29 +89,12 @@ class Page {
     $("compare").addEventListener("click", () => this.compare());
     $("comparison").addEventListener("close", () => this.comparison?.remove());
     for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.showTab(tab.id));
-    $("help-text").innerHTML = `<h2>Keys</h2><table>${KEYS.map(([key, text]) => `<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`).join("")}</table>
-      <h2>Mouse</h2><p>Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes are drawn. Drag in the
-      echo for the wave at one range; drag in the raw data to go to a pulse.</p>
-      <form method="dialog"><button>Close</button></form>`;
-  }
-
-  button(parent, text, key, call) {
-    const node = document.createElement("button");
-    node.type = "button";
-    node.textContent = text;
-    node.title = `key ${key.toUpperCase()}`;
-    node.addEventListener("click", call);
-    parent.append(node);
-    return node;
+    $("help-text").innerHTML = helpText(KEYS, `Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes
+      are drawn. Drag in the echo for the wave at one range; drag in the raw data to go to a pulse.`);
   }
 
   nameOf(look) {
     return [look.name, look.radar?.mode].filter(Boolean).join(": ");
-  }
-
-  turn(name, values) {
-    const now = this.store.get(name);
-    this.store.set({ [name]: values ? values[(values.indexOf(now) + 1) % values.length] : !now });
   }
 
   play() {
@@ -176,17 +150,16 @@ class Page {
   }
 
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || $("help-text").open || $("comparison").open) return;
-    if (["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.key !== "Escape") return;
+    if (!ours(event)) return;
     const { store } = this;
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const key = keyName(event);
     const view = VIEWS.find(([, , k]) => k === key);
     const change = SWITCHES.find(([, , k]) => k === key);
     const last = (this.look.radar?.time.length ?? 1) - 1;
     const step = event.shiftKey ? 10 : 1;
     const go = (pulse) => store.set({ pulse: Math.min(Math.max(pulse, 0), last), playing: false });
     if (view) this.world.view(view[0]);
-    else if (change) this.turn(change[0], change[3]);
+    else if (change) turn(store, change[0], change[3]);
     else if (key === " ") {
       if (event.target.tagName === "BUTTON") return;
       this.play();
@@ -350,22 +323,4 @@ class Page {
   }
 }
 
-function fail(error) {
-  const node = document.createElement("p");
-  node.id = "failure";
-  node.textContent = `This page could not start: ${error.message}. A browser of 2023 or later with WebGL2 is needed.`;
-  document.body.append(node);
-}
-
-try {
-  performance.mark("modules");
-  const page = new Page(await readPayload());
-  performance.mark("numbers");
-  window.sarmitsuba = { page, pointOf }; // for tests, and for the curious
-  await page.start();
-  performance.mark("ready");
-  document.documentElement.dataset.ready = "true";
-} catch (error) {
-  fail(error);
-  throw error;
-}
+await boot((data) => new Page(data), { pointOf });

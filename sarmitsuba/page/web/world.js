@@ -127,21 +127,6 @@ export class World extends Stage {
     this.request();
   }
 
-  /** A mark where the image's cursor stands on the ground; null: nowhere. */
-  showCursor(point) {
-    if (!this.cursor) {
-      this.cursor = new THREE.Mesh(
-        new THREE.SphereGeometry(0.008 * this.radius, 12, 8),
-        new THREE.MeshBasicMaterial({ color: 0xffd166, depthTest: false, transparent: true }),
-      );
-      this.cursor.renderOrder = 6;
-      this.scene.add(this.cursor);
-    }
-    this.cursor.visible = point !== null;
-    if (point) this.cursor.position.copy(vector(point));
-    this.request();
-  }
-
   imageChanged() {
     if (this.texture) this.texture.needsUpdate = true;
     this.request();
