@@ -83,7 +83,7 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
         alone = len(parts) == 1 and isinstance(parts[0], trimesh.Trimesh)
         mesh = parts[0] if alone else loaded.to_mesh()
         vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(mesh.faces, dtype=np.int64)
+        faces = np.array(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64)  # points alone have none
     return vertices, _checked(vertices, faces, path, where)
 
 

@@ -72,8 +72,8 @@ def test_snr_of_a_point_is_the_predicted_one(
     middle = (slice(None), slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     taken = []
     for focuser in FOCUSERS:
-        if focuser.objection(radar, grid):
-            continue
+        if not type(focuser).__module__.startswith("sarmitsuba.") or focuser.objection(radar, grid):
+            continue  # other tests register focusers of their own
         taken.append(focuser.name)
         images = [
             focus(raw, grid, focuser=focuser, range_window=window, azimuth_window=window).data

@@ -14,7 +14,6 @@ from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,
-    PIXEL_PULSE_SECONDS,
     Focused,
     Focuser,
     FocusTask,
@@ -97,8 +96,7 @@ class Factorised(Focuser):
         plan = self.plan(radar, grid)
         if isinstance(plan, str):
             return plan
-        direct = PIXEL_PULSE_SECONDS * radar.track.n_pulses * float(np.prod(grid.shape))
-        if np.isfinite(radar.half_aperture) and plan.seconds > direct:
+        if np.isfinite(radar.half_aperture) and plan.seconds > super().cpu_seconds(radar, grid):
             return (
                 f"the pixels' own apertures end so sharply that {self.error:g} dB would take longer than "
                 "backprojection; raise error"
