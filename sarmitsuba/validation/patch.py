@@ -71,6 +71,7 @@ def mean_power(
             ray_spacing=float(spacing),
             max_depth=1,
             flags=flags or diffuse_flags(channels),
+            cell=CELL,
             seed=seed,
         )
         total += np.mean(np.abs(result.amplitude[:, 0, :]) ** 2, axis=0)

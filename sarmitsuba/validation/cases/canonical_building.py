@@ -84,6 +84,7 @@ def _wall_on_ground(ground: Material, theta: float, looks: int, seeds: int) -> F
             ray_spacing=float(CELL * np.sqrt(min(np.cos(theta), np.sin(theta)) / RAYS_PER_CELL)),
             flags=flags,
             seed=seed,
+            cell=CELL,
         )
         power += np.mean(np.abs(result.amplitude) ** 2, axis=0) / seeds
     return power
