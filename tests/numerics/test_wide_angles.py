@@ -103,8 +103,9 @@ def test_sectors_cover_the_track_and_a_usual_aperture_is_one(tmp_path: Path) -> 
         assert np.degrees(np.arccos(np.clip(line[first:end] @ line[first:end].T, -1, 1))).max() < 21.0
     assert len(sectors(circle(tmp_path, 15.0, 64, SPHERE))) == 1
     run = Run(scene)
+    lattices = run.lattices(run.sampling, 0)[0]
     for pulse in range(0, 361, 30):
-        served = [grid for grid in run.lattices(run.sampling, 0)[0] if grid.serves(pulse)]
+        served = [grid for grid in lattices if grid.serves(pulse)]
         assert served and all(grid.frame is not None for grid in served)
 
 
