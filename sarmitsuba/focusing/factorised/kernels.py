@@ -249,15 +249,25 @@ def form(
         state=(UInt32(0), *zeros), cond=lambda t, *_: t < pulses.n_pulses, body=body, mode="symbolic"
     )
     place = ((first + group) * polar.n_angles + angle) * polar.n_ranges + column
-    for k in range(ANGLES):
-        for layer in range(n_layers):
-            j = 2 * (k * n_layers + layer)
-            dr.scatter(
-                out[layer],
-                packed(types, (sums[j], sums[j + 1])),
-                place + k * polar.n_ranges,
-                mode=dr.ReduceMode.NoConflicts,
-            )
+    _write(types, out, sums, place, polar.n_ranges)
+
+
+def _write(
+    types: ModuleType,
+    out: list[dr.ArrayBase],
+    sums: list[dr.ArrayBase],
+    place: dr.ArrayBase,
+    n_ranges: int | dr.ArrayBase,
+) -> None:
+    """Write a lane's sums, real and imaginary parts by angle and layer, to its angles, ``n_ranges`` places apart."""
+    for j in range(0, len(sums), 2):
+        angle, layer = divmod(j // 2, len(out))
+        dr.scatter(
+            out[layer],
+            packed(types, (sums[j], sums[j + 1])),
+            place + angle * n_ranges,
+            mode=dr.ReduceMode.NoConflicts,
+        )
 
 
 def _weights(
@@ -403,15 +413,7 @@ def merge(
     out = [dr.zeros(types.UInt64, size) for _ in images]
     dr.make_opaque(out)
     place = (group * high.n_angles + chunk * ratio) * high.n_ranges + column
-    for j in range(ratio):
-        for layer in range(n_layers):
-            i = 2 * (j * n_layers + layer)
-            dr.scatter(
-                out[layer],
-                packed(types, (sums[i], sums[i + 1])),
-                place + j * high.n_ranges,
-                mode=dr.ReduceMode.NoConflicts,
-            )
+    _write(types, out, sums, place, high.n_ranges)
     dr.eval(out)
     return out
 

@@ -19,16 +19,13 @@ from sarmitsuba.focusing.frequency_domain.migration import (
 )
 from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
-from sarmitsuba.focusing.frequency_domain.stated import spectrum_work, stated_error_db
+from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ, VirtualChirp
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
-
-# CPU seconds of a sample of the spectrum or of a pixel on its way
-_RATE = 0.95e-7
 
 # chirps are made for factors up to this; rows that need more hold no echo of an image within the bound
 _LARGEST = 0.5
@@ -97,6 +94,7 @@ class ChirpScaling(RowsFocuser):
     title: ClassVar[str] = (
         "straight, level, uniform track and a grid along it; small squint or a narrow swath; no interpolation"
     )
+    sample_seconds: ClassVar[float] = 0.95e-7
     scaling: bool = option(True, "equalise the range migration by chirp scaling")
     bound: float = option(MAX_PHASE, "largest residual phase, rad, before it refuses")
 
@@ -124,10 +122,6 @@ class ChirpScaling(RowsFocuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
         return stated_error_db(radar, grid, plan_migration(radar, grid, self._treatment))
-
-    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """A rate of its own, measured by benchmarks/focusers.py, for what all have to do."""
-        return _RATE * spectrum_work(radar, grid)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

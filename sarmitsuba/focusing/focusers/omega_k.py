@@ -21,7 +21,7 @@ from sarmitsuba.focusing.frequency_domain.migration import (
 )
 from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
-from sarmitsuba.focusing.frequency_domain.stated import spectrum_work, stated_error_db
+from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -30,9 +30,6 @@ from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
-
-# CPU seconds of a sample of the spectrum or of a pixel on its way
-_RATE = 1.0e-7
 
 
 class _Stolt(RangeLaw):
@@ -147,6 +144,7 @@ class OmegaK(RowsFocuser):
 
     name: ClassVar[str] = "omega_k"
     title: ClassVar[str] = "straight, level, uniform track and a grid along it; fast for large images"
+    sample_seconds: ClassVar[float] = 1.0e-7
     stolt: str = option("on", "Stolt's mapping: on, phase (residual azimuth compression instead) or off")
     bound: float = option(MAX_PHASE, "largest residual phase, rad, before phase and off refuse")
 
@@ -173,10 +171,6 @@ class OmegaK(RowsFocuser):
         treatment = self._treatment
         law = None if treatment is None else plan_migration(radar, grid, treatment)
         return stated_error_db(radar, grid, law)
-
-    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """A rate of its own, measured by benchmarks/focusers.py, for what all have to do."""
-        return _RATE * spectrum_work(radar, grid)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

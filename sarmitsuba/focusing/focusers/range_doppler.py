@@ -19,16 +19,13 @@ from sarmitsuba.focusing.frequency_domain.migration import (
 )
 from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
-from sarmitsuba.focusing.frequency_domain.stated import spectrum_work, stated_error_db
+from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
 from sarmitsuba.focusing.frequency_domain.stretching import interpolate, kernel_transform
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
-
-# CPU seconds of a sample of the spectrum or of a pixel on its way
-_RATE = 1.15e-7
 
 _COMPRESSION: dict[str, Treatment] = {
     "doppler": Treatment(),
@@ -92,6 +89,7 @@ class RangeDoppler(RowsFocuser):
     title: ClassVar[str] = (
         "straight, level, uniform track and a grid along it; small squint or a narrow swath"
     )
+    sample_seconds: ClassVar[float] = 1.15e-7
     rcmc: bool = option(True, "range cell migration correction, by interpolation")
     src: str = option(
         "doppler", "secondary range compression: doppler, centroid (azimuth-independent) or off"
@@ -114,10 +112,6 @@ class RangeDoppler(RowsFocuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """See :func:`sarmitsuba.focusing.frequency_domain.stated.stated_error_db`."""
         return stated_error_db(radar, grid, plan_migration(radar, grid, self._treatment))
-
-    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
-        """A rate of its own, measured by benchmarks/focusers.py, for what all have to do."""
-        return _RATE * spectrum_work(radar, grid)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus."""

@@ -1,7 +1,8 @@
-"""Bytes that the frequency-domain focusers take."""
+"""Bytes and processor time that the frequency-domain focusers take."""
 
 from abc import ABC
 from dataclasses import replace
+from typing import ClassVar
 
 from sarmitsuba.focusing.focuser import Focuser
 from sarmitsuba.focusing.frequency_domain.geometry import (
@@ -10,6 +11,7 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_geometry,
     track_period,
 )
+from sarmitsuba.focusing.frequency_domain.stated import spectrum_work
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -24,7 +26,18 @@ _THREADS = 70_000_000
 
 
 class RowsFocuser(Focuser, ABC):
-    """A focuser by :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows`."""
+    """A focuser by :func:`sarmitsuba.focusing.frequency_domain.rows.focus_rows`.
+
+    Attributes
+    ----------
+    sample_seconds : CPU seconds of a sample of the spectrum or of a pixel on its way, see benchmarks/focusers.py
+    """
+
+    sample_seconds: ClassVar[float]
+
+    def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
+        """A rate of its own for what all have to do."""
+        return self.sample_seconds * spectrum_work(radar, grid)
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included."""
