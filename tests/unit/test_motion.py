@@ -1,7 +1,7 @@
 """Motion compensation: frequency-domain focusing of recorded tracks that are not straight."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -10,21 +10,13 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import image_error_db
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 
 
-def asked(extent: float = 60.0, grid: str = "slant") -> dict[str, Any]:
-    return {
-        "grid": grid,
-        "center_x": 0.0,
-        "center_y": 0.0,
-        "height": 0.0,
-        "extent_azimuth": extent,
-        "extent_range": extent,
-        "spacing_azimuth": 0.0,
-        "spacing_range": 0.0,
-    }
+def asked(extent: float = 60.0, grid: Literal["slant", "ground"] = "slant") -> ImageRequest:
+    return ImageRequest(grid=grid, extent_azimuth=extent, extent_range=extent)
 
 
 def wobbling(radar: Radar, size: float, rng: np.random.Generator) -> Radar:
@@ -61,7 +53,7 @@ def test_omega_k_of_a_wobbling_track_is_backprojection(mode: str, seed: int) -> 
     # told that the track was straight, the same data lose their peak
     line = focus(raw, request=request).grid
     straight = Track.straight(
-        line.origin if request["grid"] == "slant" else radar.track.position.mean(axis=0),
+        line.origin if request.grid == "slant" else radar.track.position.mean(axis=0),
         float(np.linalg.norm(radar.track.velocity, axis=1).mean()) * line.along,
         (radar.track.n_pulses - 1) / np.ptp(radar.track.time),
         radar.track.n_pulses,

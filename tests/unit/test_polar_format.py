@@ -1,6 +1,7 @@
 """Polar format beside backprojection: level, phase and shape of points anywhere in its image, and its refusals."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,19 +14,11 @@ from sarmitsuba.focusing.focusers.polar_format import LARGEST_PHASE, _Raster
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.radar.image_request import ImageRequest
 
 
-def asked(extent: float, grid: str = "slant") -> dict[str, Any]:
-    return {
-        "grid": grid,
-        "center_x": 0.0,
-        "center_y": 0.0,
-        "height": 0.0,
-        "extent_azimuth": extent,
-        "extent_range": extent,
-        "spacing_azimuth": 0.0,
-        "spacing_range": 0.0,
-    }
+def asked(extent: float, grid: Literal["slant", "ground"] = "slant") -> ImageRequest:
+    return ImageRequest(grid=grid, extent_azimuth=extent, extent_range=extent)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +80,7 @@ def test_shape_at_the_corner_of_the_largest_image(seed: int) -> None:
     raw = ideal_echoes(radar, point, 1.5)
     m, exact = (
         point_target_in(
-            focus(raw, request={**asked(48.0), "center_x": point[0], "center_y": point[1]}, focuser=name)
+            focus(raw, request=replace(asked(48.0), center_x=point[0], center_y=point[1]), focuser=name)
             if name == "backprojection"
             else focus(raw, request=asked(extent), focuser=name)
         )
