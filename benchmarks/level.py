@@ -43,7 +43,8 @@ class Setup:
 
     def scene(self, seed: int = 0, method: str = "hybrid"):  # type: ignore[no-untyped-def]
         from sarmitsuba.loader.build import SceneMesh, build_scene
-        from sarmitsuba.radar.description import FilmDescription, RadarDescription
+        from sarmitsuba.radar.description import RadarDescription
+        from sarmitsuba.radar.film import FilmDescription
         from sarmitsuba.scene.settings import TraceSettings
 
         beam = {"antenna_length": self.antenna_length, "elevation_beamwidth_deg": 20.0}

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
     from sarmitsuba.quality import image_quality, spectral_looks
-    from sarmitsuba.radar.description import FilmDescription, RadarDescription
+    from sarmitsuba.radar.description import RadarDescription
+    from sarmitsuba.radar.film import FilmDescription
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
@@ -47,7 +48,7 @@ _HOME = {
     "BackendError": "sarmitsuba.errors",
     "DataError": "sarmitsuba.errors",
     "ExtensionError": "sarmitsuba.errors",
-    "FilmDescription": "sarmitsuba.radar.description",
+    "FilmDescription": "sarmitsuba.radar.film",
     "ImageGrid": "sarmitsuba.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
     "Material": "sarmitsuba.materials.material",

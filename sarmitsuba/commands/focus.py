@@ -272,7 +272,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
 
 def _request(raw: "RawData", args: argparse.Namespace) -> "ImageRequest | None":
     """The data's own image request with what the command line changes; None where it changes nothing."""
-    from sarmitsuba.radar.description import FILM
+    from sarmitsuba.radar.film import FILM
 
     changes: dict[str, object] = {"grid": args.grid, "height": args.height}
     FILM["image_height"].check_option("--height", args.height, "focus")

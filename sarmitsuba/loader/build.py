@@ -17,7 +17,8 @@ from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
 from sarmitsuba.materials.material import Material
 from sarmitsuba.parameters import Value, filled
-from sarmitsuba.radar.description import FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.radar.description import RadarDescription, RadarInput
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene

@@ -8,7 +8,8 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.loader.tables import INTEGRATOR
 from sarmitsuba.parameters import did_you_mean, filled
-from sarmitsuba.radar.description import FILM, SENSOR, FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.radar.description import SENSOR, RadarDescription, RadarInput
+from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.scene.scene import Scene
 
 # what shapes and materials are made for while loading

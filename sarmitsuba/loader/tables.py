@@ -11,7 +11,8 @@ from sarmitsuba.loader.material_tables import (
 )
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
-from sarmitsuba.radar.description import FILM, SENSOR
+from sarmitsuba.radar.description import SENSOR
+from sarmitsuba.radar.film import FILM
 from sarmitsuba.scene.settings import METHODS, TOLERANCE_DB
 
 

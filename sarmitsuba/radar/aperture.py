@@ -1,4 +1,4 @@
-"""The synthetic aperture: geometry about the aim point, and a straight track whose length, prf and pulses agree."""
+"""The synthetic aperture: geometry about the aim point, and an automatic track whose length, prf and pulses agree."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,6 +11,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
@@ -129,6 +130,7 @@ class _Wanted:
     geometry : about the aim point
     box : what the image holds
     waveform, antenna : of the radar
+    path : what the antenna flies along
     """
 
     given: RadarInput
@@ -136,6 +138,7 @@ class _Wanted:
     box: Box
     waveform: Waveform
     antenna: Antenna
+    path: FlightPath
 
     @property
     def longest(self) -> float:
@@ -195,19 +198,18 @@ class _Wanted:
 
     def prf(self, aperture: float, half_aperture: float = np.inf) -> float:
         """Pulse repetition frequency that samples the Doppler bandwidth of an aperture (m), Hz."""
-        s, along = self.given.sensor, self.geometry.along
-        ends = self.geometry.center + np.array([-0.5, 0.0, 0.5])[:, None] * aperture * along
-        velocity = np.broadcast_to(s.speed * along, ends.shape)
-        at_once = MODES[s.mode].instantaneous_doppler
+        speed = self.path.speed
+        ends, velocity = self.path.states(np.array([-0.5, 0.0, 0.5]) * (aperture / speed))
+        at_once = MODES[self.given.sensor.mode].instantaneous_doppler
         wavelength = self.waveform.wavelength
         spread = doppler_bandwidth(ends, velocity, self.box, wavelength, instantaneous=at_once)
-        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, s.speed, wavelength, half_aperture))
+        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, speed, wavelength, half_aperture))
 
 
-def straight_track(
-    given: RadarInput, geometry: AimGeometry, box: Box, waveform: Waveform, antenna: Antenna
+def automatic_track(
+    given: RadarInput, geometry: AimGeometry, box: Box, waveform: Waveform, antenna: Antenna, path: FlightPath
 ) -> tuple[Track, float]:
-    """Straight track whose aperture, prf and number of pulses agree, and half the aperture of a pixel in sines.
+    """Track along a path whose aperture, prf and number of pulses agree, and half the aperture of a pixel in sines.
 
     Where the beam passes over the pixels in turn, the track is as long as the aperture and the image together, so that
     every pixel has its whole aperture.
@@ -218,13 +220,13 @@ def straight_track(
         They contradict each other, or the aperture is too long.
     """
     s, where = given.sensor, given.where
-    speed, n, prf = s.speed, s.n_pulses, s.prf
+    speed, n, prf = path.speed, s.n_pulses, s.prf
     if n and prf and s.azimuth_resolution > 0.0:
         raise RadarError(
             f"{where}: n_pulses = {n}, prf = {prf:g} Hz and azimuth_resolution = "
             f"{s.azimuth_resolution:g} m describe the aperture twice; set one of them to 0"
         )
-    wanted = _Wanted(given, geometry, box, waveform, antenna)
+    wanted = _Wanted(given, geometry, box, waveform, antenna, path)
     half, longest = wanted.half_aperture(), wanted.longest
     length = wanted.track_length(half)
     if n and s.azimuth_resolution > 0.0:
@@ -245,7 +247,7 @@ def straight_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return Track.straight(geometry.center, speed * geometry.along, prf, n), half
+    return path.track(prf, n), half
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:
@@ -262,9 +264,9 @@ def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowe
 
 __all__ = [
     "MAX_PULSES",
+    "automatic_track",
     "geometry_from_angles",
     "geometry_of_track",
     "given_track",
     "known_azimuth_cell",
-    "straight_track",
 ]

@@ -10,11 +10,11 @@ from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.antenna import SINC_HALF_POWER, Antenna
 from sarmitsuba.radar.aperture import (
+    automatic_track,
     geometry_from_angles,
     geometry_of_track,
     given_track,
     known_azimuth_cell,
-    straight_track,
 )
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
@@ -88,7 +88,8 @@ def build_radar(
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
-        track, half_aperture = straight_track(given, geometry, box, waveform, antenna)
+        path = MODES[s.mode].path(geometry, s.speed)
+        track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
     _check_height(given, track, scene, image, shift)
     radar = Radar(
         mode=s.mode,

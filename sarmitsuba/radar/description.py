@@ -1,4 +1,4 @@
-"""What describes a radar and its film: the parameters of ``sar_antenna`` and ``range_film``, typed.
+"""What describes a radar: the parameters of ``sar_antenna``, typed.
 
 The fields below are the only list of them: the tables that read scene files and the documentation are made from it.
 """
@@ -12,6 +12,7 @@ import numpy as np
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
+from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
 from sarmitsuba.radar.track import Track
 
@@ -181,96 +182,6 @@ class RadarDescription:
     mode_parameters: Mapping[str, Value] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FilmDescription:
-    """Receive window and sampling of the echoes, and the image to focus from them; units as `RadarDescription`."""
-
-    near_range: float = described(
-        0.0,
-        "slant range of the first sample at mid-aperture; automatic: from image and geometry",
-        "m",
-        0.0,
-        1e9,
-        auto=True,
-    )
-    far_range: float = described(
-        0.0,
-        "slant range of the last sample at mid-aperture; automatic: from image and geometry",
-        "m",
-        0.0,
-        1e9,
-        auto=True,
-    )
-    sampling_rate: float = described(
-        0.0,
-        "complex samples per second; automatic: 1.2 times the bandwidth",
-        "Hz",
-        0.0,
-        1e13,
-        auto=True,
-    )
-    gridding_width: int = described(
-        4,
-        "samples that one contribution is spread over; each step of 1 gains about 10 dB of accuracy",
-        "",
-        2,
-        16,
-    )
-    image_grid: Literal["slant", "ground"] = described(
-        "slant", "coordinates of the image", choices=("slant", "ground")
-    )
-    image_center_x: float | None = described(
-        None,
-        "image centre, east, in the file's frame; default: the aim point, or the middle of the geometry with its "
-        "layover where image_extent_range is automatic",
-        "m",
-        -1e9,
-        1e9,
-    )
-    image_center_y: float | None = described(
-        None, "image centre, north, in the file's frame; default: as image_center_x", "m", -1e9, 1e9
-    )
-    image_height: float | None = described(
-        None,
-        "height of the horizontal image plane in the file's frame; default: that of the aim point",
-        "m",
-        -1e9,
-        1e9,
-    )
-    image_extent_azimuth: float = described(
-        0.0,
-        "image size along the track, on the ground; automatic: the geometry with a margin, at most "
-        "image_extent_limit",
-        "m",
-        0.0,
-        1e7,
-        auto=True,
-    )
-    image_extent_range: float = described(
-        0.0,
-        "image size across the track, on the ground; automatic: the geometry with its layover and a margin, at "
-        "most image_extent_limit",
-        "m",
-        0.0,
-        1e7,
-        auto=True,
-    )
-    image_extent_limit: float = described(
-        0.0, "largest automatic extent; automatic: 2048 resolution cells", "m", 0.0, 1e7, auto=True
-    )
-    pixel_spacing_azimuth: float = described(
-        0.0, "pixel spacing along the track; automatic: half the azimuth cell", "m", 0.0, 1e6, auto=True
-    )
-    pixel_spacing_range: float = described(
-        0.0,
-        "pixel spacing in slant range or on the ground, as image_grid says; automatic: half the range cell",
-        "m",
-        0.0,
-        1e6,
-        auto=True,
-    )
-
-
 _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_deg and aim_x, aim_y, aim_z"
 
 SENSOR = ParamTable(
@@ -286,18 +197,6 @@ SENSOR = ParamTable(
     },
     params=params_of(RadarDescription),
     more=mode_parameters,
-)
-
-FILM = ParamTable(
-    plugin="range_film",
-    element="film",
-    doc="Receive window and sampling of the echoes, and the image to focus from them.",
-    error=RadarError,
-    hints={
-        "width": "the image is given by image_extent_range and pixel_spacing_range",
-        "height": "the image is given by image_extent_azimuth and pixel_spacing_azimuth",
-    },
-    params=params_of(FilmDescription),
 )
 
 
@@ -387,4 +286,4 @@ def _given(description: RadarDescription | FilmDescription) -> dict[str, object]
     return {name: v for name, v in plain.items() if v is not defaults[name] and v != defaults[name]}
 
 
-__all__ = ["FILM", "SENSOR", "FilmDescription", "RadarDescription", "RadarInput"]
+__all__ = ["SENSOR", "RadarDescription", "RadarInput"]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
-from sarmitsuba.radar.description import FilmDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.swath import Box
 
 F64 = NDArray[np.float64]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import ExtensionError
 from sarmitsuba.parameters import Param, Value
 from sarmitsuba.radar.antenna import Pointing
+from sarmitsuba.radar.path import FlightPath, StraightPath
 from sarmitsuba.radar.track import Track
 from sarmitsuba.registry import Registry
 
@@ -119,6 +120,10 @@ class RadarMode(ABC):
         -------
         (n_pulses, 3) float64 unit vectors, scene frame
         """
+
+    def path(self, geometry: AimGeometry, speed: float) -> FlightPath:
+        """What the antenna flies along where no track is given: straight through mid-aperture, at ``speed`` (m/s)."""
+        return StraightPath(geometry.center, speed * geometry.along)
 
     def aperture_length(self, geometry: AimGeometry, wavelength: float, azimuth_cell: float) -> float:
         r"""Length of track that gives an azimuth cell, m.

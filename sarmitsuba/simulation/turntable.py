@@ -18,7 +18,8 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.radar.description import FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.radar.description import RadarDescription, RadarInput
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible

@@ -8,7 +8,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 

@@ -16,7 +16,8 @@ from sarmitsuba.image.metrics import coherence
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.page.profiles import page_center, page_grid, page_profiles
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
 
 FOCUS = """

@@ -12,7 +12,8 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
 from sarmitsuba.simulation.image import Imager

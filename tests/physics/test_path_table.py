@@ -7,7 +7,8 @@ import trimesh
 import sarmitsuba
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.build import SceneMesh, build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings

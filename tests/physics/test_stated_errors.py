@@ -16,7 +16,8 @@ from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
 
 MARGIN = 12  # pixels from the image's ends to the outermost points

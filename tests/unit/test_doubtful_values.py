@@ -15,8 +15,9 @@ from sarmitsuba.loader.library import list_radars, list_scenes
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.units import doubtful_unit, up_axis
 from sarmitsuba.radar.builder import build_radar
-from sarmitsuba.radar.description import FilmDescription, RadarDescription, RadarInput
+from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate

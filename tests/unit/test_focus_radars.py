@@ -12,7 +12,8 @@ from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.loader.library import resolve_radar
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
 
 RADARS = sorted(path.stem for path in resolve_radar("airborne_x").parent.glob("*.xml"))

@@ -9,7 +9,8 @@ import sarmitsuba
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.loader.build import build_scene
-from sarmitsuba.radar.description import FilmDescription, RadarDescription
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.recorded import TrackError
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget

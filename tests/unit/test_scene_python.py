@@ -15,7 +15,8 @@ from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.tessellate import cube, rectangle
-from sarmitsuba.radar.description import FILM, SENSOR, FilmDescription, RadarDescription
+from sarmitsuba.radar.description import SENSOR, RadarDescription
+from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.settings import TraceSettings
