@@ -107,6 +107,34 @@ class Radar:
         return MODES[self.mode]
 
     @property
+    def footprint_speed(self) -> float:
+        r"""Speed of the footprint at the aim point over the antenna's: 1 for a beam fixed to the track, 0 in spotlight.
+
+        .. math:: A = 1 - \frac{d s_{boresight}}{d s_{aim}}
+
+        over the sines s along the flight, about mid-aperture. 1 for one pulse.
+        """
+        i, n = self.track.center_index, self.track.n_pulses
+        pick = np.array([max(i - 1, 0), min(i + 1, n - 1)])
+        speed = np.linalg.norm(self.track.velocity[pick], axis=1)[:, None]
+        if n < 2 or not speed.all():
+            return 1.0
+        forward = self.track.velocity[pick] / speed
+        line = self.aim_point - self.track.position[pick]
+        aim = np.sum(line * forward, axis=1) / np.linalg.norm(line, axis=1)
+        boresight = np.sum(self.pointing.boresight[pick] * forward, axis=1)
+        return 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
+
+    @property
+    def half_turn(self) -> float:
+        r"""Half of what the line of sight turns by over the aperture of a pixel at the aim point, in sines.
+
+        :math:`s_t = s_a / A` with ``half_aperture`` and ``footprint_speed``: the azimuth resolution is
+        :math:`\lambda / 4 s_t`. Infinite where all pulses serve every pixel.
+        """
+        return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
+
+    @property
     def amplitude_constant(self) -> float:
         r"""Received amplitude of ``sqrt(rcs) / R^2``, sqrt(W) m.
 
