@@ -69,9 +69,14 @@ class Carrier:
         Raises
         ------
         DataError
-            A ground image that does not say where the antenna was.
+            A ground image that does not say where the antenna was, or an image made from all sides.
         """
         facts = image.metadata.get("focus", {})
+        if facts.get("all_round"):
+            raise DataError(
+                "image: it was made from all sides and has no carrier, and no lobes along azimuth and "
+                "range to measure; sarmitsuba.theory.circular_response is the response of a point"
+            )
         grid = image.grid
         if "center_position" in facts:
             center = np.asarray(facts["center_position"], dtype=np.float64) - grid.offset

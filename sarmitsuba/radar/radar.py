@@ -126,6 +126,12 @@ class Radar:
         return 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
 
     @property
+    def all_round(self) -> bool:
+        """Whether the aim point is seen from opposite sides: no image has one range axis then, nor one look."""
+        line = (self.aim_point - self.track.position)[:, :2]
+        return bool((line @ line[self.track.center_index] < 0.0).any())
+
+    @property
     def half_turn(self) -> float:
         r"""Half of what the line of sight turns by over the aperture of a pixel at the aim point, in sines.
 
