@@ -1,6 +1,7 @@
 """From the description of radar and film to a radar that sees the scene."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from sarmitsuba.radar.aperture import (
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
@@ -71,6 +73,7 @@ def build_radar(
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    film = _film(given)
     channels = read_channels(s.polarisation, given.where)
     antenna = _antenna(given, waveform.wavelength)
     aim = np.array(
@@ -92,7 +95,7 @@ def build_radar(
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
     speed = s.speed if orbit is None else orbit[1].speed
     cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
-    image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
+    image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
@@ -123,6 +126,30 @@ def build_radar(
     for text in doubts:
         _warn(text)
     return radar, image, notes
+
+
+def _film(given: RadarInput) -> FilmDescription:
+    """The film as the mode has it.
+
+    Raises
+    ------
+    RadarError
+        The mode has no squint, or no slant range axis.
+    """
+    s, law = given.sensor, MODES[given.sensor.mode]
+    if s.squint_angle_deg != 0.0 and not law.squints:
+        raise RadarError(
+            f"{given.where}: squint_angle_deg = {s.squint_angle_deg:g} deg, but mode = {law.name} has no "
+            "squint; leave it out"
+        )
+    if not law.all_round:
+        return given.film
+    if "image_grid" in given.film_given and given.film.image_grid == "slant":
+        raise RadarError(
+            f"{given.film_where}: image_grid = slant, but mode = {law.name} looks from all sides and has no "
+            "slant-range axis; take ground"
+        )
+    return replace(given.film, image_grid="ground")
 
 
 def read_channels(text: str, where: str) -> tuple[str, ...]:
