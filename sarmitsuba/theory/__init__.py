@@ -11,6 +11,7 @@ from sarmitsuba.theory.geometry import (
     slant_offset,
 )
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.rcs import (
     DihedralAmplitudes,
     coherent_loss,
@@ -44,10 +45,12 @@ __all__ = [
     "BuildingRcs",
     "BuildingReturns",
     "DihedralAmplitudes",
+    "OrbitDoppler",
     "SpeckleTest",
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "circular_orbit_doppler",
     "coherent_loss",
     "cylinder_rcs",
     "dihedral",
@@ -59,6 +62,7 @@ __all__ = [
     "intensity_test",
     "kirchhoff_sigma0",
     "normal_wavenumber",
+    "orbital_speed",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
