@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.antenna import SINC_HALF_POWER, Antenna
 from sarmitsuba.radar.aperture import (
     automatic_track,
@@ -26,6 +25,7 @@ from sarmitsuba.radar.image_request import ImageRequest, build_image_request, im
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
@@ -35,7 +35,6 @@ from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
 
-CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
@@ -152,18 +151,6 @@ def _film(given: RadarInput) -> FilmDescription:
     return replace(given.film, image_grid="ground")
 
 
-def read_channels(text: str, where: str) -> tuple[str, ...]:
-    """Channels of a list such as ``HH,HV``."""
-    names = tuple(text.replace(",", " ").upper().split())
-    bad = [name for name in names if name not in CHANNELS]
-    if bad or not names or len(set(names)) < len(names):
-        raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
-            'give for example "HH,HV"'
-        )
-    return names
-
-
 def _antenna(given: RadarInput, wavelength: float) -> Antenna:
     s = given.sensor
     gain = float(power_from_db(s.gain_db))
@@ -253,4 +240,4 @@ def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
 
 
-__all__ = ["CHANNELS", "build_radar", "read_channels"]
+__all__ = ["build_radar"]

@@ -189,7 +189,9 @@ class RadarDescription:
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
     polarisation: str = described(
-        "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
+        "VV",
+        "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "
+        "transmit), LH, LV (left-circular), DH, DV (slanted by 45 deg)",
     )
     pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
         "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
