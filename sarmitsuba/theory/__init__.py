@@ -10,6 +10,13 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.link import (
+    minimum_antenna_area,
+    nesz_of_average_power,
+    nesz_of_cells,
+    point_snr,
+    uniform_aperture_taper,
+)
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
 from sarmitsuba.theory.rcs import (
     DihedralAmplitudes,
@@ -58,10 +65,14 @@ __all__ = [
     "integral_equation_sigma0",
     "intensity_test",
     "kirchhoff_sigma0",
+    "minimum_antenna_area",
+    "nesz_of_average_power",
+    "nesz_of_cells",
     "normal_wavenumber",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "point_snr",
     "received_power",
     "rolled_dihedral",
     "shared_energy_sigma0",
@@ -74,5 +85,6 @@ __all__ = [
     "sphere_po",
     "sphere_po_amplitude",
     "trihedral_rcs",
+    "uniform_aperture_taper",
     "wall_ground_amplitude",
 ]
