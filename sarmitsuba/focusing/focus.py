@@ -78,7 +78,7 @@ def focus(
     raw = range_compress(raw, method=compression)
     if grid is None:
         grid = default_grid(raw, request)
-    grid = grid.in_frame(raw.radar.offset)
+    grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
     method = parse_autofocus(autofocus)
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")

@@ -30,6 +30,8 @@ _REPLACED_BY_TRACK = (
     "prf",
     "n_pulses",
     "azimuth_resolution",
+    "orbit_altitude",
+    "state_vectors_file",
 )
 
 
@@ -105,16 +107,16 @@ def geometry_of_track(given: RadarInput, track: Track, aim: F64) -> AimGeometry:
 
 
 def known_azimuth_cell(
-    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None
+    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None, speed: float
 ) -> float:
-    """Azimuth cell as far as it is known before the track is, m."""
+    """Azimuth cell as far as it is known before the track is, at the antenna's speed (m/s), m."""
     s = given.sensor
     if s.azimuth_resolution > 0.0:
         return s.azimuth_resolution
     if track is not None and track.n_pulses > 1:
         length = float(np.linalg.norm(np.ptp(track.position, axis=0)))
     elif s.n_pulses > 1 and s.prf > 0.0:
-        length = s.n_pulses * s.speed / s.prf
+        length = s.n_pulses * speed / s.prf
     else:
         return waveform.range_cell
     return MODES[s.mode].azimuth_cell(geometry, waveform.wavelength, max(length, 1e-9))

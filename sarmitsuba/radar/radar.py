@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
 from sarmitsuba.radar.waveform import Waveform
@@ -61,6 +62,7 @@ class Radar:
     receiver : where the echoes are received elsewhere (bistatic data), the receiver's track at the same pulse times;
         ``track`` is the transmitter's, and slant range is half the way from there over the point to the receiver
         (so that both may change places)
+    anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
     mode: str
@@ -79,6 +81,7 @@ class Radar:
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
     receiver: Track | None = None
+    anchor: Anchor = field(default_factory=Anchor)
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
