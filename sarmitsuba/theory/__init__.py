@@ -22,6 +22,13 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.link import (
+    minimum_antenna_area,
+    nesz_of_average_power,
+    nesz_of_cells,
+    point_snr,
+    uniform_aperture_taper,
+)
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
 from sarmitsuba.theory.rcs import (
@@ -78,11 +85,15 @@ __all__ = [
     "jitter_noise",
     "jittered_response",
     "kirchhoff_sigma0",
+    "minimum_antenna_area",
     "mispointed_level",
+    "nesz_of_average_power",
+    "nesz_of_cells",
     "normal_wavenumber",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "point_snr",
     "range_ambiguity_ratio",
     "received_power",
     "rolled_dihedral",
@@ -99,5 +110,6 @@ __all__ = [
     "staggered_lines",
     "trihedral_rcs",
     "uniform_aperture_gain",
+    "uniform_aperture_taper",
     "wall_ground_amplitude",
 ]
