@@ -10,6 +10,7 @@ from sarmitsuba.commands import (
     doctor,
     explain,
     focus,
+    link,
     picture,
     quality,
     rcs,
@@ -20,6 +21,6 @@ from sarmitsuba.commands import (
     view,
 )
 
-COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, link, cost, scenes, validate, doctor)
 
 __all__ = ["COMMANDS"]

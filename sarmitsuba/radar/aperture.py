@@ -14,7 +14,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.sliding import BeamOverPath
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -176,7 +176,7 @@ class _Wanted:
         closest = float(np.linalg.norm(offset - x * self.geometry.along))
         end = np.array([x - 0.5 * self.length(), x + 0.5 * self.length()])
         half = 0.5 * float(np.ptp(end / np.hypot(end, closest))) * self.beam.footprint_speed
-        return min(half, self.geometry.cos_squint * sine_to_null(self.antenna.azimuth_beamwidth))
+        return min(half, self.geometry.cos_squint * self.antenna.nulls[0])
 
     def track_length(self, half_aperture: float) -> float:
         r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.parameters import one_line
-from sarmitsuba.radar.antenna import SINC_HALF_POWER, Antenna
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -17,6 +15,7 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
@@ -26,6 +25,7 @@ from sarmitsuba.radar.image_request import ImageRequest, build_image_request, im
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
@@ -35,7 +35,6 @@ from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
 
-CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
@@ -75,7 +74,7 @@ def build_radar(
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
     film = _film(given)
     channels = read_channels(s.polarisation, given.where)
-    antenna = _antenna(given, waveform.wavelength)
+    antenna = antenna_of(given, waveform.wavelength)
     aim = np.array(
         [
             middle if value is None else value - moved
@@ -152,51 +151,6 @@ def _film(given: RadarInput) -> FilmDescription:
     return replace(given.film, image_grid="ground")
 
 
-def read_channels(text: str, where: str) -> tuple[str, ...]:
-    """Channels of a list such as ``HH,HV``."""
-    names = tuple(text.replace(",", " ").upper().split())
-    bad = [name for name in names if name not in CHANNELS]
-    if bad or not names or len(set(names)) < len(names):
-        raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
-            'give for example "HH,HV"'
-        )
-    return names
-
-
-def _antenna(given: RadarInput, wavelength: float) -> Antenna:
-    s = given.sensor
-    gain = float(power_from_db(s.gain_db))
-    azimuth = (("azimuth_beamwidth_deg", s.azimuth_beamwidth_deg), ("antenna_length", s.antenna_length))
-    elevation = (("elevation_beamwidth_deg", s.elevation_beamwidth_deg), ("antenna_height", s.antenna_height))
-    if s.pattern == "isotropic":
-        for name, value in (*azimuth, *elevation):
-            if value > 0.0:
-                raise RadarError(
-                    f"{given.where}: {name} = {value:g} has no effect with pattern = isotropic; "
-                    "set pattern to gaussian or rectangular"
-                )
-        return Antenna("isotropic", gain)
-    widths = []
-    for (width_name, width), (size_name, size) in (azimuth, elevation):
-        if (width > 0.0) == (size > 0.0):
-            raise RadarError(
-                f"{given.where}: pattern = {s.pattern} needs one of {width_name} = {width:g} deg and "
-                f"{size_name} = {size:g} m above 0; give exactly one"
-            )
-        if size > 0.0:
-            sine = SINC_HALF_POWER * wavelength / size
-            if sine >= 1.0:
-                raise RadarError(
-                    f"{given.where}: {size_name} = {size:g} m is below {SINC_HALF_POWER:.3f} wavelengths "
-                    f"({SINC_HALF_POWER * wavelength:g} m); enlarge it or give {width_name}"
-                )
-            widths.append(2.0 * float(np.arcsin(sine)))
-        else:
-            widths.append(float(np.radians(width)))
-    return Antenna(s.pattern, gain, widths[0], widths[1])
-
-
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:
     pulse = int(np.argmin(track.position[:, 2]))
     lowest = float(track.position[pulse, 2])
@@ -253,4 +207,4 @@ def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
 
 
-__all__ = ["CHANNELS", "build_radar", "read_channels"]
+__all__ = ["build_radar"]

@@ -14,6 +14,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
+from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.track import Track
 
 
@@ -189,10 +190,15 @@ class RadarDescription:
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
     polarisation: str = described(
-        "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
+        "VV",
+        "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "
+        "transmit), LH, LV (left-circular), DH, DV (slanted by 45 deg)",
     )
-    pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
-        "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
+    pattern: str = described("isotropic", "antenna pattern", choices=lambda: tuple(sorted(PATTERNS.names)))
+    pattern_file: str = described(
+        "",
+        "CSV of cut, angle_deg, gain_db, the cut azimuth or elevation, for pattern = table: one-way power gain over "
+        "the angle off boresight",
     )
     azimuth_beamwidth_deg: float = described(
         0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0

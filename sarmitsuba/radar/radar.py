@@ -50,7 +50,7 @@ class Radar:
     ----------
     mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
-    channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    channels : polarisation channels, transmit letter first, such as ``HV``, see :mod:`sarmitsuba.radar.polarisation`
     look_side : ``left`` or ``right`` of the flight direction
     aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
     transmit_power : W
