@@ -38,6 +38,13 @@ from sarmitsuba.theory.statistics import (
     single_pulse_snr,
     speckle_cdf,
 )
+from sarmitsuba.theory.synthetic_aperture import (
+    aperture_cell,
+    beam_cell,
+    beam_taper,
+    circular_response,
+    half_power_width,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -45,9 +52,13 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "SpeckleTest",
+    "aperture_cell",
+    "beam_cell",
+    "beam_taper",
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "circular_response",
     "coherent_loss",
     "cylinder_rcs",
     "dihedral",
@@ -55,6 +66,7 @@ __all__ = [
     "equivalent_number_of_looks",
     "foreshortening",
     "fresnel",
+    "half_power_width",
     "integral_equation_sigma0",
     "intensity_test",
     "kirchhoff_sigma0",
