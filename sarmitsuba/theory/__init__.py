@@ -59,6 +59,13 @@ from sarmitsuba.theory.statistics import (
     single_pulse_snr,
     speckle_cdf,
 )
+from sarmitsuba.theory.synthetic_aperture import (
+    aperture_cell,
+    beam_cell,
+    beam_taper,
+    circular_response,
+    half_power_width,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -67,13 +74,17 @@ __all__ = [
     "DihedralAmplitudes",
     "OrbitDoppler",
     "SpeckleTest",
+    "aperture_cell",
     "azimuth_ambiguity_ratio",
     "azimuth_ghost",
     "azimuth_ghost_level",
+    "beam_cell",
+    "beam_taper",
     "bridge_returns",
     "building_returns",
     "canonical_building",
     "circular_orbit_doppler",
+    "circular_response",
     "coherent_loss",
     "cylinder_rcs",
     "dihedral",
@@ -83,6 +94,7 @@ __all__ = [
     "foreshortening",
     "fresnel",
     "gaussian_gain",
+    "half_power_width",
     "integral_equation_sigma0",
     "intensity_test",
     "jitter_noise",
