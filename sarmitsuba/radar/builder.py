@@ -21,6 +21,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
@@ -90,6 +91,7 @@ def build_radar(
     if track is None:
         path = MODES[s.mode].path(geometry, s.speed)
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+    track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
     radar = Radar(
         mode=s.mode,

@@ -14,6 +14,7 @@ from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -247,6 +248,7 @@ class Imager:
             "azimuth_window": self.windows[1],
             **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position + radar.offset],
+            **flight_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's
