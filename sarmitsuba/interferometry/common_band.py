@@ -19,7 +19,7 @@ def common_band_pair(
 ) -> tuple[C128, C128, tuple[float, float]]:
     r"""Both images of a pair cut to the wavenumbers of level ground that both have.
 
-    The spectrum of an image is centred where its carrier 4 pi R_i / lambda turns. With the mean of both carriers removed
+    An image's spectrum is centred where its carrier 4 pi R_i / lambda turns. With the mean of both carriers removed
     the two bands lie half the shift to either side of zero, and the part that both have lies about zero on both.
 
     .. math:: \Delta = \frac{4\pi}{\lambda} \nabla (R_2 - R_1), \qquad W_{common} = W - |\Delta|
