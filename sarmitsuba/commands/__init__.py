@@ -10,6 +10,8 @@ from sarmitsuba.commands import (
     doctor,
     explain,
     focus,
+    insar,
+    interferogram,
     picture,
     quality,
     rcs,
@@ -20,6 +22,21 @@ from sarmitsuba.commands import (
     view,
 )
 
-COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (
+    render,
+    focus,
+    view,
+    picture,
+    quality,
+    interferogram,
+    insar,
+    rcs,
+    studio,
+    explain,
+    cost,
+    scenes,
+    validate,
+    doctor,
+)
 
 __all__ = ["COMMANDS"]
