@@ -175,8 +175,8 @@ def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
     if found is not None:
         sigma = float(np.median(found.sigma[coherence >= quartiles[1]]))
         lines.append(
-            f"height            of ambiguity {b.height_of_ambiguity:.4g} m; standard deviation {sigma:.3g} m in the more "
-            "coherent half"
+            f"height            of ambiguity {b.height_of_ambiguity:.4g} m; standard deviation {sigma:.3g} m in the "
+            "more coherent half"
         )
     return lines
 

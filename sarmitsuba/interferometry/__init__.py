@@ -3,5 +3,15 @@
 from sarmitsuba.interferometry.baseline import Baseline
 from sarmitsuba.interferometry.heights import HeightMap, heights, unwrapped_phase
 from sarmitsuba.interferometry.interferogram import Interferogram, interferogram
+from sarmitsuba.interferometry.planning import PassOffset, second_pass
 
-__all__ = ["Baseline", "HeightMap", "Interferogram", "heights", "interferogram", "unwrapped_phase"]
+__all__ = [
+    "Baseline",
+    "HeightMap",
+    "Interferogram",
+    "PassOffset",
+    "heights",
+    "interferogram",
+    "second_pass",
+    "unwrapped_phase",
+]

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.echo.noise import noise_power
+from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
@@ -204,7 +204,7 @@ class Imager:
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = np.random.default_rng([self.run.scene.settings.seed, 0x6E6F697365, index])
+            rng = noise_generator(radar, self.run.scene.settings.seed, index)
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
