@@ -26,6 +26,9 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
 
+# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
+_FIXED = 1e-9
+
 
 def focus(
     raw: RawData,
@@ -79,7 +82,7 @@ def focus(
     raw = range_compress(raw, method=compression)
     if grid is None:
         grid = default_grid(raw, request)
-    grid = grid.in_frame(raw.radar.offset)
+    grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
     method = parse_autofocus(autofocus)
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
@@ -132,19 +135,28 @@ def focus(
     )
 
 
-def _of_the_radar(radar: Radar, grid: ImageGrid, focused: Focused, azimuth_cell: float) -> dict[str, float]:
+def _of_the_radar(
+    radar: Radar, grid: ImageGrid, focused: Focused, azimuth_cell: float
+) -> dict[str, float | bool]:
     r"""What the image's quality is judged by: squint of pixels that have apertures of their own, and noise.
 
     Noise-equivalent sigma0 at the image's centre, for a weight w of every pulse there and N_e = (sum w)^2 / sum w^2:
 
     .. math:: \sigma^0_{ne} = \frac{1}{\mathrm{SNR}(1 m^2, R, N_e)} \frac{\sin\theta}{\delta_a \delta_r}
     """
-    facts: dict[str, float] = {}
+    facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
     if radar.mode_law.own_apertures and (
         np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
     ):
         facts["squint_sine"] = float(flight(radar)[1][middle])
+        speed = radar.footprint_speed
+        if abs(1.0 - speed) > _FIXED:
+            line = radar.aim_point - radar.track.center_position
+            closest = float(np.linalg.norm(line - (line @ radar.track.along) * radar.track.along))
+            facts["turning_range"] = closest / (1.0 - speed)
+    if radar.all_round:
+        facts["all_round"] = True
     if radar.noise_temperature > 0.0:
         point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
         weights = focused.pulse_weights(point)

@@ -1,6 +1,7 @@
 """From the description of radar and film to a radar that sees the scene."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,11 @@ from sarmitsuba.radar.aperture import (
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
@@ -65,11 +69,12 @@ def build_radar(
 
     Notes
     -----
-    Ignores the Earth's curvature and rotation and the refraction of the atmosphere.
+    The ground is flat, the tangent plane at the anchor, whatever flies over it; ignores refraction by the atmosphere.
     """
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    film = _film(given)
     channels = read_channels(s.polarisation, given.where)
     antenna = _antenna(given, waveform.wavelength)
     aim = np.array(
@@ -82,14 +87,20 @@ def build_radar(
     track = given_track(given, shift)
     doubts = doubtful_angles(given) + (doubtful_track(given, track, shift) if track is not None else [])
     prf_derived = track is None and not s.prf
-    geometry = geometry_from_angles(given, aim) if track is None else geometry_of_track(given, track, aim)
+    anchor = Anchor.of_degrees(s.latitude_deg, s.longitude_deg, s.height)
+    orbit = None if track is not None else orbit_of(given, anchor, aim, shift)
+    if track is not None:
+        geometry = geometry_of_track(given, track, aim)
+    else:
+        geometry = geometry_from_angles(given, aim) if orbit is None else orbit[0]
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
-    cells = (known_azimuth_cell(given, geometry, waveform, track), waveform.range_cell)
-    image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
+    speed = s.speed if orbit is None else orbit[1].speed
+    cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
+    image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
-        path = MODES[s.mode].path(geometry, s.speed)
+        path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
@@ -109,6 +120,7 @@ def build_radar(
         half_aperture=half_aperture,
         offset=shift,
         recorded=recorded_track(given, track, shift),
+        anchor=anchor,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
@@ -116,6 +128,30 @@ def build_radar(
     for text in doubts:
         _warn(text)
     return radar, image, notes
+
+
+def _film(given: RadarInput) -> FilmDescription:
+    """The film as the mode has it.
+
+    Raises
+    ------
+    RadarError
+        The mode has no squint, or no slant range axis.
+    """
+    s, law = given.sensor, MODES[given.sensor.mode]
+    if s.squint_angle_deg != 0.0 and not law.squints:
+        raise RadarError(
+            f"{given.where}: squint_angle_deg = {s.squint_angle_deg:g} deg, but mode = {law.name} has no "
+            "squint; leave it out"
+        )
+    if not law.all_round:
+        return given.film
+    if "image_grid" in given.film_given and given.film.image_grid == "slant":
+        raise RadarError(
+            f"{given.film_where}: image_grid = slant, but mode = {law.name} looks from all sides and has no "
+            "slant-range axis; take ground"
+        )
+    return replace(given.film, image_grid="ground")
 
 
 def read_channels(text: str, where: str) -> tuple[str, ...]:

@@ -41,8 +41,9 @@ class Imager:
     Notes
     -----
     :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls); :meth:`raster` also ignores every bounce after the first, the smooth part of surfaces, and phase: its
-    speckle is a random field of the right statistics, not the scene's.
+    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
+    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
+    the scene's.
     """
 
     def __init__(
@@ -134,6 +135,11 @@ class Imager:
             raise RadarError(
                 f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
             )
+        if run.scene.geometry.moves:
+            raise RadarError(
+                f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
+                "hybrid, or set moving_targets off"
+            )
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
         cell = self._look_cells().center
@@ -163,6 +169,7 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
+            self._tracer.pose(self.look.time)
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),
@@ -180,16 +187,22 @@ class Imager:
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""
         radar, grid = self.run.scene.radar, self.look.grid
-        position = np.array([p.position for p in self.run.scene.points])
+        points, time = self.run.scene.points, np.asarray(self.look.time)
+        position = np.array([p.position_at(time) for p in points])
+        velocity = grid.velocity - np.array([p.motion.velocity_at(time) for p in points])
         leg = position - grid.position
         distance = np.linalg.norm(leg, axis=1)
-        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in self.run.scene.points])
+        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
         if self.run.trace_scene is not None:
-            amplitude = amplitude * visible(self.run.trace_scene, position, leg, distance)
+            amplitude = amplitude * visible(self.run.trace_scene.at(self.look.time), position, leg, distance)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         plane = spread_points(
-            grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength
+            grid,
+            distance,
+            -np.einsum("ni,ni->n", leg, velocity) / distance,
+            amplitude,
+            radar.waveform.wavelength,
         )
         for i, layer in enumerate(layers):
             if layer.channel[0] == layer.channel[1] and layer.order in (0, 1):
