@@ -186,6 +186,23 @@ class RadarDescription:
         4.0, "exponent of the jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
     )
     track_jitter_seed: int = described(0, "seed of the jitter", "", 0, 2**31 - 1)
+    pass_offset_along: float = described(
+        0.0,
+        "a parallel pass: the whole track, as it would be without this, is moved along itself",
+        "m",
+        -1e6,
+        1e6,
+    )
+    pass_offset_across: float = described(
+        0.0,
+        "a parallel pass: the whole track is moved to its right, the beam on the same place",
+        "m",
+        -1e6,
+        1e6,
+    )
+    pass_offset_up: float = described(
+        0.0, "a parallel pass: the whole track is moved upwards, the beam on the same place", "m", -1e6, 1e6
+    )
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
