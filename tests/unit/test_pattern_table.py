@@ -117,7 +117,7 @@ def test_between_and_beyond(tmp_path: Path) -> None:
 def test_bad_tables_are_one_clear_line(text: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "beam.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RadarError, match="beam.csv") as caught:
+    with pytest.raises(RadarError, match=r"beam\.csv") as caught:
         PatternTable.from_csv(path)
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
