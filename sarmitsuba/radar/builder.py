@@ -15,6 +15,7 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
@@ -91,12 +92,13 @@ def build_radar(
         path = MODES[s.mode].path(geometry, s.speed)
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
     _check_height(given, track, scene, image, shift)
+    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
         waveform=waveform,
         antenna=antenna,
-        pointing=MODES[s.mode].pointing(track, geometry, s.mode_parameters),
+        pointing=nominal if error.is_none else error.flown(nominal, track.time),
         window=_window(given, track, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
@@ -107,6 +109,7 @@ def build_radar(
         half_aperture=half_aperture,
         offset=shift,
         recorded=recorded_track(given, track, shift),
+        recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
