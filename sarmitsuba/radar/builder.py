@@ -15,6 +15,7 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
@@ -103,12 +104,13 @@ def build_radar(
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
+    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
         waveform=waveform,
         antenna=antenna,
-        pointing=MODES[s.mode].pointing(track, geometry, s.mode_parameters),
+        pointing=nominal if error.is_none else error.flown(nominal, track.time),
         window=_window(given, track, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
@@ -120,6 +122,7 @@ def build_radar(
         offset=shift,
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
+        recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)

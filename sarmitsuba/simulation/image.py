@@ -60,6 +60,11 @@ class Imager:
                 f"{run.scene.name}: methods image and raster make no raw data, so that a recorded track has no effect; "
                 "take method raw or leave the track's errors out"
             )
+        if run.scene.radar.recorded_pointing is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that a pointing error has no effect; "
+                "take method raw or leave it out"
+            )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
         self.grid = grid.in_frame(run.scene.radar.offset)
