@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import late
@@ -46,6 +47,11 @@ class Scene:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
+
+    @property
+    def anchor(self) -> Anchor:
+        """Where on the Earth the origin of the file's frame lies."""
+        return self.radar.anchor
 
     def replace(self, **changes: object) -> "Scene":
         """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.

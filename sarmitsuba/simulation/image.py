@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.echo.noise import noise_power
+from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
@@ -14,6 +14,8 @@ from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -184,7 +186,7 @@ class Imager:
         return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""
+        """Ideal points of the scene on the look's grid, layers of the first order only."""
         radar, grid = self.run.scene.radar, self.look.grid
         points, time = self.run.scene.points, np.asarray(self.look.time)
         position = np.array([p.position_at(time) for p in points])
@@ -204,8 +206,8 @@ class Imager:
             radar.waveform.wavelength,
         )
         for i, layer in enumerate(layers):
-            if layer.channel[0] == layer.channel[1] and layer.order in (0, 1):
-                out[i] = plane
+            if layer.order in (0, 1):
+                out[i] = plane * np.complex64(isotropic_response(layer.channel))
         return out
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
@@ -216,7 +218,7 @@ class Imager:
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = np.random.default_rng([self.run.scene.settings.seed, 0x6E6F697365, index])
+            rng = noise_generator(radar, self.run.scene.settings.seed, index)
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
@@ -260,6 +262,7 @@ class Imager:
             "azimuth_window": self.windows[1],
             **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position + radar.offset],
+            **flight_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's

@@ -54,6 +54,11 @@ class Run:
         self, scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
     ) -> None:
         ensure_backend()
+        if scene.settings.method in ("image", "raster") and scene.radar.all_round:
+            raise RadarError(
+                f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
+                "take method hybrid or raw"
+            )
         self.timer = StageTimer(clock)
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None

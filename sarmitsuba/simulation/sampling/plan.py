@@ -324,7 +324,7 @@ def azimuth_cell(scene: Scene) -> float:
     """
     track = scene.radar.track
     if np.isfinite(scene.radar.half_aperture):
-        return float(scene.radar.waveform.wavelength / (4.0 * scene.radar.half_aperture))
+        return float(scene.radar.waveform.wavelength / (4.0 * scene.radar.half_turn))
     middle = np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
     line = track.position - middle
     reach = np.linalg.norm(line, axis=1, keepdims=True)
