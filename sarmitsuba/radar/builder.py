@@ -15,6 +15,7 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
@@ -24,6 +25,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
+from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
@@ -100,13 +102,15 @@ def build_radar(
     if track is None:
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+    track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
+    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
         waveform=waveform,
         antenna=antenna,
-        pointing=MODES[s.mode].pointing(track, geometry, s.mode_parameters),
+        pointing=nominal if error.is_none else error.flown(nominal, track.time),
         window=_window(given, track, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
@@ -118,6 +122,7 @@ def build_radar(
         offset=shift,
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
+        recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)

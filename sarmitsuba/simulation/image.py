@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.echo.noise import noise_power
+from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
@@ -14,6 +14,7 @@ from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
@@ -58,6 +59,11 @@ class Imager:
             raise RadarError(
                 f"{run.scene.name}: methods image and raster make no raw data, so that a recorded track has no effect; "
                 "take method raw or leave the track's errors out"
+            )
+        if run.scene.radar.recorded_pointing is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that a pointing error has no effect; "
+                "take method raw or leave it out"
             )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
@@ -217,7 +223,7 @@ class Imager:
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = np.random.default_rng([self.run.scene.settings.seed, 0x6E6F697365, index])
+            rng = noise_generator(radar, self.run.scene.settings.seed, index)
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
@@ -261,6 +267,7 @@ class Imager:
             "azimuth_window": self.windows[1],
             **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position + radar.offset],
+            **flight_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's
