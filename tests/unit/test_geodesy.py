@@ -105,9 +105,8 @@ def test_the_anchor_goes_with_data_images_and_their_files(tmp_path: Path) -> Non
     write_image(image, tmp_path / "image.h5")
     assert read_image(tmp_path / "image.h5").anchor == scene.anchor
     # a grid from elsewhere stands where the data do
-    bare = replace(default_grid(raw, image_request_of(raw)), anchor=Anchor())
+    bare = replace(default_grid(raw, {"extent_azimuth": 20.0, "extent_range": 20.0}), anchor=Anchor())
     assert focus(raw, bare).anchor == scene.anchor
-
-
-def image_request_of(raw: object) -> dict[str, float]:
-    return {"extent_azimuth": 20.0, "extent_range": 20.0}
+    # the image's middle is the point, 8 km east of the anchor
+    middle = image.grid.geodetic()[image.grid.shape[0] // 2, image.grid.shape[1] // 2]
+    assert np.abs(scene.anchor.from_geodetic(middle) - [8000.0, 0.0, 0.0]).max() < 1e-6
