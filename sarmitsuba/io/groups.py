@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 D = TypeVar("D", bound="DataclassInstance")
 
-# unit and meaning of every number, by the name of its field
+# unit and meaning of every number, by the name of its field, or of class and field where that has another meaning
 FACTS: Mapping[str, tuple[str, str]] = {
+    "Anchor.height": ("m", "of the origin of the frame, over the WGS-84 ellipsoid"),
     "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
     "aim_point": ("m", "point that the geometry is referred to"),
     "along": ("1", "horizontal unit vector of flight"),
@@ -45,6 +46,8 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "half_aperture": ("1", "half the synthetic aperture of a pixel, in sines; inf: all pulses serve every pixel"),
     "height": ("m", "of the horizontal plane that the image stands on"),
     "incidence_angle": ("rad", "at mid-aperture on the image plane, per column"),
+    "latitude": ("rad", "WGS-84, of the origin of the frame"),
+    "longitude": ("rad", "WGS-84, of the origin of the frame"),
     "losses": ("1", "two-way system losses, power"),
     "n_samples": ("1", "samples of a range-compressed profile"),
     "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
@@ -67,10 +70,11 @@ _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes that a small dataset may take whatever is stored of it
 
 
-def write_number(group: h5py.Group, name: str, value: object) -> None:
-    """Write a dataset with its unit and meaning."""
+def write_number(group: h5py.Group, name: str, value: object, owner: str = "") -> None:
+    """Write a dataset with its unit and meaning; ``owner`` is the class whose field it is."""
     group[name] = value
-    group[name].attrs["unit"], group[name].attrs["description"] = FACTS[name]
+    unit, description = FACTS.get(f"{owner}.{name}") or FACTS[name]
+    group[name].attrs["unit"], group[name].attrs["description"] = unit, description
 
 
 def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tuple[str, ...] = ()) -> None:
@@ -86,7 +90,7 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
         elif isinstance(value, tuple):
             group.attrs[field.name] = list(value)
         else:
-            write_number(group, field.name, value)
+            write_number(group, field.name, value, type(content).__name__)
 
 
 def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:

@@ -1,13 +1,13 @@
 """From the description of radar and film to a radar that sees the scene."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -20,9 +20,14 @@ from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.orbit import orbit_of
+from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
@@ -32,7 +37,6 @@ from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
 
-CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
@@ -65,11 +69,12 @@ def build_radar(
 
     Notes
     -----
-    Ignores the Earth's curvature and rotation and the refraction of the atmosphere.
+    The ground is flat, the tangent plane at the anchor, whatever flies over it; ignores refraction by the atmosphere.
     """
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    film = _film(given)
     channels = read_channels(s.polarisation, given.where)
     antenna = antenna_of(given, waveform.wavelength)
     aim = np.array(
@@ -82,15 +87,22 @@ def build_radar(
     track = given_track(given, shift)
     doubts = doubtful_angles(given) + (doubtful_track(given, track, shift) if track is not None else [])
     prf_derived = track is None and not s.prf
-    geometry = geometry_from_angles(given, aim) if track is None else geometry_of_track(given, track, aim)
+    anchor = Anchor.of_degrees(s.latitude_deg, s.longitude_deg, s.height)
+    orbit = None if track is not None else orbit_of(given, anchor, aim, shift)
+    if track is not None:
+        geometry = geometry_of_track(given, track, aim)
+    else:
+        geometry = geometry_from_angles(given, aim) if orbit is None else orbit[0]
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
-    cells = (known_azimuth_cell(given, geometry, waveform, track), waveform.range_cell)
-    image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
+    speed = s.speed if orbit is None else orbit[1].speed
+    cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
+    image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
-        path = MODES[s.mode].path(geometry, s.speed)
+        path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+    track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
     nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
@@ -109,6 +121,7 @@ def build_radar(
         half_aperture=half_aperture,
         offset=shift,
         recorded=recorded_track(given, track, shift),
+        anchor=anchor,
         recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
@@ -119,16 +132,28 @@ def build_radar(
     return radar, image, notes
 
 
-def read_channels(text: str, where: str) -> tuple[str, ...]:
-    """Channels of a list such as ``HH,HV``."""
-    names = tuple(text.replace(",", " ").upper().split())
-    bad = [name for name in names if name not in CHANNELS]
-    if bad or not names or len(set(names)) < len(names):
+def _film(given: RadarInput) -> FilmDescription:
+    """The film as the mode has it.
+
+    Raises
+    ------
+    RadarError
+        The mode has no squint, or no slant range axis.
+    """
+    s, law = given.sensor, MODES[given.sensor.mode]
+    if s.squint_angle_deg != 0.0 and not law.squints:
         raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
-            'give for example "HH,HV"'
+            f"{given.where}: squint_angle_deg = {s.squint_angle_deg:g} deg, but mode = {law.name} has no "
+            "squint; leave it out"
         )
-    return names
+    if not law.all_round:
+        return given.film
+    if "image_grid" in given.film_given and given.film.image_grid == "slant":
+        raise RadarError(
+            f"{given.film_where}: image_grid = slant, but mode = {law.name} looks from all sides and has no "
+            "slant-range axis; take ground"
+        )
+    return replace(given.film, image_grid="ground")
 
 
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:
@@ -187,4 +212,4 @@ def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
 
 
-__all__ = ["CHANNELS", "build_radar", "read_channels"]
+__all__ = ["build_radar"]

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
+from sarmitsuba.radar.turning import turning
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -48,7 +50,7 @@ class Radar:
     ----------
     mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
-    channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    channels : polarisation channels, transmit letter first, such as ``HV``, see :mod:`sarmitsuba.radar.polarisation`
     look_side : ``left`` or ``right`` of the flight direction
     aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
     transmit_power : W
@@ -62,6 +64,7 @@ class Radar:
     receiver : where the echoes are received elsewhere (bistatic data), the receiver's track at the same pulse times;
         ``track`` is the transmitter's, and slant range is half the way from there over the point to the receiver
         (so that both may change places)
+    anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
     mode: str
@@ -81,6 +84,7 @@ class Radar:
     recorded: Track | None = None
     recorded_pointing: Pointing | None = None
     receiver: Track | None = None
+    anchor: Anchor = field(default_factory=Anchor)
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
@@ -107,6 +111,42 @@ class Radar:
             The radar came from a file and its mode is defined by a module that is not loaded.
         """
         return MODES[self.mode]
+
+    @property
+    def footprint_speed(self) -> float:
+        r"""Speed of the footprint at the aim point over the antenna's: 1 for a beam fixed to the track, 0 in spotlight.
+
+        .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
+
+        over the sines s along the flight, about mid-aperture, and the effective velocity, V on a straight track. From
+        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse.
+        """
+        i, n = self.track.center_index, self.track.n_pulses
+        pick = np.array([max(i - 1, 0), min(i + 1, n - 1)])
+        speed = np.linalg.norm(self.track.velocity[pick], axis=1)[:, None]
+        if n < 2 or not speed.all():
+            return 1.0
+        forward = self.track.velocity[pick] / speed
+        line = self.aim_point - self.track.position[pick]
+        aim = np.sum(line * forward, axis=1) / np.linalg.norm(line, axis=1)
+        boresight = np.sum(self.pointing.boresight[pick] * forward, axis=1)
+        held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
+        return held * turning(self.track, self.aim_point, i)
+
+    @property
+    def all_round(self) -> bool:
+        """Whether the aim point is seen from opposite sides: no image has one range axis then, nor one look."""
+        line = (self.aim_point - self.track.position)[:, :2]
+        return bool((line @ line[self.track.center_index] < 0.0).any())
+
+    @property
+    def half_turn(self) -> float:
+        r"""Half of what the line of sight turns by over the aperture of a pixel at the aim point, in sines.
+
+        :math:`s_t = s_a / A` with ``half_aperture`` and ``footprint_speed``: the azimuth resolution is
+        :math:`\lambda / 4 s_t`. Infinite where all pulses serve every pixel.
+        """
+        return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
 
     @property
     def amplitude_constant(self) -> float:
