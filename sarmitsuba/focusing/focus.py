@@ -22,8 +22,12 @@ from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+
+# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
+_FIXED = 1e-9
 
 
 def focus(
@@ -115,6 +119,7 @@ def focus(
         **cells.facts,
         **corrections,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
+        **flight_facts(raw.radar),
         "range_compression": raw.metadata.get("range_compression", "none"),
         **_of_the_radar(raw.radar, grid, focused, range_window),
     }
@@ -130,14 +135,23 @@ def focus(
     )
 
 
-def _of_the_radar(radar: Radar, grid: ImageGrid, focused: Focused, range_window: Window) -> dict[str, float]:
+def _of_the_radar(
+    radar: Radar, grid: ImageGrid, focused: Focused, range_window: Window
+) -> dict[str, float | bool]:
     """What quality is judged by: squint of pixels that have apertures of their own, and NESZ in the middle."""
-    facts: dict[str, float] = {}
+    facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
     if radar.mode_law.own_apertures and (
         np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
     ):
         facts["squint_sine"] = float(flight(radar)[1][middle])
+        speed = radar.footprint_speed
+        if abs(1.0 - speed) > _FIXED:
+            line = radar.aim_point - radar.track.center_position
+            closest = float(np.linalg.norm(line - (line @ radar.track.along) * radar.track.along))
+            facts["turning_range"] = closest / (1.0 - speed)
+    if radar.all_round:
+        facts["all_round"] = True
     if radar.noise_temperature > 0.0:
         point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
         facts["nesz"] = noise_equivalent_sigma0(radar, point, focused.pulse_weights(point), range_window)

@@ -1,13 +1,13 @@
 """From the description of radar and film to a radar that sees the scene."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -15,15 +15,19 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.attitude import pointing_error
 from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
+from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
@@ -33,7 +37,6 @@ from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
 
-CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
@@ -71,6 +74,7 @@ def build_radar(
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
+    film = _film(given)
     channels = read_channels(s.polarisation, given.where)
     antenna = antenna_of(given, waveform.wavelength)
     aim = np.array(
@@ -92,19 +96,21 @@ def build_radar(
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
     speed = s.speed if orbit is None else orbit[1].speed
     cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
-    image, notes = build_image_request(given.film, given.film_where, scene, geometry.center, cells, shift)
+    image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+    track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
+    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
         waveform=waveform,
         antenna=antenna,
-        pointing=MODES[s.mode].pointing(track, geometry, s.mode_parameters),
+        pointing=nominal if error.is_none else error.flown(nominal, track.time),
         window=_window(given, track, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
@@ -116,6 +122,7 @@ def build_radar(
         offset=shift,
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
+        recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
@@ -125,16 +132,28 @@ def build_radar(
     return radar, image, notes
 
 
-def read_channels(text: str, where: str) -> tuple[str, ...]:
-    """Channels of a list such as ``HH,HV``."""
-    names = tuple(text.replace(",", " ").upper().split())
-    bad = [name for name in names if name not in CHANNELS]
-    if bad or not names or len(set(names)) < len(names):
+def _film(given: RadarInput) -> FilmDescription:
+    """The film as the mode has it.
+
+    Raises
+    ------
+    RadarError
+        The mode has no squint, or no slant range axis.
+    """
+    s, law = given.sensor, MODES[given.sensor.mode]
+    if s.squint_angle_deg != 0.0 and not law.squints:
         raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
-            'give for example "HH,HV"'
+            f"{given.where}: squint_angle_deg = {s.squint_angle_deg:g} deg, but mode = {law.name} has no "
+            "squint; leave it out"
         )
-    return names
+    if not law.all_round:
+        return given.film
+    if "image_grid" in given.film_given and given.film.image_grid == "slant":
+        raise RadarError(
+            f"{given.film_where}: image_grid = slant, but mode = {law.name} looks from all sides and has no "
+            "slant-range axis; take ground"
+        )
+    return replace(given.film, image_grid="ground")
 
 
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:
@@ -193,4 +212,4 @@ def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
 
 
-__all__ = ["CHANNELS", "build_radar", "read_channels"]
+__all__ = ["build_radar"]

@@ -13,7 +13,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.ephemeris import StateVectors
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.radar.mode import AimGeometry, right_of
+from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
 
 F64 = NDArray[np.float64]
@@ -239,6 +239,10 @@ def orbit_of(
             raise RadarError(f"{where}: {name} has no effect {f'beside {on}' if on else 'alone'}; {remedy}")
     if not on:
         return None
+    if MODES[s.mode].path_parameters:
+        raise RadarError(
+            f"{where}: {on} has no effect with mode = {s.mode}, which flies a path of its own; leave one of them out"
+        )
     squint = float(np.radians(s.squint_angle_deg))
     if on == "orbit_altitude":
         path: FlightPath = _moved_orbit(given, anchor, aim, offset, squint)

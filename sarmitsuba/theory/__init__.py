@@ -22,6 +22,19 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.interferometry import (
+    baseline_coherence,
+    coherence_pdf,
+    critical_baseline,
+    expected_coherence,
+    flat_earth_phase,
+    height_of_ambiguity,
+    interferometric_phase_cdf,
+    interferometric_phase_pdf,
+    interferometric_phase_sigma,
+    slope_phase_ramp,
+    wall_phase_ramp,
+)
 from sarmitsuba.theory.link import (
     minimum_antenna_area,
     nesz_of_average_power,
@@ -30,6 +43,7 @@ from sarmitsuba.theory.link import (
     uniform_aperture_taper,
 )
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
 from sarmitsuba.theory.rcs import (
     DihedralAmplitudes,
@@ -58,30 +72,53 @@ from sarmitsuba.theory.statistics import (
     single_pulse_snr,
     speckle_cdf,
 )
+from sarmitsuba.theory.synthetic_aperture import (
+    aperture_cell,
+    beam_cell,
+    beam_taper,
+    circular_response,
+    half_power_width,
+)
 
 __all__ = [
     "BridgeReturns",
     "BuildingRcs",
     "BuildingReturns",
     "DihedralAmplitudes",
+    "OrbitDoppler",
     "SpeckleTest",
+    "aperture_cell",
     "azimuth_ambiguity_ratio",
     "azimuth_ghost",
     "azimuth_ghost_level",
+    "baseline_coherence",
+    "beam_cell",
+    "beam_taper",
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "circular_orbit_doppler",
+    "circular_response",
+    "coherence_pdf",
     "coherent_loss",
+    "critical_baseline",
     "cylinder_rcs",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
     "equivalent_number_of_looks",
+    "expected_coherence",
+    "flat_earth_phase",
     "foreshortening",
     "fresnel",
     "gaussian_gain",
+    "half_power_width",
+    "height_of_ambiguity",
     "integral_equation_sigma0",
     "intensity_test",
+    "interferometric_phase_cdf",
+    "interferometric_phase_pdf",
+    "interferometric_phase_sigma",
     "jitter_noise",
     "jittered_response",
     "kirchhoff_sigma0",
@@ -90,6 +127,7 @@ __all__ = [
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "orbital_speed",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
@@ -100,6 +138,7 @@ __all__ = [
     "shared_energy_sigma0",
     "single_pulse_snr",
     "slant_offset",
+    "slope_phase_ramp",
     "small_perturbation_sigma0",
     "small_slope_sigma0",
     "speckle_cdf",
@@ -112,4 +151,5 @@ __all__ = [
     "uniform_aperture_gain",
     "uniform_aperture_taper",
     "wall_ground_amplitude",
+    "wall_phase_ramp",
 ]
