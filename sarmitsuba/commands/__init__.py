@@ -11,6 +11,7 @@ from sarmitsuba.commands import (
     explain,
     focus,
     picture,
+    polarimetry,
     quality,
     rcs,
     render,
@@ -20,6 +21,20 @@ from sarmitsuba.commands import (
     view,
 )
 
-COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (
+    render,
+    focus,
+    view,
+    picture,
+    quality,
+    polarimetry,
+    rcs,
+    studio,
+    explain,
+    cost,
+    scenes,
+    validate,
+    doctor,
+)
 
 __all__ = ["COMMANDS"]

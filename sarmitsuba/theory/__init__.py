@@ -1,5 +1,6 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
+from sarmitsuba.theory import polarimetry
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
@@ -62,6 +63,7 @@ __all__ = [
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "polarimetry",
     "received_power",
     "rolled_dihedral",
     "shared_energy_sigma0",
