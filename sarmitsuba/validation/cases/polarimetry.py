@@ -282,7 +282,8 @@ def cross_polar_reciprocity(quick: bool = False) -> Case:
             targets.parallelogram([0, 0, 0], a * 2.0, b * 2.0)
             for a, b in zip(normals, np.roll(normals, 1, 0), strict=True)
         ]
-        shape = targets.geometry(faces, rng.integers(0, 2, 3).tolist())
+        # of metal alone one bounce would leave HV nothing
+        shape = targets.geometry(faces, [0, 1, int(rng.integers(0, 2))])
         image = chain(
             make_scene(
                 shape, (targets.PEC[0], rough), view.parameters, settings=TraceSettings(max_depth=depth)
