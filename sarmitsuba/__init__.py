@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
@@ -72,6 +73,7 @@ _HOME = {
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
+    "cloude_pottier": "sarmitsuba.polarimetry",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
     "image_quality": "sarmitsuba.quality",
@@ -79,6 +81,8 @@ _HOME = {
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "pauli_rgb": "sarmitsuba.polarimetry",
+    "polarimetry_report": "sarmitsuba.polarimetry",
     "read_image": "sarmitsuba.io",
     "read_raw": "sarmitsuba.io",
     "refine": "sarmitsuba.simulation.refinement.passes",
@@ -132,6 +136,7 @@ __all__ = [
     "Track",
     "__version__",
     "build_scene",
+    "cloude_pottier",
     "explain",
     "focus",
     "image_quality",
@@ -139,6 +144,8 @@ __all__ = [
     "load_extension",
     "load_scene",
     "monostatic_rcs",
+    "pauli_rgb",
+    "polarimetry_report",
     "read_image",
     "read_raw",
     "refine",
