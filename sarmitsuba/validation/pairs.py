@@ -76,7 +76,8 @@ class Setting:
         self, corner: tuple[float, ...], a: tuple[float, ...], b: tuple[float, ...]
     ) -> targets.Mesh:
         """Parallelogram given away from the radar, to the left of that, and up."""
-        return targets.parallelogram(*(np.asarray(v) @ self.axes for v in (corner, a, b)))
+        corners = [np.asarray(v, dtype=np.float64) @ self.axes for v in (corner, a, b)]
+        return targets.parallelogram(corners[0], corners[1], corners[2])
 
     def local(self, points: F64) -> F64:
         """Scene points (..., 3) away from the radar, to the left of that, and up."""

@@ -134,9 +134,9 @@ def fringes(quick: bool = False) -> Case:
     for seed in range(1, 2 if quick else 5):
         pair = ground_pair(seed, 0.05)
         both = pair.interferogram((8, 8))
-        centers = [radar.track.center_position for radar in pair.radars]
+        first, second = (radar.track.center_position for radar in pair.radars)
         points = both.positions()
-        want = theory.flat_earth_phase(*centers, points, both.wavelength)
+        want = theory.flat_earth_phase(first, second, points, both.wavelength)
         got = want + np.angle(both.with_flat_earth() * np.exp(-1j * want))
         column = np.argsort(points.mean(axis=0) @ pair.setting.axes[0])
         x = points.mean(axis=0)[column] @ pair.setting.axes[0]
