@@ -125,14 +125,14 @@ def _of_blocks(
 
 def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) -> dict[str, Any]:
     """Statistics of the errors; writes ``munich_heights.json`` and ``munich_heights.png``."""
-    from sarmitsuba.interferometry import heights, interferogram
+    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image
 
     scene = load(radar, definitions)
     first = read_image(out / "first" / "image.h5")
     second = second_image(out, first)
     pair = interferogram(first, second)
-    found = heights(pair, lowest=lowest)
+    found = height_map(pair, lowest=lowest)
     truth = truth_of(scene, pair)
     compared = (truth.building >= 0) & (found.coherence >= LEAST_COHERENCE)
     error = np.where(compared, found.z - truth.height, np.nan)

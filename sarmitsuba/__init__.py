@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
@@ -70,7 +71,9 @@ _HOME = {
     "build_scene": "sarmitsuba.loader.build",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "height_map": "sarmitsuba.interferometry",
     "image_quality": "sarmitsuba.quality",
+    "interferogram": "sarmitsuba.interferometry",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
@@ -127,7 +130,9 @@ __all__ = [
     "build_scene",
     "explain",
     "focus",
+    "height_map",
     "image_quality",
+    "interferogram",
     "load_extension",
     "load_scene",
     "monostatic_rcs",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.interferometry import heights
+from sarmitsuba.interferometry import height_map
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.pairs import WAVELENGTH, Pair, Setting, pair_of
@@ -305,7 +305,7 @@ def recovered_roof(setting: Setting, height: float) -> tuple[float, float]:
     margin = 0.5 * max(both.grid.azimuth_spacing, both.grid.range_spacing) + 2.0
     free = (local[..., 0] > x0 + margin) & (local[..., 0] < x0 + depth - shift - margin)
     free &= np.abs(local[..., 1]) < width / 2 - margin
-    z = heights(both).z[free]
+    z = height_map(both).z[free]
     return float(np.median(z)), float(z.std())
 
 
