@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
+    from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
@@ -52,6 +53,7 @@ _HOME = {
     "FilmDescription": "sarmitsuba.radar.film",
     "ImageGrid": "sarmitsuba.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
+    "LinkBudget": "sarmitsuba.link",
     "Material": "sarmitsuba.materials.material",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
@@ -74,6 +76,7 @@ _HOME = {
     "height_map": "sarmitsuba.interferometry",
     "image_quality": "sarmitsuba.quality",
     "interferogram": "sarmitsuba.interferometry",
+    "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
@@ -110,6 +113,7 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
+    "LinkBudget",
     "Material",
     "OutputError",
     "PathTable",
@@ -133,6 +137,7 @@ __all__ = [
     "height_map",
     "image_quality",
     "interferogram",
+    "link_budget",
     "load_extension",
     "load_scene",
     "monostatic_rcs",

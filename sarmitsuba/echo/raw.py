@@ -22,7 +22,7 @@ class Layer:
 
     Parameters
     ----------
-    channel : ``HH``, ``HV``, ``VH`` or ``VV`` (transmit first)
+    channel : polarisation such as ``HV`` or ``RH`` (transmit first)
     order : number of bounces, or 0 when all orders are summed
     subset : 0 for all rays, or 1 / 2 for one of two independent sets, by its share
         ``sarmitsuba.constants.SUBSET_SHARES``

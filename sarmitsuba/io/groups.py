@@ -28,6 +28,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "along": ("1", "horizontal unit vector of flight"),
     "azimuth": ("m", "of the rows: metres along `along` from `origin`"),
     "azimuth_axis": ("1", "unit vector along the aperture, per pulse"),
+    "azimuth_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "azimuth_beamwidth": ("rad", "one-way half-power width"),
     "azimuth_resolution_cell": ("m", "noise-equivalent width of the impulse response, image centre"),
     "bandwidth": ("Hz", "swept by the pulse"),
@@ -37,6 +38,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
+    "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "elevation_beamwidth": ("rad", "one-way half-power width"),
     "extent_azimuth": ("m", "image size along the track, on the ground"),
     "extent_range": ("m", "image size across the track, on the ground"),
@@ -79,7 +81,7 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
     """Write the fields of a dataclass into a group, dataclasses in it as groups of their own."""
     for field in dataclasses.fields(content):
         value = getattr(content, field.name)
-        if field.name in leave_out:
+        if field.name in leave_out or value is None:
             continue
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             write_fields(group.create_group(field.name), value)
@@ -111,6 +113,11 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
         if field.name in known:
             continue
         hint = hints[field.name]
+        if type(None) in typing.get_args(hint):  # a dataclass, or nothing
+            (hint,) = (part for part in typing.get_args(hint) if part is not type(None))
+            if not has(group, field.name):
+                values[field.name] = None
+                continue
         if dataclasses.is_dataclass(hint):
             assert isinstance(hint, type)
             values[field.name] = read_fields(group_of(group, field.name), hint)

@@ -13,8 +13,9 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
+from sarmitsuba.radar.pulse_timing import pulse_timing
 from sarmitsuba.radar.sliding import BeamOverPath
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -30,6 +31,9 @@ _REPLACED_BY_TRACK = (
     "squint_angle_deg",
     "speed",
     "prf",
+    "prf_jitter",
+    "prf_jitter_seed",
+    "pri_sequence",
     "n_pulses",
     "azimuth_resolution",
     "orbit_altitude",
@@ -176,7 +180,7 @@ class _Wanted:
         closest = float(np.linalg.norm(offset - x * self.geometry.along))
         end = np.array([x - 0.5 * self.length(), x + 0.5 * self.length()])
         half = 0.5 * float(np.ptp(end / np.hypot(end, closest))) * self.beam.footprint_speed
-        return min(half, self.geometry.cos_squint * sine_to_null(self.antenna.azimuth_beamwidth))
+        return min(half, self.geometry.cos_squint * self.antenna.nulls[0])
 
     def track_length(self, half_aperture: float) -> float:
         r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.
@@ -265,7 +269,7 @@ def automatic_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return path.track(prf, n), half
+    return pulse_timing(given).track(path, prf, n), half
 
 
 def _whole_path(
@@ -295,7 +299,7 @@ def _whole_path(
             f"{where}: a track of {length:g} m needs {n} pulses, more than {MAX_PULSES}; shrink the image, narrow "
             "the beam or fly a shorter arc"
         )
-    return path.track(n * path.speed / length, n)
+    return pulse_timing(given).track(path, n * path.speed / length, n)
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

@@ -14,6 +14,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
+from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.track import Track
 
 
@@ -66,6 +67,15 @@ class RadarDescription:
         0.0,
         1e8,
         auto=True,
+    )
+    prf_jitter: float = described(
+        0.0, "random variation of the intervals between pulses, rms over their mean 1 / prf", "", 0.0, 0.2
+    )
+    prf_jitter_seed: int = described(0, "seed of the intervals", "", 0, 2**31 - 1)
+    pri_sequence: str = described(
+        "",
+        "staggered PRF: intervals between pulses that repeat, over their mean 1 / prf; a list such as 0.9,1,1.1 (its "
+        "own mean is divided out), or ramp:N:SPAN for N intervals that fall evenly from 1 + SPAN / 2 to 1 - SPAN / 2",
     )
     n_pulses: int = described(
         0,
@@ -206,11 +216,54 @@ class RadarDescription:
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
     polarisation: str = described(
-        "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
+        "VV",
+        "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "
+        "transmit), LH, LV (left-circular), DH, DV (slanted by 45 deg)",
     )
-    pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
-        "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
+    pattern: str = described("isotropic", "antenna pattern", choices=lambda: tuple(sorted(PATTERNS.names)))
+    pattern_file: str = described(
+        "",
+        "CSV of cut, angle_deg, gain_db, the cut azimuth or elevation, for pattern = table: one-way power gain over "
+        "the angle off boresight",
     )
+    pointing_error_azimuth_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in azimuth, positive forward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_error_elevation_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in elevation, positive upward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_drift_azimuth_deg: float = described(
+        0.0,
+        "growth of the beam's error in azimuth over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_drift_elevation_deg: float = described(
+        0.0,
+        "growth of the beam's error in elevation over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_jitter_deg: float = described(
+        0.0, "random error of the beam's direction, rms in azimuth and in elevation", "deg", 0.0, 90.0
+    )
+    pointing_jitter_corner: float = described(
+        0.1, "corner f_c of the pointing jitter's power spectrum 1 / (1 + (f / f_c)^slope)", "Hz", 1e-6, 1e6
+    )
+    pointing_jitter_slope: float = described(
+        4.0, "exponent of the pointing jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
+    )
+    pointing_jitter_seed: int = described(0, "seed of the pointing jitter", "", 0, 2**31 - 1)
     azimuth_beamwidth_deg: float = described(
         0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
     )

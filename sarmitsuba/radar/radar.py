@@ -50,7 +50,7 @@ class Radar:
     ----------
     mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
-    channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    channels : polarisation channels, transmit letter first, such as ``HV``, see :mod:`sarmitsuba.radar.polarisation`
     look_side : ``left`` or ``right`` of the flight direction
     aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
     transmit_power : W
@@ -60,6 +60,7 @@ class Radar:
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
+    recorded_pointing : where it is not ``pointing``, what the focuser is told of the beam; ``pointing`` is true
     receiver : where the echoes are received elsewhere (bistatic data), the receiver's track at the same pulse times;
         ``track`` is the transmitter's, and slant range is half the way from there over the point to the receiver
         (so that both may change places)
@@ -81,6 +82,7 @@ class Radar:
     half_aperture: float = np.inf
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
+    recorded_pointing: Pointing | None = None
     receiver: Track | None = None
     anchor: Anchor = field(default_factory=Anchor)
 
@@ -172,18 +174,26 @@ class Radar:
         RadarError : no pulse is left, or the pulses do not follow each other in time
         """
         pick = numbers_of(pulses, self.track.n_pulses)
-        p = self.pointing
         return replace(
             self,
             track=self.track.of_pulses(pick),
             recorded=self.recorded and self.recorded.of_pulses(pick),
-            pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
+            pointing=self.pointing.of_pulses(pick),
+            recorded_pointing=self.recorded_pointing and self.recorded_pointing.of_pulses(pick),
             window=replace(self.window, start_range=self.window.start_range[pick]),
         )
 
     def as_recorded(self) -> "Radar":
-        """The radar that the focuser is told; beam and receive window stay as they were."""
-        return self if self.recorded is None else replace(self, track=self.recorded, recorded=None)
+        """The radar that the focuser is told; the receive window stays as it was."""
+        if self.recorded is None and self.recorded_pointing is None:
+            return self
+        return replace(
+            self,
+            track=self.recorded or self.track,
+            recorded=None,
+            pointing=self.recorded_pointing or self.pointing,
+            recorded_pointing=None,
+        )
 
     def in_file_frame(self) -> "Radar":
         """The same radar with positions in the frame of the user's file."""

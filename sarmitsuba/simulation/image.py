@@ -15,6 +15,7 @@ from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -58,6 +59,11 @@ class Imager:
             raise RadarError(
                 f"{run.scene.name}: methods image and raster make no raw data, so that a recorded track has no effect; "
                 "take method raw or leave the track's errors out"
+            )
+        if run.scene.radar.recorded_pointing is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that a pointing error has no effect; "
+                "take method raw or leave it out"
             )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
@@ -185,7 +191,7 @@ class Imager:
         return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""
+        """Ideal points of the scene on the look's grid, layers of the first order only."""
         radar, grid = self.run.scene.radar, self.look.grid
         points, time = self.run.scene.points, np.asarray(self.look.time)
         position = np.array([p.position_at(time) for p in points])
@@ -205,8 +211,8 @@ class Imager:
             radar.waveform.wavelength,
         )
         for i, layer in enumerate(layers):
-            if layer.channel[0] == layer.channel[1] and layer.order in (0, 1):
-                out[i] = plane
+            if layer.order in (0, 1):
+                out[i] = plane * np.complex64(isotropic_response(layer.channel))
         return out
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:

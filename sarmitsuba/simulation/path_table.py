@@ -10,6 +10,7 @@ from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import filled
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import point_returns, sightlines
@@ -307,7 +308,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
         if amplitude[0] > 0.0 and not outside:
             rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase), position))
     n = len(rows)
-    copolar = np.array([channel[0] == channel[1] for channel in channels])
+    response = np.array([isotropic_response(channel) for channel in channels])
     none = np.full((n, 1), -1, dtype=np.int32)
     return replace(
         _empty(scene),
@@ -316,7 +317,9 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
         order=np.ones(n, dtype=np.int32),
         length=2.0 * np.array([row[0] for row in rows], dtype=np.float64),
         range_rate=np.array([row[1] for row in rows], dtype=np.float64),
-        amplitude=np.array([row[2] * copolar for row in rows], dtype=np.complex128).reshape(n, copolar.size),
+        amplitude=np.array([row[2] * response for row in rows], dtype=np.complex128).reshape(
+            n, response.size
+        ),
         points=np.array([row[3] for row in rows], dtype=np.float64).reshape(n, 1, 3),
         face=none,
         shape=none,

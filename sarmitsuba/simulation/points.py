@@ -9,6 +9,7 @@ from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -35,7 +36,7 @@ def add_points(
     ----------
     scene, flags : what to add and whether the antenna pattern counts
     trace_scene : what can hide a point, or None
-    data : (n_layers, n_pulses, n_samples) complex64, changed in place; co-polar layers of the first order only
+    data : (n_layers, n_pulses, n_samples) complex64, changed in place; layers of the first order only
     layers : labels of ``data``
 
     Returns
@@ -44,13 +45,18 @@ def add_points(
 
     Notes
     -----
-    An ideal scatterer is isotropic and does not depolarise; it neither blocks nor reflects rays. On a surface it has no
-    image in that surface, and a sheet without thickness that it lies on hides it from neither side.
+    An ideal scatterer is isotropic and does not depolarise (a compact channel has its part of HH = VV); it neither
+    blocks nor reflects rays. On a surface it has no image in that surface, and a sheet without thickness that it lies
+    on hides it from neither side.
     """
     radar = scene.radar
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
-    picks = [i for i, la in enumerate(layers) if la.channel[0] == la.channel[1] and la.order in (0, 1)]
+    factors = {  # both ray subsets see the whole point
+        i: np.complex64(isotropic_response(layer.channel) * SUBSET_SHARES[layer.subset])
+        for i, layer in enumerate(layers)
+        if layer.order in (0, 1) and isotropic_response(layer.channel)
+    }
     sample = np.arange(window.n_samples) * window.sample_spacing
     added = 0
     step = max(1, _BATCH // window.n_samples)
@@ -64,8 +70,8 @@ def add_points(
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
-            for i in picks:  # both ray subsets see the whole point
-                data[i, pick] += profile * np.float32(SUBSET_SHARES[layers[i].subset])
+            for i, factor in factors.items():
+                data[i, pick] += profile * factor
     return added
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
@@ -21,6 +22,9 @@ from sarmitsuba.trace.state import (
     Reflection,
 )
 from sarmitsuba.tubes import polygon
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,7 @@ def close_coherent(
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     closed = {}
-    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.channels) for c in pair):
+    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
         q, e = receive.basis[channel[1]], ray.fields[i]
         if flags.fresnel:
@@ -108,7 +112,7 @@ def close_coherent(
             turned = field.turned_receive(reflection.fields[i], reflection.direction, s, q)
             closed[channel] = dr.select(hit.first, closed[channel], turned * -hit.cos_incidence)
     amplitudes = []
-    for channel in flags.channels:
+    for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
         amplitudes.append(c * factor * filled)
@@ -118,7 +122,7 @@ def close_coherent(
         pulse=lane.pulse,
         slant_range=slant_range,
         range_rate=range_rate,
-        amplitudes=tuple(amplitudes),
+        amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
         active=hit.sees,
         point=point,
     )
@@ -258,7 +262,7 @@ def close_diffuse(
     backscatter = hit.first if flags.multi_bounce else None
     matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
     straight, retro = [], None
-    for channel in flags.channels:
+    for channel in flags.closed:
         sent, received = channel[0], channel[1]
         terms = matrix.between(receive.basis[received], fields[sent])
         if both_ways:
@@ -269,7 +273,7 @@ def close_diffuse(
         straight.append(terms)
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
-        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
+        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
 
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
@@ -288,11 +292,17 @@ def close_diffuse(
         ray=ray,
         hit=hit,
         lattice=lattice,
-        straight=straight,
-        retro=retro,
+        straight=_recorded(flags, straight),
+        retro=None if retro is None else _recorded(flags, retro),
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
     )
+
+
+def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:
+    """Terms of the channels to record from those of the channels that were closed."""
+    columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:

@@ -56,7 +56,6 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     if pattern is not None:
         weight *= pattern.one_way(d)
     h, v = field.polarisation_basis(d, constants.up)
-    zero = dr.zeros(v32)
 
     lane = Lane(
         pulse=pulse,
@@ -83,7 +82,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         if kernel.curved
         else None,
         extent=tube.unlimited(),
-        fields=tuple(((h if letter == "H" else v) * weight, zero) for letter in flags.tracked),
+        fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
     )
     return lane, state

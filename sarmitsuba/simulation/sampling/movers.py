@@ -55,10 +55,12 @@ def lit(scene: Scene, pulses: tuple[int, int], low: F64, high: F64, middle: F64,
     times = np.linspace(radar.track.time[pulses[0]], radar.track.time[pulses[1] - 1], TIMES)
     for corners, (motion, _) in zip(swept(scene, pulses), scene.geometry.moving_meshes(), strict=True):
         local = (corners - middle) @ axes.T
-        shift = azimuth_shift(radar, corners, motion.velocity_at(times)[:, None], times)
-        seen = local.copy()
-        seen[..., 0] += shift
-        every = np.concatenate([local, seen])[..., :2].reshape(-1, 2)
+        velocity, places = motion.velocity_at(times)[:, None], [local]
+        for kept in (np.ones(3), np.array([1.0, 1.0, 0.0])):  # by way of the ground a climb does not count
+            seen = local.copy()
+            seen[..., 0] += azimuth_shift(radar, corners, velocity * kept, times)
+            places.append(seen)
+        every = np.concatenate(places)[..., :2].reshape(-1, 2)
         if (every.min(axis=0) <= high[:2]).all() and (every.max(axis=0) >= low[:2]).all():
             found.append(local.reshape(-1, 3))
     return np.concatenate(found)
