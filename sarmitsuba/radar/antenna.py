@@ -93,5 +93,9 @@ class Pointing:
     azimuth_axis: NDArray[np.float64]
     elevation_axis: NDArray[np.float64]
 
+    def of_pulses(self, pick: slice | NDArray[np.intp]) -> "Pointing":
+        """That of these pulses."""
+        return Pointing(self.boresight[pick], self.azimuth_axis[pick], self.elevation_axis[pick])
+
 
 __all__ = ["SINC_HALF_POWER", "Antenna", "PatternKind", "Pointing"]

@@ -12,11 +12,11 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.points import point_returns
+from sarmitsuba.simulation.points import point_history, point_returns
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
-from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.simulation.tracing import Tracer, receiver_state
 from sarmitsuba.trace.kernel import trace
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.state import RETRO
@@ -228,9 +228,7 @@ def _gate(scene: Scene, point: F64, cells: float) -> Gate:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise RadarError(f"near has the shape {point.shape}; give one finite point (3,), m, scene frame")
     track = scene.radar.track
-    way = track.position - point
-    distance = np.linalg.norm(way, axis=1)
-    rate = np.einsum("ni,ni->n", way, track.velocity) / distance
+    distance, rate = point_history(scene.radar, point, slice(None))
     # a step along the track turns the line of sight, and with it the rate, by so much
     per_metre = (np.einsum("ni,ni->n", track.velocity, track.velocity) - rate**2) / distance
     speed = np.linalg.norm(track.velocity, axis=1)
@@ -242,7 +240,8 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
     """Paths of one lattice from one pulse."""
     radar = run.scene.radar
     pick = slice(pulse, pulse + 1)
-    batch, flags = tracer.prepared(grid, radar.track.position[pick], radar.track.velocity[pick], pick)
+    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
+    batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
     room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
     while True:
@@ -291,11 +290,11 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
 def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     """Paths of the ideal points that a pulse sees."""
     scene, pick = run.scene, slice(pulse, pulse + 1)
-    track, channels = scene.radar.track, scene.radar.channels
+    channels = scene.radar.channels
     rows = []
     for point in scene.points:
         distance, amplitude = point_returns(scene, run.plan.flags, run.trace_scene, point, pick)
-        rate = float((track.position[pulse] - point.position) @ track.velocity[pulse] / distance[0])
+        rate = float(point_history(scene.radar, point.position, pick)[1][0])
         outside = gate is not None and (
             abs(distance[0] - gate.slant_range[pulse]) > gate.half_range[pulse]
             or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]

@@ -9,6 +9,8 @@ from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.geometry import TraceScene
@@ -28,7 +30,9 @@ def add_points(
 ) -> int:
     r"""Add every point target's exact band-limited echo to range-compressed data.
 
-    .. math:: K \sqrt{\sigma} e^{j \phi} g_t / R^2 \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
+    .. math:: K \sqrt{\sigma} e^{j \phi} g_t / (R_t R_r) \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
+
+    with :math:`R = (R_t + R_r) / 2` half the way from the transmitter to the receiver, mostly one antenna.
 
     Parameters
     ----------
@@ -69,20 +73,44 @@ def add_points(
 def point_returns(
     scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, point: PointTarget, pick: slice
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (m) and co-polar amplitude (sqrt(W)) of a point from the pulses ``pick``, two (n,) float64."""
+    """Slant range (m) and co-polar amplitude (sqrt(W)) of a point in the pulses ``pick``, two (n,) float64."""
     radar = scene.radar
-    leg = point.position - radar.track.position[pick]
-    distance = np.linalg.norm(leg, axis=1)
-    amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / distance**2
+    legs = [point.position - track.position[pick] for track in radar.tracks]
+    distances = [np.linalg.norm(leg, axis=1) for leg in legs]
+    amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / (distances[0] * distances[-1])
     if flags.antenna_pattern:
-        u = leg / distance[:, None]
-        p = radar.pointing
-        amplitude *= radar.antenna.two_way_amplitude(
-            np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
-        ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
+        gains = [
+            _two_way_gain(radar.antenna, p, pick, leg / distance[:, None])
+            for p, leg, distance in zip(radar.pointings, legs, distances, strict=True)
+        ]
+        amplitude *= gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
     if trace_scene is not None:
-        amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
-    return distance, amplitude
+        for leg, distance in zip(legs, distances, strict=True):
+            amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
+    return radar.slant_range(point.position, pick), amplitude
+
+
+def _two_way_gain(
+    antenna: Antenna, pointing: Pointing, pick: slice, u: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Gain of one antenna for both ways in the directions u (n, 3), zero behind the aperture."""
+    gain = antenna.two_way_amplitude(
+        np.sum(u * pointing.azimuth_axis[pick], axis=1), np.sum(u * pointing.elevation_axis[pick], axis=1)
+    )
+    return np.asarray(gain * (np.sum(u * pointing.boresight[pick], axis=1) > 0))
+
+
+def point_history(
+    radar: Radar, point: NDArray[np.float64], pick: slice
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slant range (m) of a point (3,) in the pulses ``pick`` and its change (m/s), two (n,) float64."""
+    rates = []
+    for track in radar.tracks:
+        way = track.position[pick] - point
+        rates.append(np.einsum("ni,ni->n", way, track.velocity[pick]) / np.linalg.norm(way, axis=1))
+    return radar.slant_range(point, pick), np.asarray(
+        rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1])
+    )
 
 
 def visible(
@@ -156,4 +184,12 @@ def off_planes(
     return step
 
 
-__all__ = ["ON_SURFACE", "add_points", "off_planes", "point_returns", "touched_facets", "visible"]
+__all__ = [
+    "ON_SURFACE",
+    "add_points",
+    "off_planes",
+    "point_history",
+    "point_returns",
+    "touched_facets",
+    "visible",
+]

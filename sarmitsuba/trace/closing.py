@@ -147,6 +147,8 @@ class DiffuseReturns:
     lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors on the way home
     retro : the same back along the ray's own chain; None where there are no such paths
+    reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
+        where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
     """
 
@@ -157,6 +159,7 @@ class DiffuseReturns:
     lattice: ScattererLattice
     straight: list[list[mi.Complex2f]]
     retro: list[list[mi.Complex2f]] | None
+    reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
 
@@ -203,7 +206,46 @@ class DiffuseReturns:
             range_rate=rate_out,
             amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
+        if ray.virtual_receiver is not None:
+            home, rate_home = self._through_chain(centre)
+            retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
         return selected(slot.back, retro, straight)
+
+    def reversed_path(self, slot: Slot, active: mi.Bool) -> Contribution | None:
+        """The straight return of a slot the other way round: from the transmitter to the hit, home through the chain.
+
+        None where it is part of the straight one, whose length it has: without a receiver apart.
+
+        Notes
+        -----
+        Ignores that gains and visibility of the two antennas change places: they are those of the straight return.
+        """
+        lane, hit = self.lane, self.hit
+        if self.reverse is None:
+            return None
+        centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
+        random = speckle_coefficients(key, hit.properties.w, self.kernel.flags)
+        home, rate_home = self._through_chain(centre)
+        leg = centre - lane.transmitter
+        length = dr.norm(leg)
+        return Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=hit.order,
+            pulse=lane.pulse,
+            slant_range=0.5 * (length + home),
+            range_rate=0.5 * (rate_home - dr.dot(leg, lane.transmitter_velocity) / length),
+            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.reverse),
+            active=active & ~slot.back & ~hit.first,
+            point=centre,
+        )
+
+    def _through_chain(self, centre: mi.Vector3d) -> tuple[mi.Float64, mi.Float64]:
+        """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
+        receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
+        assert receiver is not None and velocity is not None
+        leg = centre - receiver
+        length = dr.norm(leg)
+        return length, -dr.dot(leg, velocity) / length
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -224,20 +266,25 @@ def close_diffuse(
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
     flags, constants = kernel.flags, kernel.constants
-    both_ways = flags.diffuse_double and flags.multi_bounce
+    both_ways = kernel.both_ways
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
     # only behind a mirror do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
     matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
-    straight, retro = [], None
+    straight: list[list[mi.Complex2f]] = []
+    retro = None
+    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
     for channel in flags.channels:
         sent, received = channel[0], channel[1]
         terms = matrix.between(receive.basis[received], fields[sent])
         if both_ways:
             # behind mirrors the reversed path comes home with the same length: the transposed channel
-            reverse = matrix.between(receive.basis[sent], fields[received])
-            none = mi.Complex2f(0.0)
-            terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, reverse, strict=True)]
+            swapped = matrix.between(receive.basis[sent], fields[received])
+            if reverse is not None:
+                reverse.append(swapped)
+            else:
+                none = mi.Complex2f(0.0)
+                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
         straight.append(terms)
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
@@ -260,6 +307,7 @@ def close_diffuse(
         lattice=lattice,
         straight=straight,
         retro=retro,
+        reverse=reverse,
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
     )
