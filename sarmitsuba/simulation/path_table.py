@@ -19,14 +19,14 @@ from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.simulation.tracing import Tracer, receiver_state
 from sarmitsuba.trace.kernel import trace
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.state import RETRO
+from sarmitsuba.trace.state import RETRO, REVERSED
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 # by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
-# own chain of mirrors, and from an ideal point
-KINDS = ("coherent", "diffuse", "retro", "point")
+# own chain of mirrors, from an ideal point, and from a diffuse scatterer home through mirrors to a receiver apart
+KINDS = ("coherent", "diffuse", "retro", "point", "reversed")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
@@ -43,7 +43,7 @@ class PathTable:
     pulse : (n,) int32 number of the pulse
     kind : (n,) uint8 place in ``KINDS``
     order : (n,) int32 number of bounces, from 1
-    length : (n,) float64, m, from the antenna to the antenna
+    length : (n,) float64, m, from the antenna to the antenna, or to the receiver apart
     range_rate : (n,) float64, m/s, of half the length
     amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
     points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
@@ -262,10 +262,11 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     step = np.arange(1, most + 1)
     # back through the chain behind the turn
     bounce = np.where(step <= turn[:, None], step, 2 * turn[:, None] - step)
+    bounce = np.where((kind == REVERSED)[:, None], order[:, None] + 1 - step, bounce)
     there = step <= order[:, None]
     bounce = np.where(there, bounce, 1) - 1
     points = rows.hit_point[bounce, lane[:, None]]
-    points[np.arange(lane.size), turn - 1] = rows.lengths[:, 2:]
+    points[np.arange(lane.size), np.where(kind == REVERSED, 0, turn - 1)] = rows.lengths[:, 2:]
     points[~there] = np.nan
     row = rows.hit_face[bounce, lane[:, None]]
     assert not (there & (row == NO_FACE)).any()

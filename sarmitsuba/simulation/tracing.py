@@ -62,7 +62,7 @@ class Tracer:
             cell=sampling.scatterer_cell,
             seed=sampling.scene.settings.seed,
             amplitude=radar.amplitude_constant,
-            reference_range=float(np.linalg.norm(center - antenna)),
+            reference_range=_reference_range(radar, center),
             up=polarisation_up(radar, center, antenna),
         )
 
@@ -199,6 +199,12 @@ class Tracer:
         elif grid.purpose == "diffuse":
             flags = replace(flags, coherent=False)
         return batch, flags
+
+
+def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
+    """Distance that stands for both legs at a point (3,): of two antennas the geometric mean, m."""
+    legs = [float(np.linalg.norm(center - track.center_position)) for track in radar.tracks]
+    return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
 
 
 def pulse_batch(

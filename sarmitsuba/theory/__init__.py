@@ -1,5 +1,6 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
+from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
@@ -45,10 +46,13 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "SpeckleTest",
+    "bistatic_po",
+    "bistatic_range",
     "bridge_returns",
     "building_returns",
     "canonical_building",
     "coherent_loss",
+    "corner_line",
     "cylinder_rcs",
     "dihedral",
     "disc_rcs",

@@ -12,6 +12,7 @@ from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
     RETRO,
+    REVERSED,
     Contribution,
     Footprint,
     Hit,
@@ -127,10 +128,14 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Slot:
-    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain."""
+    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain.
+
+    Or ``other_way`` round: out to the node and home through the chain; None where that is no return of its own.
+    """
 
     node: Node
     back: mi.Bool
+    other_way: mi.Bool | None
 
     @property
     def there(self) -> mi.Bool:
@@ -166,16 +171,21 @@ class DiffuseReturns:
     def first(self) -> Slot:
         """The first return there is."""
         node, back = self.lattice.first(), mi.Bool(False)
-        return Slot(node, back if self.retro is None else ~self.hit.sees)
+        other_way = None if self.reverse is None else mi.Bool(False)
+        return Slot(node, back if self.retro is None else ~self.hit.sees, other_way)
 
     def after(self, slot: Slot, same: mi.Bool) -> Slot:
         """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
-        stays, back = same, slot.back
+        stays, back, other_way = same, slot.back, slot.other_way
         if self.retro is not None:
             # what the antenna sees from behind a mirror has two returns
             turns = ~same & ~slot.back & ~self.hit.first
-            stays, back = same | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
-        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back)
+            if other_way is not None:
+                # and three where the straight one differs from the same way round
+                reverses, turns = turns & ~other_way, turns & other_way
+                stays, other_way = same | reverses, dr.select(same, other_way, reverses)
+            stays, back = stays | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
+        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back, other_way)
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
@@ -206,37 +216,46 @@ class DiffuseReturns:
             range_rate=rate_out,
             amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
-        if ray.virtual_receiver is not None:
-            home, rate_home = self._through_chain(centre)
-            retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
-        return selected(slot.back, retro, straight)
+        if self.reverse is None or slot.other_way is None:
+            return selected(slot.back, retro, straight)
+        home, rate_home = self._through_chain(centre)
+        retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
+        return selected(
+            slot.other_way,
+            self._reversed(straight, self.reverse, random, home, rate_home),
+            selected(slot.back, retro, straight),
+        )
 
-    def reversed_path(self, slot: Slot, active: mi.Bool) -> Contribution | None:
-        """The straight return of a slot the other way round: from the transmitter to the hit, home through the chain.
+    def _reversed(
+        self,
+        straight: Contribution,
+        reverse: list[list[mi.Complex2f]],
+        random: list[mi.Complex2f],
+        home: mi.Float64,
+        rate_home: mi.Float64,
+    ) -> Contribution:
+        """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
 
-        None where it is part of the straight one, whose length it has: without a receiver apart.
+        Parameters
+        ----------
+        straight : return the one way
+        reverse : per channel, values of the fixed tensors the other way
+        random : of the scatterer
+        home, rate_home : m and m/s, of the way home through the chain
 
         Notes
         -----
         Ignores that gains and visibility of the two antennas change places: they are those of the straight return.
         """
-        lane, hit = self.lane, self.hit
-        if self.reverse is None:
-            return None
-        centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
-        random = speckle_coefficients(key, hit.properties.w, self.kernel.flags)
-        home, rate_home = self._through_chain(centre)
-        leg = centre - lane.transmitter
+        leg = straight.point - self.lane.transmitter
         length = dr.norm(leg)
-        return Contribution(
-            kind=mi.UInt32(DIFFUSE),
-            order=hit.order,
-            pulse=lane.pulse,
+        rate = dr.dot(leg, self.lane.transmitter_velocity) / length
+        return replace(
+            straight,
+            kind=mi.UInt32(REVERSED),
             slant_range=0.5 * (length + home),
-            range_rate=0.5 * (rate_home - dr.dot(leg, lane.transmitter_velocity) / length),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.reverse),
-            active=active & ~slot.back & ~hit.first,
-            point=centre,
+            range_rate=0.5 * (rate_home - rate),
+            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
         )
 
     def _through_chain(self, centre: mi.Vector3d) -> tuple[mi.Float64, mi.Float64]:
@@ -268,8 +287,10 @@ def close_diffuse(
     flags, constants = kernel.flags, kernel.constants
     both_ways = kernel.both_ways
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    # only behind a mirror do the two directions differ
+    # only behind a mirror, or with two antennas, do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
+    if kernel.bistatic:
+        backscatter = mi.Bool(False)
     matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
     straight: list[list[mi.Complex2f]] = []
     retro = None

@@ -141,13 +141,7 @@ def _add(
         contribution = diffuse.contribution(slot, active)
         if coherent is not None:
             contribution = selected(waiting, coherent, contribution)
-        next_slot = diffuse.after(slot, waiting)
-        added = accumulator.add(added, contribution)
-        reversed_path = diffuse.reversed_path(slot, active & ~waiting)
-        if reversed_path is not None:
-            added = accumulator.add(added, reversed_path)
-            count = dr.select(reversed_path.active, count + 1, count)
-        return next_slot, mi.Bool(False), count + 1, added
+        return diffuse.after(slot, waiting), mi.Bool(False), count + 1, accumulator.add(added, contribution)
 
     _, _, count, added = dr.while_loop(
         (diffuse.first(), waiting, mi.UInt32(0), added),

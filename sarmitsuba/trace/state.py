@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
+# a diffuse path the other way round, to a receiver apart; 3 is an ideal point's, which no ray finds
+REVERSED = 4
 
 
 @dataclass(frozen=True)
@@ -280,7 +282,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE`` or ``RETRO``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO`` or ``REVERSED``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -304,6 +306,7 @@ __all__ = [
     "COHERENT",
     "DIFFUSE",
     "RETRO",
+    "REVERSED",
     "Constants",
     "Contribution",
     "Footprint",
