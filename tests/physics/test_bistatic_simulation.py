@@ -156,7 +156,7 @@ def test_conducting_bodies_against_a_sum_over_facets(shape: str, seed: int) -> N
     raw = simulate(scene)
     for layer, found in zip(raw.layers, raw.data, strict=True):
         exact = brute_force(scene, given, layer.channel)
-        # tol: tubes of a curved body at 4.5 a wavelength; on a flat one the sum over facets a fifth of a wavelength wide
+        # tol: tubes of a curved body at 4.5 a wavelength; of a flat one, the sum over finite facets
         assert error_db(found, exact) < (-33.0 if shape == "sphere" else -45.0)
         # tol: the same
         assert abs(np.angle(np.vdot(exact, found))) < (0.02 if shape == "sphere" else 2e-4)
