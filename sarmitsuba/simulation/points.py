@@ -10,7 +10,9 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.geometry import TraceScene
@@ -38,7 +40,7 @@ def add_points(
     ----------
     scene, flags : what to add and whether the antenna pattern counts
     trace_scene : what can hide a point, or None
-    data : (n_layers, n_pulses, n_samples) complex64, changed in place; co-polar layers of the first order only
+    data : (n_layers, n_pulses, n_samples) complex64, changed in place; layers of the first order only
     layers : labels of ``data``
 
     Returns
@@ -47,35 +49,43 @@ def add_points(
 
     Notes
     -----
-    An ideal scatterer is isotropic and does not depolarise; it neither blocks nor reflects rays. On a surface it has no
-    image in that surface, and a sheet without thickness that it lies on hides it from neither side.
+    An ideal scatterer is isotropic and does not depolarise (a compact channel has its part of HH = VV); it neither
+    blocks nor reflects rays. On a surface it has no image in that surface, and a sheet without thickness that it lies
+    on hides it from neither side.
     """
     radar = scene.radar
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
-    picks = [i for i, la in enumerate(layers) if la.channel[0] == la.channel[1] and la.order in (0, 1)]
+    factors = {  # both ray subsets see the whole point
+        i: np.complex64(isotropic_response(layer.channel) * SUBSET_SHARES[layer.subset])
+        for i, layer in enumerate(layers)
+        if layer.order in (0, 1) and isotropic_response(layer.channel)
+    }
     sample = np.arange(window.n_samples) * window.sample_spacing
     added = 0
     step = max(1, _BATCH // window.n_samples)
-    for point in scene.points:
-        for start in range(0, track.n_pulses, step):
-            pick = slice(start, start + step)
-            distance, amplitude = point_returns(scene, flags, trace_scene, point, pick)
+    for start in range(0, track.n_pulses, step):
+        pick = slice(start, start + step)
+        seen = sightlines(scene.points, trace_scene, radar.tracks, pick)
+        for point, sight in zip(scene.points, seen, strict=True):
+            distance, amplitude = point_returns(scene, flags, point, pick)
+            amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
-            for i in picks:  # both ray subsets see the whole point
-                data[i, pick] += profile * np.float32(SUBSET_SHARES[layers[i].subset])
+            for i, factor in factors.items():
+                data[i, pick] += profile * factor
     return added
 
 
 def point_returns(
-    scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, point: PointTarget, pick: slice
+    scene: Scene, flags: KernelFlags, point: PointTarget, pick: slice
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slant range (m) and co-polar amplitude (sqrt(W)) of a point in the pulses ``pick``, two (n,) float64."""
+    """Slant range (m) and co-polar amplitude (sqrt(W)) of a point that the pulses ``pick`` see, two (n,) float64."""
     radar = scene.radar
-    legs = [point.position - track.position[pick] for track in radar.tracks]
+    position = point.position_at(radar.track.time[pick])
+    legs = [position - track.position[pick] for track in radar.tracks]
     distances = [np.linalg.norm(leg, axis=1) for leg in legs]
     amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / (distances[0] * distances[-1])
     if flags.antenna_pattern:
@@ -84,10 +94,7 @@ def point_returns(
             for p, leg, distance in zip(radar.pointings, legs, distances, strict=True)
         ]
         amplitude *= gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
-    if trace_scene is not None:
-        for leg, distance in zip(legs, distances, strict=True):
-            amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
-    return radar.slant_range(point.position, pick), amplitude
+    return radar.slant_range(position, pick), amplitude
 
 
 def _two_way_gain(
@@ -101,16 +108,40 @@ def _two_way_gain(
 
 
 def point_history(
-    radar: Radar, point: NDArray[np.float64], pick: slice
+    radar: Radar, point: PointTarget, pick: slice
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slant range (m) of a point (3,) in the pulses ``pick`` and its change (m/s), two (n,) float64."""
+    """Slant range (m) of a point in the pulses ``pick`` and its change (m/s), two (n,) float64."""
+    time = radar.track.time[pick]
+    position, own = point.position_at(time), point.motion.velocity_at(time)
     rates = []
     for track in radar.tracks:
-        way = track.position[pick] - point
-        rates.append(np.einsum("ni,ni->n", way, track.velocity[pick]) / np.linalg.norm(way, axis=1))
-    return radar.slant_range(point, pick), np.asarray(
-        rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1])
-    )
+        way = track.position[pick] - position
+        rate = np.einsum("ni,ni->n", way, track.velocity[pick] - own) / np.linalg.norm(way, axis=1)
+        rates.append(rate)
+    rate = rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1])
+    return radar.slant_range(position, pick), rate
+
+
+def sightlines(
+    points: Sequence[PointTarget], trace_scene: TraceScene | None, tracks: Sequence[Track], pick: slice
+) -> NDArray[np.float64]:
+    """1 where a point sees every antenna at a pulse of ``pick``, else 0: (n_points, n) float64."""
+    time = tracks[0].time[pick]
+    position = np.array([point.position_at(time) for point in points])
+    seen = np.ones(position.shape[:2])
+    if trace_scene is None:
+        return seen
+    for track in tracks:
+        leg = position - track.position[pick]
+        distance = np.linalg.norm(leg, axis=2)
+        if trace_scene.movers is None:
+            ways = zip(position, leg, distance, strict=True)
+            seen *= np.array([visible(trace_scene, *way) for way in ways]).reshape(seen.shape)
+            continue
+        ways = zip(np.swapaxes(position, 0, 1), np.swapaxes(leg, 0, 1), distance.T, strict=True)
+        each = [visible(trace_scene.at(float(t)), *way) for t, way in zip(time, ways, strict=True)]
+        seen *= np.array(each).reshape(seen.T.shape).T
+    return seen
 
 
 def visible(
@@ -190,6 +221,7 @@ __all__ = [
     "off_planes",
     "point_history",
     "point_returns",
+    "sightlines",
     "touched_facets",
     "visible",
 ]

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.beam import BeamPattern
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+    from sarmitsuba.trace.moving import Movement
     from sarmitsuba.tubes.polygon import Bounds
     from sarmitsuba.tubes.tube import Patch
 
@@ -170,7 +171,8 @@ class RayState:
     hits : so far
     origin : m, scene frame
     direction : float64, mirrored exactly like the antenna
-    virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far
+    virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
+        mirrors may move
     virtual_receiver, virtual_receiver_velocity : another antenna that receives, likewise; None where there is none, or
         no path goes back through a chain
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
@@ -218,6 +220,7 @@ class Hit:
     to_antenna64, to_antenna : unit vector to the antenna
     sees : lanes that the antenna sees from here
     properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
+    movement : of the face; None where nothing moves
     """
 
     active: mi.Bool
@@ -242,6 +245,7 @@ class Hit:
     to_antenna: mi.Vector3f
     sees: mi.Bool
     properties: mi.Vector4f
+    movement: Movement | None
 
 
 @dataclass(frozen=True, eq=False)
