@@ -40,6 +40,7 @@ class KernelFlags:
     double_phase: bool = True
     taper: bool = True
     multi_bounce: bool = True
+    motion: bool = False
     extra: frozenset[str] = frozenset()
 
     @property
