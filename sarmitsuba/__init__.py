@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
+    from sarmitsuba.radar.geodesy import Anchor
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.render import render
 
 _HOME = {
+    "Anchor": "sarmitsuba.radar.geodesy",
     "BackendError": "sarmitsuba.errors",
     "DataError": "sarmitsuba.errors",
     "ExtensionError": "sarmitsuba.errors",
@@ -108,6 +110,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "Anchor",
     "BackendError",
     "DataError",
     "ExtensionError",
