@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -76,7 +77,9 @@ _HOME = {
     "cloude_pottier": "sarmitsuba.polarimetry",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "height_map": "sarmitsuba.interferometry",
     "image_quality": "sarmitsuba.quality",
+    "interferogram": "sarmitsuba.interferometry",
     "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
@@ -139,7 +142,9 @@ __all__ = [
     "cloude_pottier",
     "explain",
     "focus",
+    "height_map",
     "image_quality",
+    "interferogram",
     "link_budget",
     "load_extension",
     "load_scene",
