@@ -17,12 +17,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_image
+from sarmitsuba.interferometry import height_map, interferogram
+from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.view.interferogram import interferogram_figure
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
@@ -163,6 +165,18 @@ def focusers() -> Figure:
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
 
 
+def interferogram_tower() -> Figure:
+    """The pair that `insar tower` makes: fringes, coherence, heights."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        one = read_image(f"{folder}/out/first/image.h5")
+        two = focus(
+            read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
+        )
+    pair = interferogram(one, two)
+    return interferogram_figure(pair, height_map(pair), title="tower")
+
+
 def _panels(scene: str, variants: dict[str, list[str]]) -> Figure:
     figure = Figure(figsize=(13.0, 3.7), layout="constrained")
     panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
@@ -208,7 +222,9 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
     axes.text(x, y, text, fontsize=9, **{"color": INK, **options})
 
 
-FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers)}
+FIGURES = {
+    figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers, interferogram_tower)
+}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:
