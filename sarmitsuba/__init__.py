@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
+    from sarmitsuba.radar.geodesy import Anchor
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.render import render
 
 _HOME = {
+    "Anchor": "sarmitsuba.radar.geodesy",
     "BackendError": "sarmitsuba.errors",
     "DataError": "sarmitsuba.errors",
     "ExtensionError": "sarmitsuba.errors",
@@ -71,6 +74,7 @@ _HOME = {
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
+    "cloude_pottier": "sarmitsuba.polarimetry",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
     "height_map": "sarmitsuba.interferometry",
@@ -80,6 +84,8 @@ _HOME = {
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "pauli_rgb": "sarmitsuba.polarimetry",
+    "polarimetry_report": "sarmitsuba.polarimetry",
     "read_image": "sarmitsuba.io",
     "read_raw": "sarmitsuba.io",
     "refine": "sarmitsuba.simulation.refinement.passes",
@@ -107,6 +113,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "Anchor",
     "BackendError",
     "DataError",
     "ExtensionError",
@@ -132,6 +139,7 @@ __all__ = [
     "Track",
     "__version__",
     "build_scene",
+    "cloude_pottier",
     "explain",
     "focus",
     "height_map",
@@ -141,6 +149,8 @@ __all__ = [
     "load_extension",
     "load_scene",
     "monostatic_rcs",
+    "pauli_rgb",
+    "polarimetry_report",
     "read_image",
     "read_raw",
     "refine",
