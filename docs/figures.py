@@ -315,9 +315,9 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
 
 
 FIGURES = {
-    figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers, interferogram_tower)
+    figure.__name__: figure
+    for figure in (geometry, orbits, paths, methods, effects, focusers, interferogram_tower)
 }
-FIGURES = {figure.__name__: figure for figure in (geometry, orbits, paths, methods, effects, focusers)}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:
