@@ -18,14 +18,16 @@ from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
 
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_image
+from sarmitsuba.interferometry import height_map, interferogram
+from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.view.interferogram import interferogram_figure
 
 F64 = NDArray[np.float64]
 
@@ -191,6 +193,18 @@ def focusers() -> Figure:
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
 
 
+def interferogram_tower() -> Figure:
+    """The pair that `insar tower` makes: fringes, coherence, heights."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        one = read_image(f"{folder}/out/first/image.h5")
+        two = focus(
+            read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
+        )
+    pair = interferogram(one, two)
+    return interferogram_figure(pair, height_map(pair), title="tower")
+
+
 def orbits() -> Figure:
     """Two passes over a scene on the map, and the angles and the altitude of an orbit from the side."""
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")
@@ -338,7 +352,18 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
 
 FIGURES = {
     figure.__name__: figure
-    for figure in (geometry, orbits, paths, methods, effects, azimuth_ambiguities, focusers)
+    for figure in (
+        geometry,
+        orbits,
+        paths,
+        methods,
+        effects,
+        azimuth_ambiguities,
+        focusers,
+        interferogram_tower,
+    )
+}
+
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:
