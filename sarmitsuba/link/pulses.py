@@ -33,10 +33,11 @@ class PulseTiming:
     processed_bandwidth : Doppler bandwidth that the image is made of: of every pixel's own aperture, or what the image
         spreads over at one instant where the beam is steered, Hz
     beam_bandwidth : Doppler spread between the beam's half-power directions, Hz; infinite when isotropic
-    lowest_prf : the smaller one of both, which the prf must not be below, Hz
+    lowest_prf : what the prf must not be below, Hz: `processed_bandwidth`, or where a beam is steered `beam_bandwidth`
     highest_prf : above it the echoes of one pulse last longer than the interval leaves free, Hz
     echo_begins, echo_ends : delay after the pulse's start of the first and after the last echo of the swath, s
-    nadir_begins, nadir_ends : that of the echo from straight below, s
+    nadir_begins, nadir_ends : that of the echo from straight below, s; its own pulse's is compressed to its own range,
+        ahead of the swath, and only later pulses' count
     pulses_in_flight : sent between a pulse and its first echo
     blind_share : part of the swath's echoes that arrive while a pulse leaves
     nadir_share : part of the swath's echoes that arrive with the nadir's echo of another pulse
@@ -68,18 +69,19 @@ class PulseTiming:
         return min(inside, key=lambda f: abs(f - self.prf), default=None)
 
 
-def pulse_timing(radar: Radar, grid: ImageGrid) -> PulseTiming:
+def pulse_timing(radar: Radar, grid: ImageGrid, height: float) -> PulseTiming:
     """Timing of a radar with at least two pulses.
 
     Parameters
     ----------
     radar : whose track, beam and pulse count
     grid : of the image; its slant ranges are the swath
+    height : of the antenna over the ground straight below, m
 
     Notes
     -----
-    Takes the swath's delays at mid-aperture, and the nadir's echo as that of a point straight below, on the plane of
-    the image. Ignores receiver protection beyond the pulse's own length.
+    Takes the swath's delays at mid-aperture, and the nadir's echo as that of a point. Ignores receiver protection
+    beyond the pulse's own length.
     """
     wave, track = radar.waveform, radar.track
     prf = pulse_rate(radar)
@@ -91,7 +93,7 @@ def pulse_timing(radar: Radar, grid: ImageGrid) -> PulseTiming:
         2.0 * float(slant.min()) / SPEED_OF_LIGHT,
         2.0 * float(slant.max()) / SPEED_OF_LIGHT + wave.pulse_width,
     )
-    below = 2.0 * float(track.center_position[2] - grid.height) / SPEED_OF_LIGHT
+    below = 2.0 * height / SPEED_OF_LIGHT
     nadir = (below, below + wave.pulse_width)
     speed = float(np.linalg.norm(track.velocity[track.center_index]))
     beam = _beam_bandwidth(radar, speed)
@@ -101,7 +103,7 @@ def pulse_timing(radar: Radar, grid: ImageGrid) -> PulseTiming:
         processed = doppler_bandwidth(
             position, velocity, _box(grid), wave.wavelength, instantaneous=_at_once(radar)
         )
-    lowest = min(processed, beam)
+    lowest = processed if np.isfinite(radar.half_aperture) or np.isinf(beam) else beam
     highest = 1.0 / (ends - begins + wave.pulse_width)
     return PulseTiming(
         prf=prf,
@@ -119,7 +121,7 @@ def pulse_timing(radar: Radar, grid: ImageGrid) -> PulseTiming:
         nadir_ends=nadir[1],
         pulses_in_flight=int(begins * prf),
         blind_share=overlap_share((begins, ends), (0.0, wave.pulse_width), prf),
-        nadir_share=overlap_share((begins, ends), nadir, prf),
+        nadir_share=overlap_share((begins, ends), nadir, prf, earliest=1),
         free_prf=free_bands((begins, ends), nadir, wave.pulse_width, (lowest, highest)),
     )
 
@@ -150,7 +152,7 @@ def _beam_bandwidth(radar: Radar, speed: float) -> float:
     return 4.0 * speed / radar.waveform.wavelength * float(np.sin(0.5 * radar.antenna.azimuth_beamwidth))
 
 
-def overlap_share(window: Interval, event: Interval, prf: float) -> float:
+def overlap_share(window: Interval, event: Interval, prf: float, earliest: int | None = None) -> float:
     """Part of a time window that repetitions of an event cover.
 
     Parameters
@@ -158,11 +160,13 @@ def overlap_share(window: Interval, event: Interval, prf: float) -> float:
     window : begin and end, s
     event : begin and end of one of them, s; it comes again every interval, before and after
     prf : how often, Hz
+    earliest : number of the first repetition that counts, 0 is ``event`` itself; None: all
     """
     interval = 1.0 / prf
     length = min(event[1] - event[0], interval)
     first = int(np.floor((window[0] - event[0] - length) / interval))
     last = int(np.ceil((window[1] - event[0]) / interval))
+    first = first if earliest is None else max(first, earliest)
     start = event[0] + interval * np.arange(first, last + 1)
     covered = np.minimum(start + length, window[1]) - np.maximum(start, window[0])
     return float(np.maximum(covered, 0.0).sum() / (window[1] - window[0]))
@@ -176,8 +180,8 @@ def free_bands(
     .. math:: \frac{n}{t_0 - \tau} \le f \le \frac{n + 1}{t_1}, \qquad
               f \notin \left( \frac{m}{t_1 - t_n}, \frac{m}{t_0 - t_n - \tau} \right)
 
-    with the echoes from t_0 to t_1, the pulse's length tau, the nadir's echo from t_n and whole numbers n and m: the
-    white parts of the "diamond" diagram.
+    with the echoes from t_0 to t_1, the pulse's length tau, the nadir's echo from t_n, and whole numbers n and m > 0:
+    the white parts of the "diamond" diagram.
 
     Parameters
     ----------
@@ -204,7 +208,7 @@ def free_bands(
 
 
 def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]:
-    """A band less the frequencies at which the nadir's echo of an earlier or the same pulse falls among the echoes.
+    """A band less the frequencies at which the nadir's echo of a later pulse falls among the echoes.
 
     Parameters
     ----------
@@ -214,7 +218,7 @@ def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]
     if until <= 0.0:
         return [band]
     left = [band]
-    for m in range(max(0, int(band[0] * since)), int(band[1] * until) + 2):
+    for m in range(max(1, int(band[0] * since)), int(band[1] * until) + 2):
         # the echo comes m intervals late: m / f + t_n < t_1 and m / f + t_n + tau > t_0
         start = m / until
         stop = m / since if since > 0.0 else np.inf

@@ -116,5 +116,9 @@ class Pointing:
     azimuth_axis: NDArray[np.float64]
     elevation_axis: NDArray[np.float64]
 
+    def of_pulses(self, pick: NDArray[np.intp]) -> "Pointing":
+        """Those of some pulses."""
+        return Pointing(self.boresight[pick], self.azimuth_axis[pick], self.elevation_axis[pick])
+
 
 __all__ = ["SINC_HALF_POWER", "Antenna", "Pointing", "sine_to_null"]

@@ -20,7 +20,7 @@ from sarmitsuba.radar.track import Track
 
 @dataclass(frozen=True, kw_only=True)
 class RadarDescription:
-    """A monostatic side-looking radar as a person describes it; what each field means stands beside it.
+    """A side-looking radar as a person describes it; what each field means stands beside it.
 
     Lengths in m, times in s, frequencies in Hz, angles in degrees and ratios in dB as the names say. 0 leaves a
     parameter to the program where its documentation says *automatic*.
@@ -68,10 +68,19 @@ class RadarDescription:
         1e8,
         auto=True,
     )
+    prf_jitter: float = described(
+        0.0, "random variation of the intervals between pulses, rms over their mean 1 / prf", "", 0.0, 0.2
+    )
+    prf_jitter_seed: int = described(0, "seed of the intervals", "", 0, 2**31 - 1)
+    pri_sequence: str = described(
+        "",
+        "staggered PRF: intervals between pulses that repeat, over their mean 1 / prf; a list such as 0.9,1,1.1 (its "
+        "own mean is divided out), or ramp:N:SPAN for N intervals that fall evenly from 1 + SPAN / 2 to 1 - SPAN / 2",
+    )
     n_pulses: int = described(
         0,
-        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap with a beam the image's "
-        "azimuth extent beside it, so that every row has its whole aperture",
+        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
+        "with a beam the image's azimuth extent beside it, so that every row has its whole aperture",
         "",
         0,
         10_000_000,
@@ -80,7 +89,7 @@ class RadarDescription:
     azimuth_resolution: float = described(
         0.0,
         "azimuth cell lambda R / (2 L cos(squint)) of the aperture length L; automatic: the slant-range "
-        "cell, or what n_pulses gives",
+        "cell, or what n_pulses gives; mode circular has arc_deg in its place",
         "m",
         0.0,
         1e6,
@@ -203,6 +212,20 @@ class RadarDescription:
     pass_offset_up: float = described(
         0.0, "a parallel pass: the whole track is moved upwards, the beam on the same place", "m", -1e6, 1e6
     )
+    receiver_offset_along: float = described(
+        0.0,
+        "where another antenna receives: its place from the transmitter's, along the track; constant over the track",
+        "m",
+        -1e6,
+        1e6,
+    )
+    receiver_offset_across: float = described(0.0, "the same to the right of the track", "m", -1e6, 1e6)
+    receiver_offset_up: float = described(0.0, "the same upwards", "m", -1e6, 1e6)
+    receiver_track_file: str = described(
+        "",
+        "CSV as track_file, of the same pulses: where another antenna is when it receives their echoes; in place of "
+        "receiver_offset_along, receiver_offset_across and receiver_offset_up",
+    )
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
@@ -217,6 +240,44 @@ class RadarDescription:
         "CSV of cut, angle_deg, gain_db, the cut azimuth or elevation, for pattern = table: one-way power gain over "
         "the angle off boresight",
     )
+    pointing_error_azimuth_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in azimuth, positive forward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_error_elevation_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in elevation, positive upward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_drift_azimuth_deg: float = described(
+        0.0,
+        "growth of the beam's error in azimuth over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_drift_elevation_deg: float = described(
+        0.0,
+        "growth of the beam's error in elevation over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_jitter_deg: float = described(
+        0.0, "random error of the beam's direction, rms in azimuth and in elevation", "deg", 0.0, 90.0
+    )
+    pointing_jitter_corner: float = described(
+        0.1, "corner f_c of the pointing jitter's power spectrum 1 / (1 + (f / f_c)^slope)", "Hz", 1e-6, 1e6
+    )
+    pointing_jitter_slope: float = described(
+        4.0, "exponent of the pointing jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
+    )
+    pointing_jitter_seed: int = described(0, "seed of the pointing jitter", "", 0, 2**31 - 1)
     azimuth_beamwidth_deg: float = described(
         0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
     )
@@ -251,7 +312,8 @@ _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_
 SENSOR = ParamTable(
     plugin="sar_antenna",
     element="sensor",
-    doc="Monostatic side-looking radar: track, beam, waveform, polarisation, power; may hold a `range_film`.",
+    doc="Side-looking radar: track, beam, waveform, polarisation, power, and a receiver apart where there is one; may "
+    "hold a `range_film`.",
     error=RadarError,
     hints={
         "to_world": _GEOMETRY_HINT,

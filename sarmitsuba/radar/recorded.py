@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.jitter import wandering
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.track import Track
 
@@ -34,7 +35,7 @@ class TrackError:
 
     Notes
     -----
-    Ignores errors of time and of attitude.
+    Ignores errors of time; those of attitude are :class:`sarmitsuba.radar.attitude.PointingError`.
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -49,21 +50,9 @@ class TrackError:
         time = track.time - 0.5 * (track.time[0] + track.time[-1])
         error = np.asarray(self.offset) + time[:, None] * np.asarray(self.drift)
         if self.jitter > 0.0:
-            error = error + self._jitter(track.time)
+            error = error + wandering(track.time, 3, self.jitter, self.corner, self.slope, self.seed)
         axes = np.array([track.along, right_of(track.along), [0.0, 0.0, 1.0]])
         return Track.from_samples(track.time, track.position + error @ axes)
-
-    def _jitter(self, time: F64) -> F64:
-        """(n_pulses, 3) m; rms over the track as asked for, mean zero."""
-        rng = np.random.default_rng(self.seed)
-        n = 2 * time.size  # twice the track, so that its ends are not alike
-        step = (time[-1] - time[0]) / max(time.size - 1, 1)
-        frequency = np.fft.rfftfreq(n, step)
-        level = np.sqrt(1.0 / (1.0 + (frequency / self.corner) ** self.slope))
-        noise = rng.standard_normal((3, 2, frequency.size)) * level
-        series = np.fft.irfft(noise[:, 0] + 1j * noise[:, 1], n, axis=-1)[:, : time.size].T
-        series = series - series.mean(axis=0)
-        return np.asarray(self.jitter * series / np.maximum(np.sqrt(np.mean(series**2, axis=0)), 1e-300))
 
 
 def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None:
@@ -89,7 +78,8 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
             )
         path = Path(s.recorded_track_file)
         track = Track.from_csv(path if path.is_absolute() else given.folder / path)
-        return _checked(s.recorded_track_file, replace(track, position=track.position - offset), flown)
+        track = replace(track, position=track.position - offset)
+        return of_same_pulses(s.recorded_track_file, track, flown, "recorded")
     if errors & set(_JITTER_PARTS) and s.track_jitter == 0.0:
         raise RadarError(
             f"{given.where}: {sorted(errors & set(_JITTER_PARTS))[0]} has no effect without track_jitter; set "
@@ -112,19 +102,20 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
     return model.recorded(flown)
 
 
-def _checked(name: str, track: Track, flown: Track) -> Track:
+def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
+    """The track, if it has the pulse times of the one flown; else a RadarError that begins with ``name``."""
     if track.n_pulses != flown.n_pulses:
         raise RadarError(
-            f"{name}: {track.n_pulses} pulses are recorded and {flown.n_pulses} flown; give one line per pulse"
+            f"{name}: {track.n_pulses} pulses are {what} and {flown.n_pulses} flown; give one line per pulse"
         )
     span = float(flown.time[-1] - flown.time[0])
     late = float(np.abs((track.time - track.time[0]) - (flown.time - flown.time[0])).max())
     if late > 1e-6 * max(span, 1e-9) + 1e-9:
         raise RadarError(
-            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; record the "
-            "same pulses"
+            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; give "
+            "the same pulses"
         )
     return track
 
 
-__all__ = ["TrackError", "recorded_track"]
+__all__ = ["TrackError", "of_same_pulses", "recorded_track"]

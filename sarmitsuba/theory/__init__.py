@@ -1,5 +1,6 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
+from sarmitsuba.theory import polarimetry
 from sarmitsuba.theory.ambiguity import (
     azimuth_ambiguity_ratio,
     azimuth_ghost,
@@ -12,6 +13,7 @@ from sarmitsuba.theory.beam import (
     mispointed_level,
     uniform_aperture_gain,
 )
+from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
@@ -43,6 +45,7 @@ from sarmitsuba.theory.link import (
     uniform_aperture_taper,
 )
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
 from sarmitsuba.theory.rcs import (
     DihedralAmplitudes,
@@ -71,22 +74,38 @@ from sarmitsuba.theory.statistics import (
     single_pulse_snr,
     speckle_cdf,
 )
+from sarmitsuba.theory.synthetic_aperture import (
+    aperture_cell,
+    beam_cell,
+    beam_taper,
+    circular_response,
+    half_power_width,
+)
 
 __all__ = [
     "BridgeReturns",
     "BuildingRcs",
     "BuildingReturns",
     "DihedralAmplitudes",
+    "OrbitDoppler",
     "SpeckleTest",
+    "aperture_cell",
     "azimuth_ambiguity_ratio",
     "azimuth_ghost",
     "azimuth_ghost_level",
     "baseline_coherence",
+    "beam_cell",
+    "beam_taper",
+    "bistatic_po",
+    "bistatic_range",
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "circular_orbit_doppler",
+    "circular_response",
     "coherence_pdf",
     "coherent_loss",
+    "corner_line",
     "critical_baseline",
     "cylinder_rcs",
     "dihedral",
@@ -98,6 +117,7 @@ __all__ = [
     "foreshortening",
     "fresnel",
     "gaussian_gain",
+    "half_power_width",
     "height_of_ambiguity",
     "integral_equation_sigma0",
     "intensity_test",
@@ -112,10 +132,12 @@ __all__ = [
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "orbital_speed",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
     "point_snr",
+    "polarimetry",
     "range_ambiguity_ratio",
     "received_power",
     "rolled_dihedral",

@@ -127,14 +127,16 @@ def test_pulses_meet_echoes_where_a_pulse_train_says_so() -> None:
         bands = free_bands(window, (nadir, nadir + width), width, (1000.0, 8000.0))
         at = np.linspace(*window, 4001)[1:-1]
         blind = np.mod(at, 1.0 / prf) < width
-        low = np.mod(at - nadir, 1.0 / prf) < width
+        low = (np.mod(at - nadir, 1.0 / prf) < width) & (at - nadir >= 1.0 / prf)  # later pulses' only
         # tol: 1 / 4000 of the window, at two ends of each of a few overlaps
         assert overlap_share(window, (0.0, width), prf) == pytest.approx(blind.mean(), abs=3e-3)
-        assert overlap_share(window, (nadir, nadir + width), prf) == pytest.approx(low.mean(), abs=3e-3)
+        assert overlap_share(window, (nadir, nadir + width), prf, earliest=1) == pytest.approx(
+            low.mean(), abs=3e-3
+        )
         free = any(a <= prf <= b for a, b in bands)
         assert free == (not (blind | low).any())
         clear += free
-    assert 20 < clear < 300
+    assert 20 < clear < 380
 
 
 @pytest.mark.parametrize(

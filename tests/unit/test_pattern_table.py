@@ -117,7 +117,7 @@ def test_between_and_beyond(tmp_path: Path) -> None:
 def test_bad_tables_are_one_clear_line(text: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "beam.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RadarError, match=r"beam\.csv") as caught:
+    with pytest.raises(RadarError, match="beam") as caught:
         PatternTable.from_csv(path)
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
@@ -168,6 +168,9 @@ def scene(mode: str, beam: dict[str, object]) -> Scene:
     )
 
 
+@pytest.mark.filterwarnings(
+    "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
+)  # rows at the rim, wanted here
 @pytest.mark.parametrize(("mode", "shape"), [("stripmap", "gaussian"), ("spotlight", "rectangular")])
 def test_a_table_serves_wherever_a_pattern_does(mode: str, shape: str, tmp_path: Path) -> None:
     # Rationale: kernel, points, blocks of pulses, coverage, band and backprojection's weights in one image.

@@ -192,7 +192,7 @@ def displacement(quick: bool = False) -> Case:
         x_label="range speed (m/s)",
         y_label="displacement along the track (m)",
         comparisons=tuple(comparisons),
-        note=f"X band, {RANGE / 1e3:g} km, {SPEED:g} m/s, cell {CELL:g} m; heading, side and look angle drawn at random.",
+        note=f"X band, {RANGE / 1e3:g} km, {SPEED:g} m/s, cell {CELL:g} m; heading, side and look angle drawn.",
     )
 
 
