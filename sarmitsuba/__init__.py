@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
@@ -72,13 +74,18 @@ _HOME = {
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
+    "cloude_pottier": "sarmitsuba.polarimetry",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "height_map": "sarmitsuba.interferometry",
     "image_quality": "sarmitsuba.quality",
+    "interferogram": "sarmitsuba.interferometry",
     "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "pauli_rgb": "sarmitsuba.polarimetry",
+    "polarimetry_report": "sarmitsuba.polarimetry",
     "read_image": "sarmitsuba.io",
     "read_raw": "sarmitsuba.io",
     "refine": "sarmitsuba.simulation.refinement.passes",
@@ -132,13 +139,18 @@ __all__ = [
     "Track",
     "__version__",
     "build_scene",
+    "cloude_pottier",
     "explain",
     "focus",
+    "height_map",
     "image_quality",
+    "interferogram",
     "link_budget",
     "load_extension",
     "load_scene",
     "monostatic_rcs",
+    "pauli_rgb",
+    "polarimetry_report",
     "read_image",
     "read_raw",
     "refine",
