@@ -79,6 +79,7 @@ class Radar:
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
     receiver: Track | None = None
+    anchor: object = None
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
