@@ -21,6 +21,7 @@ from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.collection import Collection
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
@@ -126,7 +127,8 @@ def focus(
         azimuth_resolution_cell=cells.center,
         range_resolution_cell=range_cell,
         incidence_angle=incidence,
-        metadata={**raw.metadata, "focus": facts},
+        metadata={**raw.metadata, "focus": facts, "collection": Collection.of(raw.radar).facts()},
+        anchor=raw.radar.anchor,
     )
 
 

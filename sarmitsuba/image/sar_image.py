@@ -135,6 +135,7 @@ class SarImage:
     range_resolution_cell: float
     incidence_angle: NDArray[np.float64]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    anchor: object = None
 
     def __repr__(self) -> str:
         grid = self.grid

@@ -7,6 +7,8 @@ class Anchor:
     latitude: float = 0.84
     longitude: float = 0.2
     height: float = 500.0
+    @staticmethod
+    def of_degrees(a,b,h): return Anchor(float(np.radians(a)),float(np.radians(b)),float(h))
     @property
     def origin(self): return w.geodetic_to_cartesian([np.degrees(self.latitude),np.degrees(self.longitude),self.height])
     @property
