@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
+    from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
@@ -51,6 +52,7 @@ _HOME = {
     "FilmDescription": "sarmitsuba.radar.film",
     "ImageGrid": "sarmitsuba.image.sar_image",
     "ImageRequest": "sarmitsuba.radar.image_request",
+    "LinkBudget": "sarmitsuba.link",
     "Material": "sarmitsuba.materials.material",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
@@ -71,6 +73,7 @@ _HOME = {
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
     "image_quality": "sarmitsuba.quality",
+    "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
@@ -107,6 +110,7 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
+    "LinkBudget",
     "Material",
     "OutputError",
     "PathTable",
@@ -128,6 +132,7 @@ __all__ = [
     "explain",
     "focus",
     "image_quality",
+    "link_budget",
     "load_extension",
     "load_scene",
     "monostatic_rcs",

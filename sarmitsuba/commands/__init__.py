@@ -10,6 +10,9 @@ from sarmitsuba.commands import (
     doctor,
     explain,
     focus,
+    insar,
+    interferogram,
+    link,
     picture,
     quality,
     rcs,
@@ -20,6 +23,22 @@ from sarmitsuba.commands import (
     view,
 )
 
-COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (
+    render,
+    focus,
+    view,
+    picture,
+    quality,
+    interferogram,
+    insar,
+    rcs,
+    studio,
+    explain,
+    link,
+    cost,
+    scenes,
+    validate,
+    doctor,
+)
 
 __all__ = ["COMMANDS"]

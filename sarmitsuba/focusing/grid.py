@@ -115,6 +115,7 @@ def default_grid(
             across=across,
             height=float(request.height),
             offset=radar.offset,
+            anchor=radar.anchor,
         )
     drop = float(origin[2] - request.height)
     middle = float(np.hypot(ground, drop))
@@ -130,6 +131,7 @@ def default_grid(
         across=across,
         height=float(request.height),
         offset=radar.offset,
+        anchor=radar.anchor,
     )
 
 
@@ -178,6 +180,8 @@ def _check_recorded(radar: Radar, request: ImageRequest) -> None:
 def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]:
     """Pixel spacings (azimuth, range) in m: half a cell, or less where a turned spectrum (squint) needs it.
 
+    Half the Nyquist spacing where the track goes all round the image.
+
     Parameters
     ----------
     radar : gives track, antenna and waveform
@@ -197,8 +201,11 @@ def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]
     else:  # dR / d rho on the slant grid
         across = np.sqrt(1.0 - along**2)
     half = 0.5 * radar.waveform.bandwidth / radar.waveform.center_frequency
+    all_round = min(along.max(), -along.min(), across.max(), -across.min()) > 0.0
     wavenumber = 4.0 * np.pi / radar.waveform.wavelength * np.array([1.0 - half, 1.0 + half])
     nyquist = [2.0 * np.pi / np.ptp(np.outer(axis, wavenumber)) for axis in (along, across)]
+    if all_round:  # the spectrum is a ring: no axis of the image has a cell of its own
+        return float(0.5 * nyquist[0]), float(0.5 * nyquist[1])
     return (
         float(min(0.5 * cell_azimuth, _NYQUIST_FILL * nyquist[0])),
         float(min(0.5 * cell_range, _NYQUIST_FILL * nyquist[1])),

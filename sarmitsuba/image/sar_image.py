@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.registry import late
 
 Quantity = Literal["sigma0", "rcs"]
@@ -32,6 +33,7 @@ class ImageGrid:
     along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
     height : m, scene frame
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
+    anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
     kind: Literal["slant", "ground"]
@@ -42,6 +44,7 @@ class ImageGrid:
     across: NDArray[np.float64]
     height: float = 0.0
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    anchor: Anchor = field(default_factory=Anchor)
 
     def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
         """The same pixels in the frame of that offset; zeros: in the frame of the user's file.
@@ -135,7 +138,6 @@ class SarImage:
     range_resolution_cell: float
     incidence_angle: NDArray[np.float64]
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    anchor: object = None
 
     def __repr__(self) -> str:
         grid = self.grid
@@ -198,6 +200,11 @@ class SarImage:
             channel=channel or self.channels[0],
             quantity=quantity,
         )
+
+    @property
+    def anchor(self) -> Anchor:
+        """Where on the Earth the origin of the file's frame lies."""
+        return self.grid.anchor
 
     @property
     def channels(self) -> tuple[str, ...]:

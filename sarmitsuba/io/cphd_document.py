@@ -150,14 +150,21 @@ def document(recording: Recording) -> lxml.etree._ElementTree:
     root.append(sarkit.cphd.compute_reference_geometry(tree, vectors))
     top["ProductInfo"] = {
         "Profile": "sarmitsuba",
-        "CreationInfo": [{"Application": f"sarmitsuba {__version__}", "DateTime": datetime.datetime.now(datetime.timezone.utc)}],
+        "CreationInfo": [
+            {
+                "Application": f"sarmitsuba {__version__}",
+                "DateTime": datetime.datetime.now(datetime.timezone.utc),
+            }
+        ],
         "Parameter": list(recording.facts.items()),
     }
     return tree
 
 
 def _scene_coordinates(top: Any, area: Area, anchor: Anchor) -> None:
-    corners = np.array([[area.low[0], area.low[1]], [area.low[0], area.high[1]], area.high, [area.high[0], area.low[1]]])
+    corners = np.array(
+        [[area.low[0], area.low[1]], [area.low[0], area.high[1]], area.high, [area.high[0], area.low[1]]]
+    )
     # clockwise seen from above
     ground = area.origin + corners @ area.axes
     latitude, longitude, _ = anchor.to_geodetic(ground).T
@@ -178,7 +185,11 @@ def _scene_coordinates(top: Any, area: Area, anchor: Anchor) -> None:
         "ImageGrid": {
             "IARPLocation": -area.low / area.spacing - 0.5,  # pixel 0 is centred half a spacing inside
             "IAXExtent": {"LineSpacing": float(area.spacing[0]), "FirstLine": 0, "NumLines": int(cells[0])},
-            "IAYExtent": {"SampleSpacing": float(area.spacing[1]), "FirstSample": 0, "NumSamples": int(cells[1])},
+            "IAYExtent": {
+                "SampleSpacing": float(area.spacing[1]),
+                "FirstSample": 0,
+                "NumSamples": int(cells[1]),
+            },
         },
     }
 

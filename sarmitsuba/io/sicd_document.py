@@ -11,7 +11,7 @@ radar looks right and against it where it looks left.
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -21,7 +21,8 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.radar.collection import Collection
+from sarmitsuba.radar.collection import Collection, Signal
+from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.version import __version__
 
@@ -73,12 +74,12 @@ class Axes:
         grid = image.grid.in_frame(np.zeros(3))
         middle = (grid.shape[0] // 2, grid.shape[1] // 2)
         scp = grid.positions_on_line(middle[0])[middle[1]]
-        turned = flight.look_side == "left"
+        turned = flight.signal.look_side == "left"
         column = -grid.along if turned else grid.along
         time = center_time(flight, grid.along, scp)
-        antenna, velocity = (one[0] for one in flight.states(np.array([time])))
+        antenna, velocity = flight.state(time)
         line = (scp - antenna) / np.linalg.norm(scp - antenna)
-        wave = 2.0 * flight.center_frequency / SPEED_OF_LIGHT
+        wave = 2.0 * flight.signal.center_frequency / SPEED_OF_LIGHT
         if grid.kind == "ground":
             row = grid.across
             carrier = (wave * float(line @ row), wave * float(line @ column))
@@ -89,7 +90,7 @@ class Axes:
             row = row / np.linalg.norm(row)
             column = -forward if turned else forward
             carrier = (wave * float(line @ row), wave * float(line @ column))
-        range_band = 2.0 * flight.bandwidth / SPEED_OF_LIGHT * float(line @ row)
+        range_band = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT * float(line @ row)
         last = grid.shape[0] - 1
         return Axes(
             scp,
@@ -98,7 +99,10 @@ class Axes:
             np.stack([row, column]),
             (grid.range_spacing, grid.azimuth_spacing),
             carrier,
-            (range_band, 1.0 / image.metadata["focus"].get("azimuth_cell_uniform", image.azimuth_resolution_cell)),
+            (
+                range_band,
+                1.0 / image.metadata["focus"].get("azimuth_cell_uniform", image.azimuth_resolution_cell),
+            ),
         )
 
     def ramp(self, shape: tuple[int, int]) -> tuple[F64, F64]:
@@ -115,8 +119,8 @@ def center_time(flight: Collection, along: F64, point: F64) -> float:
     middle = 0.5 * flight.duration
     if not flight.own_apertures:
         return middle
-    _, velocity = flight.states(np.array([middle]))
-    return middle + float((point - np.asarray(flight.aim_point)) @ along) / float(velocity[0] @ along)
+    _, velocity = flight.state(middle)
+    return middle + float((point - np.asarray(flight.signal.aim_point)) @ along) / float(velocity @ along)
 
 
 def document(image: SarImage, channel: str, flight: Collection, name: str) -> lxml.etree._ElementTree:
@@ -140,7 +144,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
         "CollectorName": "sarmitsuba",
         "CoreName": name,
         "CollectType": "MONOSTATIC",
-        "RadarMode": {"ModeType": _MODE_TYPES.get(flight.mode, "DYNAMIC STRIPMAP")},
+        "RadarMode": {"ModeType": _MODE_TYPES.get(flight.signal.mode, "DYNAMIC STRIPMAP")},
         "Classification": "UNCLASSIFIED",
     }
     top["ImageCreation"] = {
@@ -171,14 +175,14 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
                     "TStart": 0.0,
                     "TEnd": duration,
                     "IPPStart": 0,
-                    "IPPEnd": round(duration * flight.pulse_rate) - 1,
+                    "IPPEnd": flight.signal.pulses - 1,
                     "IPPPoly": np.array([0.0, flight.pulse_rate]),
                 }
             ],
         },
     }
     anchor = image.anchor
-    position = np.asarray(flight.position) @ anchor.axes
+    position = flight.polynomial() @ anchor.axes
     position[0] += anchor.origin
     top["Position"] = {"ARPPoly": position}
     _signal(top, channel, flight, "RMA" if image.grid.kind == "slant" else "OTHER")
@@ -212,15 +216,15 @@ def _grid(top: Any, image: SarImage, axes: Axes, flight: Collection) -> None:
     along = image.grid.along
     poly = np.array([[center_time(flight, along, axes.scp)]])
     if flight.own_apertures:
-        _, velocity = flight.states(np.array([0.5 * flight.duration]))
-        poly = np.array([[poly[0, 0], float(axes.units[1] @ along) / float(velocity[0] @ along)]])
+        _, velocity = flight.state(0.5 * flight.duration)
+        poly = np.array([[poly[0, 0], float(axes.units[1] @ along) / float(velocity @ along)]])
     grid: dict[str, object] = {
         "ImagePlane": "GROUND" if image.grid.kind == "ground" else "SLANT",
         "Type": "PLANE" if image.grid.kind == "ground" else "RGZERO",
         "TimeCOAPoly": poly,
     }
     # noise-equivalent cells: that of slant range seen along the rows
-    slant = 2.0 * flight.bandwidth / SPEED_OF_LIGHT
+    slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
     cells = (image.range_resolution_cell * slant / axes.bandwidth[0], image.azimuth_resolution_cell)
     for i, name in enumerate(("Row", "Col")):
         band = axes.bandwidth[i]
@@ -238,7 +242,8 @@ def _grid(top: Any, image: SarImage, axes: Axes, flight: Collection) -> None:
 
 
 def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
-    low, high = (flight.center_frequency + sign * 0.5 * flight.bandwidth for sign in (-1.0, 1.0))
+    signal = flight.signal
+    low, high = (signal.center_frequency + sign * 0.5 * signal.bandwidth for sign in (-1.0, 1.0))
     polarisation = f"{_LETTERS[channel[0]]}:{_LETTERS[channel[1]]}"
     top["RadarCollection"] = {
         "TxFrequency": {"Min": low, "Max": high},
@@ -247,11 +252,11 @@ def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
             "WFParameters": [
                 {
                     "@index": 1,
-                    "TxPulseLength": flight.pulse_width,
-                    "TxRFBandwidth": flight.bandwidth,
+                    "TxPulseLength": signal.pulse_width,
+                    "TxRFBandwidth": signal.bandwidth,
                     "TxFreqStart": low,
-                    "TxFMRate": flight.bandwidth / flight.pulse_width,
-                    "ADCSampleRate": flight.sampling_rate,
+                    "TxFMRate": signal.bandwidth / signal.pulse_width,
+                    "ADCSampleRate": signal.sampling_rate,
                 }
             ],
         },
@@ -275,7 +280,7 @@ def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
 def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
     """Range and time of closest approach of the pixels of a slant grid, for a straight track."""
     middle = 0.5 * flight.duration
-    position, velocity = (one[0] for one in flight.states(np.array([middle])))
+    position, velocity = flight.state(middle)
     speed = float(np.linalg.norm(velocity))
     away = axes.scp - position
     ahead = float(away @ velocity) / speed
@@ -285,7 +290,7 @@ def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
         "INCA": {
             "TimeCAPoly": np.array([middle + ahead / speed, (-1.0 if axes.turned else 1.0) / speed]),
             "R_CA_SCP": float(np.sqrt(away @ away - ahead**2)),
-            "FreqZero": flight.center_frequency,
+            "FreqZero": flight.signal.center_frequency,
             "DRateSFPoly": np.array([[1.0]]),
         },
     }
@@ -304,8 +309,8 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
     anchor = Anchor.of_degrees(latitude, longitude, height)
     kind = _kind(top, what)
     row, column = (anchor.axes @ top["Grid"][name]["UVectECF"] for name in ("Row", "Col"))
-    flight = _flight(top, anchor)
-    antenna, velocity = (one[0] for one in flight.states(np.array([top["Grid"]["TimeCOAPoly"][0, 0]])))
+    flight = _collection(top, anchor)
+    antenna, velocity = flight.state(float(top["Grid"]["TimeCOAPoly"][0, 0]))
     turned = bool(column @ velocity < 0.0)
     along = -column if turned else column
     if kind == "ground" and max(abs(row[2]), abs(along[2])) > _LEVEL:
@@ -332,10 +337,10 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
         origin, along = antenna, forward
         azimuth = azimuth - float(antenna @ forward)
         ranges = ranges + float(top["RMA"]["INCA"]["R_CA_SCP"])
-        across = np.cross(forward, UP) * (1.0 if flight.look_side == "right" else -1.0)
-    grid = ImageGrid(kind, azimuth, ranges, origin, along, across)
+        across = np.cross(forward, UP) * (1.0 if flight.signal.look_side == "right" else -1.0)
+    grid = ImageGrid(kind, azimuth, ranges, origin, along, across, anchor=anchor)
     line = grid.positions_on_line(azimuth.size // 2) - antenna
-    slant = 2.0 * flight.bandwidth / SPEED_OF_LIGHT
+    slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
     widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
     letters = str(top["ImageFormation"]["TxRcvPolarizationProc"]).split(":")
     by_name = {name: letter for letter, name in _LETTERS.items()}
@@ -344,17 +349,19 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
         data=data[None].astype(np.complex64),
         layers=(Layer(channel),),
         grid=grid,
-        wavelength=SPEED_OF_LIGHT / flight.center_frequency,
+        wavelength=SPEED_OF_LIGHT / flight.signal.center_frequency,
         azimuth_resolution_cell=widths[1],
         range_resolution_cell=widths[0] * axes.bandwidth[0] / slant,
         incidence_angle=np.arccos(-line[:, 2] / np.linalg.norm(line, axis=1)),
         metadata={
             "source": what,
             "scene": str(top["CollectionInfo"]["CoreName"]),
-            "collection": flight.facts(),
-            "focus": {"center_position": [float(v) for v in antenna]},
+            "focus": {
+                "center_position": [float(v) for v in antenna],
+                "flight": flight.flight.as_dict(),
+                "signal": asdict(flight.signal),
+            },
         },
-        anchor=anchor,
     )
 
 
@@ -376,11 +383,13 @@ def _constant(poly: F64 | None, what: str) -> float:
     if poly is None:
         return 1.0
     if np.asarray(poly).size > 1:
-        raise DataError(f"{what}: radar cross section factors that vary over the image (RCSSFPoly) are not read")
+        raise DataError(
+            f"{what}: radar cross section factors that vary over the image (RCSSFPoly) are not read"
+        )
     return float(np.asarray(poly).ravel()[0])
 
 
-def _flight(top: Any, anchor: Anchor) -> Collection:
+def _collection(top: Any, anchor: Anchor) -> Collection:
     position = np.array(top["Position"]["ARPPoly"], dtype=np.float64)
     position[0] -= anchor.origin
     wave = top["RadarCollection"]["Waveform"]["WFParameters"][0]
@@ -394,20 +403,32 @@ def _flight(top: Any, anchor: Anchor) -> Collection:
         length = SPEED_OF_LIGHT / (low + high) * distance * float(top["Grid"]["Col"]["ImpRespBW"])
         aperture = min(duration, length / float(speed))
     kinds = {text: mode for mode, text in _MODE_TYPES.items() if mode != "circular"}
-    return Collection(
+    center, rows = 0.5 * duration, position @ anchor.axes.T
+    middle = np.polynomial.polynomial.polyval(center, rows)
+    rows[0] -= middle
+    series = [
+        np.polynomial.Polynomial(one).convert(kind=np.polynomial.Chebyshev, domain=[0.0, duration]).coef
+        for one in rows.T
+    ]
+    size = max(one.size for one in series)
+    flight = Flight(
+        middle,
+        np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows)),
+        (0.0, center, duration),
+        np.stack([np.pad(one, (0, size - one.size)) for one in series], axis=1),
+    )
+    signal = Signal(
         mode=kinds.get(str(top["CollectionInfo"]["RadarMode"]["ModeType"]), "spotlight"),
         look_side="left" if top["SCPCOA"]["SideOfTrack"] == "L" else "right",
-        start=0.0,
-        duration=duration,
-        pulse_rate=rate,
-        position=tuple(tuple(float(v) for v in one) for one in position @ anchor.axes.T),
-        aim_point=(0.0, 0.0, 0.0),
+        pulses=int(pulses["IPPEnd"]) - int(pulses["IPPStart"]) + 1,
         aperture=aperture,
+        aim_point=(0.0, 0.0, 0.0),
         center_frequency=0.5 * (low + high),
         bandwidth=high - low,
-        pulse_width=float(wave["TxPulseLength"]),
         sampling_rate=float(wave["ADCSampleRate"]),
+        pulse_width=float(wave["TxPulseLength"]),
     )
+    return Collection(signal, flight)
 
 
 __all__ = ["EPOCH", "NAMESPACE", "Axes", "center_time", "document", "image_of"]

@@ -35,10 +35,12 @@ class Carrier:
 
     Interpolating between pixels, and cutting the spectrum into looks, is for what remains when it is taken out.
 
-    .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi
+    .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi, \qquad
+              D_{sliding} = -|p - q|
 
     c the antenna at mid-aperture, x the position along the track, rho the range of closest approach, psi the squint
-    of a pixel's own aperture.
+    of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: a pixel's line of sight at the
+    middle of its own aperture goes through it.
 
     Parameters
     ----------
@@ -46,6 +48,7 @@ class Carrier:
     wavelength : m
     center : (3,) float64, m, frame of the grid; antenna at mid-aperture
     squint_sine : sine of the squint of pixels that have apertures of their own; None where all share one
+    turning_range : m, range of closest approach of q; infinite for a beam fixed to the track
 
     Notes
     -----
@@ -57,6 +60,7 @@ class Carrier:
     wavelength: float
     center: F64
     squint_sine: float | None
+    turning_range: float = np.inf
 
     @classmethod
     def of(cls, image: SarImage) -> "Carrier":
@@ -65,9 +69,14 @@ class Carrier:
         Raises
         ------
         DataError
-            A ground image that does not say where the antenna was.
+            A ground image that does not say where the antenna was, or an image made from all sides.
         """
         facts = image.metadata.get("focus", {})
+        if facts.get("all_round"):
+            raise DataError(
+                "image: it was made from all sides and has no carrier, and no lobes along azimuth and "
+                "range to measure; sarmitsuba.theory.circular_response is the response of a point"
+            )
         grid = image.grid
         if "center_position" in facts:
             center = np.asarray(facts["center_position"], dtype=np.float64) - grid.offset
@@ -78,13 +87,17 @@ class Carrier:
                 "image: it does not say where the antenna was; only slant images may leave that out"
             )
         sine = facts.get("squint_sine")
-        return cls(grid, image.wavelength, center, None if sine is None else float(sine))
+        turning = float(facts.get("turning_range", np.inf))
+        return cls(grid, image.wavelength, center, None if sine is None else float(sine), turning)
 
     def distance(self, azimuth: ArrayLike, range: ArrayLike) -> F64:
         """D at grid coordinates, m, of any shapes that fit each other."""
         x, rho = self._cylinder(azimuth, range)
         if self.squint_sine is None:
             return np.hypot(x, rho)
+        if np.isfinite(self.turning_range):
+            ahead = self.turning_range * self._tangent
+            return np.asarray(-np.hypot(x - ahead, rho - self.turning_range))
         return np.asarray(x * self.squint_sine + rho * np.sqrt(1.0 - self.squint_sine**2))
 
     def phasor(self, azimuth: ArrayLike, range: ArrayLike) -> NDArray[np.complex128]:
@@ -105,7 +118,12 @@ class Carrier:
         x, rho = (float(v) for v in self._cylinder(azimuth, range))
         shift = 0.0  # along the track, to the middle of the point's own aperture
         if self.squint_sine is not None:
-            shift = x - rho * self.squint_sine / float(np.sqrt(1.0 - self.squint_sine**2))
+            # the line of sight's tangent: through q, or the same for all pixels
+            beyond = self.turning_range - rho
+            tangent = (
+                (self.turning_range * self._tangent - x) / beyond if np.isfinite(beyond) else self._tangent
+            )
+            shift = x - rho * tangent
         step = 1e-3 * rho
         slopes = [self._slope(azimuth, range, shift + s) for s in (-step, 0.0, step)]
         turn = slopes[2] - slopes[0]
@@ -118,6 +136,12 @@ class Carrier:
         return Lobes(
             (float(across[0]), float(across[1])), (float(away[0]), float(away[1])), length, abs(skew)
         )
+
+    @property
+    def _tangent(self) -> float:
+        """Tangent of the squint, 0 where all pixels share one aperture."""
+        sine = self.squint_sine or 0.0
+        return sine / float(np.sqrt(1.0 - sine**2))
 
     def _slope(self, azimuth: float, range: float, shift: float) -> F64:
         """Gradient of the distance from an antenna ``shift`` m along the track from mid-aperture, (azimuth, range)."""

@@ -123,7 +123,7 @@ def image_quality(
     Raises
     ------
     DataError
-        No such channel, an area outside the image, or looks that it does not have.
+        No such channel, an area outside the image, looks that it does not have, or an image that looks all round.
 
     Notes
     -----

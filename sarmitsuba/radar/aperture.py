@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+from sarmitsuba.radar.pulse_timing import pulse_timing
+from sarmitsuba.radar.sliding import BeamOverPath
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -28,8 +31,13 @@ _REPLACED_BY_TRACK = (
     "squint_angle_deg",
     "speed",
     "prf",
+    "prf_jitter",
+    "prf_jitter_seed",
+    "pri_sequence",
     "n_pulses",
     "azimuth_resolution",
+    "orbit_altitude",
+    "state_vectors_file",
 )
 
 
@@ -68,7 +76,8 @@ def given_track(given: RadarInput, offset: F64) -> Track | None:
     if not name and given.track is None:
         return None
     what = "track_file" if name else "track"
-    for other in (*_REPLACED_BY_TRACK, *(("track_file",) if name and given.track is not None else ())):
+    twice = ("track_file",) if name and given.track is not None else ()
+    for other in (*_REPLACED_BY_TRACK, *MODES[given.sensor.mode].path_parameters, *twice):
         if other in given.sensor_given:
             raise RadarError(f"{given.where}: {other} has no effect beside {what}; leave one of them out")
     track = given.track
@@ -105,16 +114,16 @@ def geometry_of_track(given: RadarInput, track: Track, aim: F64) -> AimGeometry:
 
 
 def known_azimuth_cell(
-    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None
+    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None, speed: float
 ) -> float:
-    """Azimuth cell as far as it is known before the track is, m."""
+    """Azimuth cell as far as it is known before the track is, at the antenna's speed (m/s), m."""
     s = given.sensor
     if s.azimuth_resolution > 0.0:
         return s.azimuth_resolution
     if track is not None and track.n_pulses > 1:
         length = float(np.linalg.norm(np.ptp(track.position, axis=0)))
     elif s.n_pulses > 1 and s.prf > 0.0:
-        length = s.n_pulses * s.speed / s.prf
+        length = s.n_pulses * speed / s.prf
     else:
         return waveform.range_cell
     return MODES[s.mode].azimuth_cell(geometry, waveform.wavelength, max(length, 1e-9))
@@ -156,6 +165,12 @@ class _Wanted:
         lit_in_turn = MODES[s.mode].own_apertures and self.antenna.pattern != "isotropic"
         return lit_in_turn and (s.n_pulses == 0 or s.azimuth_resolution > 0.0)
 
+    @cached_property
+    def beam(self) -> BeamOverPath:
+        """How the beam moves over the scene."""
+        law = MODES[self.given.sensor.mode]
+        return BeamOverPath(law, self.path, self.geometry, self.given.sensor.mode_parameters)
+
     def half_aperture(self) -> float:
         """Half the aperture of a pixel, in sines, at most to the first null; infinite for one aperture for all."""
         if not self.own_apertures:
@@ -164,18 +179,22 @@ class _Wanted:
         x = float(offset @ self.geometry.along)
         closest = float(np.linalg.norm(offset - x * self.geometry.along))
         end = np.array([x - 0.5 * self.length(), x + 0.5 * self.length()])
-        half = 0.5 * float(np.ptp(end / np.hypot(end, closest)))
-        return min(half, self.geometry.cos_squint * sine_to_null(self.antenna.azimuth_beamwidth))
+        half = 0.5 * float(np.ptp(end / np.hypot(end, closest))) * self.beam.footprint_speed
+        return min(half, self.geometry.cos_squint * self.antenna.nulls[0])
 
     def track_length(self, half_aperture: float) -> float:
         r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.
 
         .. math:: x_t = x - \rho \tan(\arcsin(\sin\psi \pm s_a))
 
-        for a pixel at azimuth x and closest range rho, squint psi and half aperture s_a.
+        for a pixel at azimuth x and closest range rho, squint psi and half aperture s_a, where the beam is fixed to the
+        track.
         """
         if not np.isfinite(half_aperture):
             return self.length()
+        if self.beam.footprint_speed != 1.0:
+            points = self.box.samples() @ self.box.axes + self.box.origin
+            return self.beam.track_length(points, half_aperture, self.given.where)
         offset = self.box.samples() + self.geometry.axes @ (self.geometry.aim - self.geometry.center)
         closest = np.hypot(offset[:, 1], offset[:, 2])
         sine = float(self.geometry.line_of_sight @ self.geometry.along)
@@ -221,6 +240,9 @@ def automatic_track(
     """
     s, where = given.sensor, given.where
     speed, n, prf = path.speed, s.n_pulses, s.prf
+    whole = MODES[s.mode].path_length(geometry, MODES[s.mode].filled(s.mode_parameters))
+    if whole > 0.0:
+        return _whole_path(given, whole, box, waveform, antenna, path), np.inf
     if n and prf and s.azimuth_resolution > 0.0:
         raise RadarError(
             f"{where}: n_pulses = {n}, prf = {prf:g} Hz and azimuth_resolution = "
@@ -247,7 +269,37 @@ def automatic_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return path.track(prf, n), half
+    return pulse_timing(given).track(path, prf, n), half
+
+
+def _whole_path(
+    given: RadarInput, length: float, box: Box, waveform: Waveform, antenna: Antenna, path: FlightPath
+) -> Track:
+    """Track of a length (m) that the mode sets; a closed path's last pulse is one step before its first."""
+    s, where = given.sensor, given.where
+    if s.n_pulses and s.prf:
+        raise RadarError(
+            f"{where}: n_pulses = {s.n_pulses} and prf = {s.prf:g} Hz set the length of the track, which "
+            f"mode = {s.mode} sets to {length:g} m; set one of them to 0"
+        )
+    if s.azimuth_resolution > 0.0:
+        own = ", ".join(MODES[s.mode].path_parameters)
+        raise RadarError(
+            f"{where}: azimuth_resolution = {s.azimuth_resolution:g} m has no effect with mode = {s.mode}, whose {own} "
+            "sets the track; leave it out"
+        )
+    n = s.n_pulses
+    if not n:
+        position, velocity = path.states(np.linspace(-0.5, 0.5, 65) * (length / path.speed))
+        spread = doppler_bandwidth(position, velocity, box, waveform.wavelength, instantaneous=True)
+        needed = PRF_MARGIN * min(spread, beam_bandwidth(antenna, path.speed, waveform.wavelength))
+        n = max(2, int(np.ceil(length * (s.prf or needed) / path.speed)))
+    if n > MAX_PULSES:
+        raise RadarError(
+            f"{where}: a track of {length:g} m needs {n} pulses, more than {MAX_PULSES}; shrink the image, narrow "
+            "the beam or fly a shorter arc"
+        )
+    return pulse_timing(given).track(path, n * path.speed / length, n)
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

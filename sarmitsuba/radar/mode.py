@@ -96,6 +96,9 @@ class RadarMode(ABC):
     own_apertures : the beam passes over the pixels in turn, so that each has an aperture of its own, about its
         own closest approach, and the automatic track holds the apertures of the whole image; False where all pixels
         are lit by the same pulses
+    squints : the beam may look ahead or back at mid-aperture
+    all_round : the line of sight turns so far that no slant-range axis serves all pulses: images stand on the ground
+    path_parameters : names of those ``parameters`` that shape the automatic track; a given track has no use for them
     """
 
     name: str
@@ -103,6 +106,9 @@ class RadarMode(ABC):
     parameters: tuple[Param, ...] = ()
     instantaneous_doppler: bool = False
     own_apertures: bool = False
+    squints: bool = True
+    all_round: bool = False
+    path_parameters: tuple[str, ...] = ()
 
     @abstractmethod
     def boresight(
@@ -124,6 +130,10 @@ class RadarMode(ABC):
     def path(self, geometry: AimGeometry, speed: float) -> FlightPath:
         """What the antenna flies along where no track is given: straight through mid-aperture, at ``speed`` (m/s)."""
         return StraightPath(geometry.center, speed * geometry.along)
+
+    def path_length(self, geometry: AimGeometry, values: Mapping[str, Value]) -> float:
+        """Length of track that the mode itself sets by ``values``, m; 0 where the azimuth resolution sets it."""
+        return 0.0
 
     def aperture_length(self, geometry: AimGeometry, wavelength: float, azimuth_cell: float) -> float:
         r"""Length of track that gives an azimuth cell, m.
@@ -153,14 +163,23 @@ class RadarMode(ABC):
         values : of ``parameters``; None takes their defaults
         """
         axes = TrackAxes.of(track, geometry.along)
-        given = {p.name: p.default for p in self.parameters if p.default is not None} | dict(values or {})
-        boresight = self.boresight(track, axes, geometry, given)
+        boresight = self.boresight(track, axes, geometry, self.filled(values))
         azimuth = axes.forward - np.einsum("ij,ij->i", axes.forward, boresight)[:, None] * boresight
         size = np.linalg.norm(azimuth, axis=1, keepdims=True)
         azimuth = np.where(size > 1e-9, azimuth / np.maximum(size, 1e-9), np.cross(boresight, axes.right))
         elevation = np.cross(azimuth, boresight)
         elevation *= np.where(elevation[:, 2:] < 0.0, -1.0, 1.0)
         return Pointing(boresight, azimuth, elevation)
+
+    def filled(self, values: Mapping[str, Value] | None) -> dict[str, Value]:
+        """Values of ``parameters``, those that are not given at their defaults."""
+        return {p.name: p.default for p in self.parameters if p.default is not None} | dict(values or {})
+
+
+def towards(point: F64, track: Track) -> F64:
+    """(n_pulses, 3) unit vectors from every position of a track to a point (3,), or to one of each pulse."""
+    line = point - track.position
+    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300))
 
 
 MODES: Registry[RadarMode] = Registry("radar mode", "sarmitsuba.radar.modes")
@@ -189,4 +208,4 @@ def right_of(along: F64) -> F64:
     return np.array([along[1], -along[0], 0.0])
 
 
-__all__ = ["MODES", "AimGeometry", "RadarMode", "TrackAxes", "mode_parameters", "right_of"]
+__all__ = ["MODES", "AimGeometry", "RadarMode", "TrackAxes", "mode_parameters", "right_of", "towards"]

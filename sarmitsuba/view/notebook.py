@@ -4,16 +4,22 @@ import io
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.radar.footprint import lit, outline
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.view.quicklook import quicklook, save
 
 # triangles drawn in a plan; of more, the largest
 _MOST_FACES = 20_000
+# points across a plan at which it is asked what has its whole aperture
+_SHADED = 121
+_BEAM = "tab:blue"
 
 
 def image_figure(image: SarImage, path: Path | str | None = None, channel: str | None = None) -> Figure:
@@ -34,10 +40,16 @@ def scene_png(scene: Scene) -> bytes:
     return _png(scene_plan(scene))
 
 
-def scene_plan(scene: Scene) -> Figure:
-    """A scene from above: faces by height, ideal points, the image's outline, directions of flight and look.
+def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
+    """A scene from above: faces by height, ideal points, the image's outline, directions of flight and look, the beam.
 
-    Axes are metres of the scene frame, east to the right and north up.
+    The beam is its half-power outline on the image's plane at the track's first, middle and last pulse, and, shaded,
+    what has its whole aperture. Axes are metres of the scene frame, east to the right and north up.
+
+    Parameters
+    ----------
+    scene : to draw
+    whole_beam : True widens the view until it holds the beam
     """
     figure = Figure(figsize=(5.2, 4.6), dpi=100.0, layout="constrained")
     axes = figure.add_subplot()
@@ -76,10 +88,39 @@ def scene_plan(scene: Scene) -> Figure:
         )
     axes.set_aspect("equal")
     axes.autoscale_view()
+    draw_beam(axes, radar, image.height, whole=whole_beam)
     axes.set_xlabel("east (m)")
     axes.set_ylabel("north (m)")
     axes.set_title(scene.name, fontsize=9)
     return figure
+
+
+def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -> None:
+    """Half-power outlines of the beam at the track's first, middle and last pulse, and what has its whole aperture.
+
+    Parameters
+    ----------
+    axes : a plan, east to the right and north up, m of the scene frame; nothing is drawn for an isotropic antenna
+    radar : whose beam it is
+    height : of the plane that the beam meets, m, scene frame
+    whole : True widens the axes until they hold the beam; otherwise they keep their limits
+    """
+    if radar.antenna.pattern == "isotropic":
+        return
+    x, y = axes.get_xlim(), axes.get_ylim()
+    last = radar.track.n_pulses - 1
+    ends = [outline(radar, pulse, height)[:, :2] for pulse in sorted({0, radar.track.center_index, last})]
+    if whole:
+        around = np.concatenate([*ends, np.transpose([x, y])])
+        low, high = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
+        x, y = (low[0], high[0]), (low[1], high[1])
+    for line, style in zip(ends, ("--", "-", ":")[: len(ends)], strict=True):
+        axes.plot(*line.T, style, color=_BEAM, linewidth=1.0)
+    east, north = np.meshgrid(np.linspace(*x, _SHADED), np.linspace(*y, _SHADED))
+    share = lit(radar, np.stack([east, north, np.full_like(east, height)], axis=-1)).whole
+    axes.contourf(east, north, share, levels=[0.5, 1.5], colors=[_BEAM], alpha=0.15)
+    axes.set_xlim(x)
+    axes.set_ylim(y)
 
 
 _AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
@@ -91,4 +132,4 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-__all__ = ["image_figure", "image_png", "scene_plan", "scene_png"]
+__all__ = ["draw_beam", "image_figure", "image_png", "scene_plan", "scene_png"]

@@ -18,6 +18,7 @@ FUNCTIONS = {
     "trace_paths": ("scene", "pulses", "strongest", "near"),
     "write_image": ("image", "path"),
     "write_raw": ("raw", "path"),
+    "link_budget": ("scene", "rcs", "sigma0_db"),
     "load_extension": ("module_or_file",),
     "load_scene": ("scene",),
     "monostatic_rcs": ("geometry", "materials", "directions", "frequency"),

@@ -77,7 +77,7 @@ class PhaseGradient(Autofocuser):
         blocks = 1
         if np.isfinite(radar.half_aperture):
             distance = float(np.linalg.norm(radar.aim_point - radar.track.center_position))
-            aperture = 2.0 * radar.half_aperture * distance
+            aperture = 2.0 * radar.half_turn * distance
             blocks = int(np.clip(np.ceil(_BLOCKS * np.ptp(grid.azimuth) / aperture), 1, rows))
         power = np.abs(image) ** 2
         found = []

@@ -15,6 +15,9 @@ F64 = NDArray[np.float64]
 # largest part of the (raised) PRF that the image's Doppler band may take: the rest is for the ripple at its edges
 _BAND_FILL = 0.6
 
+# change of the boresight's sine over the track up to which a beam counts as fixed to it: rounding
+_FIXED = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class TrackGeometry:
@@ -59,6 +62,9 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     off = np.abs(relative - (relative @ grid.along)[:, None] * grid.along).max()
     if off > 1e-4 or (track.position[-1] - track.position[0]) @ grid.along < 0.0:
         return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
+    turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
+    if radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures and turns > _FIXED:
+        return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
     if ground and slant_ranges(radar, grid).min() <= 0.0:
         return "the ground grid reaches across the ground track"
     return ""

@@ -48,7 +48,9 @@ def write_raw(path: Path, raw: RawData) -> None:
     """
     sarkit = _sarkit(path)
     if raw.domain != "compressed":
-        raise DataError(f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first")
+        raise DataError(
+            f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
+        )
     radar = raw.radar.in_file_frame()
     vectors = _vectors(radar)
     frequency = _frequencies(radar)
@@ -68,7 +70,11 @@ def write_raw(path: Path, raw: RawData) -> None:
     )
     tree = document(recording)
     metadata = sarkit.Metadata(xmltree=tree)
-    with atomic_path(path) as temporary, temporary.open("wb") as file, sarkit.Writer(file, metadata) as writer:
+    with (
+        atomic_path(path) as temporary,
+        temporary.open("wb") as file,
+        sarkit.Writer(file, metadata) as writer,
+    ):
         for channel in raw.channels:
             writer.write_signal(channel, _history(raw.total(channel), radar, frequency))
             writer.write_pvp(channel, vectors)
@@ -97,7 +103,9 @@ def _vectors(radar: Radar) -> NDArray[np.void]:
     """Per-vector parameters, Earth-fixed; the sampling of the frequencies is filled in by the caller."""
     anchor, track = radar.anchor, radar.track
     receiver = radar.receiver or track
-    kinds = [(name, ">i8" if name == "SIGNAL" else ">f8", (size,) if size > 1 else ()) for name, size in LAYOUT]
+    kinds = [
+        (name, ">i8" if name == "SIGNAL" else ">f8", (size,) if size > 1 else ()) for name, size in LAYOUT
+    ]
     vectors = np.zeros(track.n_pulses, dtype=np.dtype(kinds))
     there, back = _ways(radar)
     vectors["TxTime"] = track.time - track.time[0]
@@ -200,7 +208,9 @@ def read_raw(path: Path) -> RawData:
             tree = reader.metadata.xmltree
             helper = sarkit.XmlHelper(tree)
             if helper.load("{*}Global/{*}DomainType") != "FX":
-                raise DataError(f"{path}: samples over time of arrival (TOA) are not read; write them over frequency (FX)")
+                raise DataError(
+                    f"{path}: samples over time of arrival (TOA) are not read; write them over frequency (FX)"
+                )
             sign = helper.load("{*}Global/{*}SGN")
             latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
             anchor = Anchor(np.radians(latitude), np.radians(longitude), height)
@@ -210,7 +220,10 @@ def read_raw(path: Path) -> RawData:
             for node in tree.findall("{*}Channel/{*}Parameters"):
                 name = node.findtext("{*}Identifier")
                 signal, vectors = reader.read_channel(name)
-                letters = (node.findtext("{*}Polarization/{*}TxPol"), node.findtext("{*}Polarization/{*}RcvPol"))
+                letters = (
+                    node.findtext("{*}Polarization/{*}TxPol"),
+                    node.findtext("{*}Polarization/{*}RcvPol"),
+                )
                 channel = "".join(_LETTERS.get(one or "", one or "") for one in letters)
                 histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
     except (OSError, DataError):
@@ -243,7 +256,13 @@ def _request(raw: RawData, anchor: Anchor, corners: F64 | None) -> ImageRequest 
 
 
 def _read_channel(
-    path: Path, channel: str, signal: NDArray[np.generic], vectors: NDArray[np.void], sign: int, anchor: Anchor, two: bool
+    path: Path,
+    channel: str,
+    signal: NDArray[np.generic],
+    vectors: NDArray[np.void],
+    sign: int,
+    anchor: Anchor,
+    two: bool,
 ) -> PhaseHistory:
     """The phase history of one channel in the anchor's frame."""
     names = vectors.dtype.names or ()

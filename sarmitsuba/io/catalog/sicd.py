@@ -30,7 +30,7 @@ def write_image(path: Path, image: SarImage) -> None:
         The image does not say how it was flown, or sarkit is missing.
     """
     sarkit = _sarkit(path)
-    flight = Collection.read(image.metadata, str(path))
+    flight = Collection.read(image.metadata.get("focus", {}), str(path))
     for channel in image.channels:
         target = path if len(image.channels) == 1 else path.with_name(f"{path.stem}_{channel}{path.suffix}")
         tree = document(image, channel, flight, target.stem)
@@ -42,7 +42,11 @@ def write_image(path: Path, image: SarImage) -> None:
             de_subheader_part=sarkit.NitfDeSubheaderPart(security=security),
         )
         pixels = baseband(image.total(channel), Axes.of(image, flight))
-        with atomic_path(target) as temporary, temporary.open("wb") as file, sarkit.NitfWriter(file, metadata) as writer:
+        with (
+            atomic_path(target) as temporary,
+            temporary.open("wb") as file,
+            sarkit.NitfWriter(file, metadata) as writer,
+        ):
             writer.write_image(pixels)
 
 
@@ -50,7 +54,9 @@ def baseband(pixels: C64, axes: Axes) -> C64:
     """Pixels (azimuth, range) as the file has them: (rows, columns), without the carrier."""
     array = (pixels[::-1] if axes.turned else pixels).T
     rows, columns = axes.ramp(array.shape)
-    return np.asarray(array * np.exp(-2j * np.pi * rows)[:, None] * np.exp(-2j * np.pi * columns)).astype(np.complex64)
+    return np.asarray(array * np.exp(-2j * np.pi * rows)[:, None] * np.exp(-2j * np.pi * columns)).astype(
+        np.complex64
+    )
 
 
 def read_image(path: Path) -> SarImage:
@@ -78,7 +84,9 @@ def read_image(path: Path) -> SarImage:
     if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
         pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
     if not np.iscomplexobj(pixels):
-        raise DataError(f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F")
+        raise DataError(
+            f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
+        )
     return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
 
 

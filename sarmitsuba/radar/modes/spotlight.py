@@ -2,10 +2,8 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from sarmitsuba.parameters import Value
-from sarmitsuba.radar.mode import F64, MODES, AimGeometry, RadarMode, TrackAxes
+from sarmitsuba.radar.mode import F64, MODES, AimGeometry, RadarMode, TrackAxes, towards
 from sarmitsuba.radar.track import Track
 
 
@@ -20,8 +18,7 @@ class Spotlight(RadarMode):
         self, track: Track, axes: TrackAxes, geometry: AimGeometry, values: Mapping[str, Value]
     ) -> F64:
         """Return the unit vectors from every position to the aim point."""
-        line = geometry.aim - track.position
-        return np.asarray(line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-300))
+        return towards(geometry.aim, track)
 
 
 MODES.register(Spotlight())
