@@ -107,7 +107,7 @@ def document(recording: Recording) -> lxml.etree._ElementTree:
 
     root = lxml.etree.Element(f"{{{NAMESPACE}}}CPHD", nsmap={None: NAMESPACE})
     tree = lxml.etree.ElementTree(root)
-    top = sarkit.cphd.ElementWrapper(root)
+    top: Any = sarkit.cphd.ElementWrapper(root)
     vectors, area = recording.vectors, recording.area
     top["CollectionID"] = {
         "CollectorName": "sarmitsuba",

@@ -182,7 +182,8 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     Notes
     -----
     Ignores the antenna pattern. What lies beyond the unambiguous swath is folded in already. Pulse times are
-    nominal where the history has none. The spread R^2 is counted from r_n, that of two antennas from the point that the ranges are referred to.
+    nominal where the history has none. The spread R^2 is counted from r_n, that of two antennas from the point that
+    the ranges are referred to.
     """
     for history in histories:
         history.check()

@@ -37,8 +37,8 @@ UP = np.array([0.0, 0.0, 1.0])
 NAMESPACE = "urn:SICD:1.3.0"
 # simulated flights have no date of their own
 EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
-# sine of the inclination of what counts as level, and m / s^2 of what counts as straight
-_LEVEL, _STRAIGHT = 1e-6, 1e-6
+# cosine of the inclination of what counts as level somewhere near, and m / s^2 of what counts as straight
+_LEVEL, _STRAIGHT = 0.9999, 1e-6
 _MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
 _LETTERS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 # half-power over noise-equivalent width of a uniform band; of the usual windows within 3 %
@@ -108,7 +108,7 @@ class Axes:
     def ramp(self, shape: tuple[int, int]) -> tuple[F64, F64]:
         """Cycles of the carrier at every row and every column of an array of that shape."""
         rows, columns = (
-            (np.arange(n) - at) * step * k
+            np.asarray((np.arange(n) - at) * step * k, dtype=np.float64)
             for n, at, step, k in zip(shape, self.pixel, self.spacing, self.carrier, strict=True)
         )
         return rows, columns
@@ -138,7 +138,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
 
     root = lxml.etree.Element(f"{{{NAMESPACE}}}SICD", nsmap={None: NAMESPACE})
     tree = lxml.etree.ElementTree(root)
-    top = sarkit.sicd.ElementWrapper(root)
+    top: Any = sarkit.sicd.ElementWrapper(root)
     axes = Axes.of(image, flight)
     top["CollectionInfo"] = {
         "CollectorName": "sarmitsuba",
@@ -297,7 +297,7 @@ def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
 
 
 def image_of(top: Any, pixels: C64, what: str) -> SarImage:
-    """The image that a SICD document and its pixels are, in the frame of the scene centre point (east, north, up).
+    """The image that a SICD document and its pixels are, in a frame (east, north, up) whose level plane is the image's.
 
     Parameters
     ----------
@@ -308,37 +308,39 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
     latitude, longitude, height = top["GeoData"]["SCP"]["LLH"]
     anchor = Anchor.of_degrees(latitude, longitude, height)
     kind = _kind(top, what)
+    anchor = _level_anchor(top, anchor, kind, what)
     row, column = (anchor.axes @ top["Grid"][name]["UVectECF"] for name in ("Row", "Col"))
     flight = _collection(top, anchor)
     antenna, velocity = flight.state(float(top["Grid"]["TimeCOAPoly"][0, 0]))
     turned = bool(column @ velocity < 0.0)
     along = -column if turned else column
-    if kind == "ground" and max(abs(row[2]), abs(along[2])) > _LEVEL:
-        raise DataError(f"{what}: the image plane is inclined; only level planes and slant range are read")
+    scp = anchor.from_ecef(top["GeoData"]["SCP"]["ECF"])
     axes = Axes(
-        np.zeros(3),
-        tuple(int(v) for v in top["ImageData"]["SCPPixel"]),
+        scp,
+        (int(top["ImageData"]["SCPPixel"][0]), int(top["ImageData"]["SCPPixel"][1])),
         turned,
         np.stack([row, column]),
-        tuple(float(top["Grid"][name]["SS"]) for name in ("Row", "Col")),
-        tuple(float(top["Grid"][name]["KCtr"]) for name in ("Row", "Col")),
-        tuple(float(top["Grid"][name]["ImpRespBW"]) for name in ("Row", "Col")),
+        _pair(top, "SS"),
+        _pair(top, "KCtr"),
+        _pair(top, "ImpRespBW"),
     )
     rows, columns = axes.ramp(pixels.shape)
     scale = float(np.sqrt(_constant(top["Radiometric"].get("RCSSFPoly"), what)))
     data = pixels * (scale * np.exp(2j * np.pi * rows))[:, None] * np.exp(2j * np.pi * columns)
     data = data.T[::-1] if turned else data.T
     first = pixels.shape[1] - 1 - axes.pixel[1] if turned else axes.pixel[1]
-    azimuth = (np.arange(pixels.shape[1]) - first) * axes.spacing[1]
-    ranges = (np.arange(pixels.shape[0]) - axes.pixel[0]) * axes.spacing[0]
-    origin, across = np.zeros(3), row
+    azimuth, ranges = (
+        np.asarray((np.arange(n) - at) * step, dtype=np.float64)
+        for n, at, step in zip(pixels.shape[::-1], (first, axes.pixel[0]), axes.spacing[::-1], strict=True)
+    )
+    origin, across = scp, row
     if kind == "slant":
         forward = velocity / np.linalg.norm(velocity)
         origin, along = antenna, forward
-        azimuth = azimuth - float(antenna @ forward)
+        azimuth = azimuth + float((scp - antenna) @ forward)
         ranges = ranges + float(top["RMA"]["INCA"]["R_CA_SCP"])
         across = np.cross(forward, UP) * (1.0 if flight.signal.look_side == "right" else -1.0)
-    grid = ImageGrid(kind, azimuth, ranges, origin, along, across, anchor=anchor)
+    grid = ImageGrid(kind, azimuth, ranges, origin, along, across, float(scp[2]), anchor=anchor)
     line = grid.positions_on_line(azimuth.size // 2) - antenna
     slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
     widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
@@ -365,6 +367,24 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
     )
 
 
+def _level_anchor(top: Any, anchor: Anchor, kind: str, what: str) -> Anchor:
+    """The place, kilometres away at most, whose level plane is the image's; of slant range, the flight's."""
+    if kind == "ground":
+        normal = np.cross(*(top["Grid"][name]["UVectECF"] for name in ("Row", "Col")))
+    else:
+        forward = top["SCPCOA"]["ARPVel"] / np.linalg.norm(top["SCPCOA"]["ARPVel"])
+        normal = anchor.axes[2] - float(anchor.axes[2] @ forward) * forward
+    normal = normal / np.linalg.norm(normal)
+    if float(normal @ anchor.axes[2]) < _LEVEL:
+        raise DataError(f"{what}: the image plane is inclined; only level planes and slant range are read")
+    return Anchor(float(np.arcsin(normal[2])), float(np.arctan2(normal[1], normal[0])), anchor.height)
+
+
+def _pair(top: Any, name: str) -> tuple[float, float]:
+    """A parameter of rows and of columns."""
+    return float(top["Grid"]["Row"][name]), float(top["Grid"]["Col"][name])
+
+
 def _kind(top: Any, what: str) -> Literal["ground", "slant"]:
     plane, kind = top["Grid"]["ImagePlane"], top["Grid"]["Type"]
     if kind == "PLANE" and plane == "GROUND":
@@ -373,8 +393,8 @@ def _kind(top: Any, what: str) -> Literal["ground", "slant"]:
     if kind == "RGZERO" and straight:
         return "slant"
     raise DataError(
-        f"{what}: pixels on a grid of type {kind} in the {plane} plane are not read; read are PLANE in the GROUND plane, and "
-        "RGZERO of a straight track"
+        f"{what}: pixels on a grid of type {kind} in the {plane} plane are not read; read are PLANE in the GROUND "
+        "plane, and RGZERO of a straight track"
     )
 
 
@@ -404,7 +424,7 @@ def _collection(top: Any, anchor: Anchor) -> Collection:
         aperture = min(duration, length / float(speed))
     kinds = {text: mode for mode, text in _MODE_TYPES.items() if mode != "circular"}
     center, rows = 0.5 * duration, position @ anchor.axes.T
-    middle = np.polynomial.polynomial.polyval(center, rows)
+    middle = np.asarray(np.polynomial.polynomial.polyval(center, rows))
     rows[0] -= middle
     series = [
         np.polynomial.Polynomial(one).convert(kind=np.polynomial.Chebyshev, domain=[0.0, duration]).coef
@@ -413,7 +433,7 @@ def _collection(top: Any, anchor: Anchor) -> Collection:
     size = max(one.size for one in series)
     flight = Flight(
         middle,
-        np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows)),
+        np.asarray(np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows))),
         (0.0, center, duration),
         np.stack([np.pad(one, (0, size - one.size)) for one in series], axis=1),
     )

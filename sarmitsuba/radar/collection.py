@@ -118,7 +118,10 @@ class Collection:
         """Position (m) and velocity (m/s), (3,) float64, at a time in s from the first pulse."""
         rows = self.polynomial()
         slope = np.polynomial.polynomial.polyder(rows) if len(rows) > 1 else np.zeros((1, 3))
-        return np.polynomial.polynomial.polyval(time, rows), np.polynomial.polynomial.polyval(time, slope)
+        position, velocity = (
+            np.asarray(np.polynomial.polynomial.polyval(time, one)) for one in (rows, slope)
+        )
+        return position, velocity
 
 
 def signal_facts(radar: Radar) -> dict[str, object]:

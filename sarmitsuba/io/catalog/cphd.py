@@ -1,8 +1,8 @@
-"""CPHD 1.1, the NGA's standard for compensated phase history data: raw data out and in; see docs/files.md.
+r"""CPHD 1.1, the NGA's standard for compensated phase history data: raw data out and in; see docs/files.md.
 
 A file holds per channel one vector of frequency samples per pulse, referred to the scene reference point,
 
-.. math:: F_{kn} = \\sum_p a_p e^{-j 2 \\pi f_k (\\tau_{pn} - \\tau_n)}
+.. math:: F_{kn} = \sum_p a_p e^{-j 2 \pi f_k (\tau_{pn} - \tau_n)}
 
 with the two-way delays of the scatterer and of the reference point, and per vector where the antenna was, Earth-fixed.
 Written are the echoes as they focus: the amplitude a_p of a point is the root of its radar cross section, in m.
@@ -11,6 +11,7 @@ Written are the echoes as they focus: the amplitude a_p of a point is the root o
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -23,8 +24,10 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
+from sarmitsuba.radar.collection import Signal
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -35,6 +38,8 @@ C64 = NDArray[np.complex64]
 _PADDING = 1.2
 # m; a receiver nearer to the transmitter than an antenna moves between sending and receiving is the same antenna
 _SAME_ANTENNA = 1e-3
+# share of the time from which one aperture serves all
+_WHOLE = 0.98
 _LETTERS = {"RHC": "R", "LHC": "L"}
 
 
@@ -134,7 +139,7 @@ def _frequencies(radar: Radar) -> F64:
     n = _padded(radar)
     step = SPEED_OF_LIGHT / (2.0 * n * window.sample_spacing)
     half = int(np.floor(0.5 * wave.bandwidth / step))
-    return wave.center_frequency + step * np.arange(-half, half + 1)
+    return np.asarray(wave.center_frequency + step * np.arange(-half, half + 1))
 
 
 def _padded(radar: Radar) -> int:
@@ -177,14 +182,15 @@ def _area(radar: Radar, request: ImageRequest | None) -> Area:
 
 
 def _dwell(radar: Radar) -> tuple[float, float, float]:
-    """Middle of the aperture of the aim point (s), its change along the flight (s/m), and its length (s)."""
-    time = radar.track.time - radar.track.time[0]
-    whole = float(time[-1])
-    if not np.isfinite(radar.half_aperture):
-        return 0.5 * whole, 0.0, whole
+    """Middle of the aperture of the aim point (s, when the waves are there), its slope along the flight, its length."""
+    signal = Signal.of(radar)
+    whole = float(radar.track.time[-1] - radar.track.time[0])
+    there = _ways(radar)[0]
+    first, last = there[0] / SPEED_OF_LIGHT, whole + there[-1] / SPEED_OF_LIGHT
+    if signal.aperture >= whole * (1.0 - 1e-9):
+        return 0.5 * (first + last), 0.0, last - first
     speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
-    length = 2.0 * radar.half_aperture * float(_ways(radar)[0][radar.track.center_index]) / speed
-    return 0.5 * whole, 1.0 / speed, min(length, whole)
+    return 0.5 * (first + last), 1.0 / (speed * radar.footprint_speed), signal.aperture
 
 
 def read_raw(path: Path) -> RawData:
@@ -215,6 +221,10 @@ def read_raw(path: Path) -> RawData:
             latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
             anchor = Anchor(np.radians(latitude), np.radians(longitude), height)
             corners = helper.load("{*}SceneCoordinates/{*}ImageAreaCornerPoints")
+            center, length = (
+                helper.load(f"{{*}}Dwell/{{*}}{name}Poly")
+                for name in ("CODTime/{*}CODTime", "DwellTime/{*}DwellTime")
+            )
             two = tree.findtext("{*}CollectionID/{*}CollectType") == "BISTATIC"
             histories = []
             for node in tree.findall("{*}Channel/{*}Parameters"):
@@ -231,7 +241,28 @@ def read_raw(path: Path) -> RawData:
     except Exception as error:
         raise DataError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from error
     raw = raw_of(histories)
-    return replace(raw, radar=replace(raw.radar, anchor=anchor), request=_request(raw, anchor, corners))
+    radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
+    return replace(raw, radar=radar, request=_request(raw, anchor, corners))
+
+
+def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:
+    """A stripmap where the file's dwell says so: times short of the whole, whose middle goes with the flight.
+
+    Parameters
+    ----------
+    radar : spotlight on the reference point
+    center, length : polynomials of the middle (s) and length (s) of a point's aperture over the image's axes
+    """
+    track = radar.track
+    whole = float(track.time[-1] - track.time[0])
+    if length[0, 0] > _WHOLE * whole or not np.any(np.abs(center.ravel()[1:])):
+        return radar
+    speed = float(np.linalg.norm(track.velocity[track.center_index]))
+    line = radar.aim_point - track.center_position
+    geometry = AimGeometry(radar.aim_point, track.center_position, track.along, radar.across)
+    half = 0.5 * float(length[0, 0]) * speed / float(np.linalg.norm(line)) * geometry.cos_squint**3
+    pointing = MODES["stripmap"].pointing(track, geometry)
+    return replace(radar, mode="stripmap", pointing=pointing, half_aperture=half)
 
 
 def _request(raw: RawData, anchor: Anchor, corners: F64 | None) -> ImageRequest | None:
@@ -276,7 +307,7 @@ def _read_channel(
     reference = anchor.from_ecef(vectors["SRPPos"].astype(np.float64))
     ways = [np.linalg.norm(one - reference, axis=1) for one in (there, back)]
     moved = np.linalg.norm(back - there, axis=1).max() > _SAME_ANTENNA
-    frequency = vectors["SC0"][None] + vectors["SCSS"][None] * np.arange(samples.shape[1])[:, None]
+    frequency: F64 = vectors["SC0"][None] + vectors["SCSS"][None] * np.arange(samples.shape[1])[:, None]
     steady = np.ptp(vectors["SC0"]) == 0.0 and np.ptp(vectors["SCSS"]) == 0.0
     return PhaseHistory(
         samples=(samples if sign < 0 else samples.conj()).T,
@@ -290,7 +321,7 @@ def _read_channel(
     )
 
 
-def _complex(signal: NDArray[np.generic]) -> C64:
+def _complex(signal: NDArray[Any]) -> C64:
     """Samples of any of the standard's formats as complex64."""
     if signal.dtype.names:
         return np.asarray(signal["real"].astype(np.float32) + 1j * signal["imag"].astype(np.float32))
