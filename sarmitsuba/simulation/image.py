@@ -66,6 +66,11 @@ class Imager:
                 f"{run.scene.name}: methods image and raster make no raw data, so that a pointing error has no effect; "
                 "take method raw or leave it out"
             )
+        if run.scene.radar.receiver is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster look from one place, and the receiver is apart from the "
+                "transmitter; take method hybrid or raw"
+            )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
         self.grid = grid.in_frame(run.scene.radar.offset)
