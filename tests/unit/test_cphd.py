@@ -1,7 +1,9 @@
 """CPHD files: checked by their standard's checker, by arithmetic on the bare file, and by reading them back."""
 
+import importlib
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -256,3 +258,26 @@ def test_the_command_line_focuses_a_file(tmp_path: Path) -> None:
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "image.h5").is_file()
+
+
+def test_an_independent_program_finds_the_points(tmp_path: Path) -> None:
+    """FastSAR reads the file through sarpy and forms an image of its own."""
+    fastsar = pytest.importorskip("fastsar", reason="another program; in the extra independent")
+    pytest.importorskip("sarpy", reason="reads CPHD for FastSAR; in the extra independent")
+    raw, points, _ = drawn(0)
+    place = (points[0] - raw.radar.offset) * [1.0, 1.0, 0.0]
+    one = ideal_echoes(raw.radar, place, 4.0)
+    write_raw(replace(one, request=raw.request), tmp_path / "x.cphd")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        formed = fastsar.form_cphd(str(tmp_path / "x.cphd"), backend="cpu")
+    image = np.abs(formed["image"])
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    local = formed["origin"] + row * formed["spx"] * formed["e1"] + column * formed["spy"] * formed["e2"]
+    ecef = importlib.import_module("fastsar.io").local_to_ecf(local, formed["meta"])
+    anchor = raw.radar.anchor
+    off = anchor.from_ecef(ecef) - (place + raw.radar.offset)
+    axes = np.stack(
+        [anchor.axes @ (one_axis @ formed["meta"]["R"]) for one_axis in (formed["e1"], formed["e2"])]
+    )
+    assert (np.abs(axes @ off) < 0.55 * np.array([formed["spx"], formed["spy"]])).all()  # tol: half a pixel

@@ -108,6 +108,7 @@ FORMATS.register(
         suffixes=(".nitf", ".ntf"),
         write_image=write_image,
         read_image=read_image,
+        per_channel=True,
     )
 )
 
