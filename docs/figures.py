@@ -4,6 +4,7 @@ Run ``python docs/figures.py [NAME ...]``; writes ``docs/images/NAME.png``. With
 takes a few minutes: ``methods`` traces every pulse once.
 """
 
+import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -22,7 +23,9 @@ from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.view.notebook import draw_beam
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
@@ -163,18 +166,76 @@ def focusers() -> Figure:
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
 
 
-def _panels(scene: str, variants: dict[str, list[str]]) -> Figure:
+def modes() -> Figure:
+    """The yard of modes.md in every mode, on one grey scale."""
+    variants = {}
+    for line in re.findall(r"^python -m sarmitsuba render yard.xml (.*)$", _page("modes.md"), re.MULTILINE):
+        options = line.split()
+        variants[options[1].partition("=")[2]] = [*options[: options.index("-o")], "--no-error-bars"]
+    with tempfile.TemporaryDirectory() as folder:
+        return _panels(str(_yard(Path(folder))), variants, window="rectangular", scale=(-35.0, 10.0))
+
+
+def footprints() -> Figure:
+    """The beam on the ground about the tower in every mode."""
+    figure = Figure(figsize=(13.0, 3.4), layout="constrained")
+    common = {"pattern": "rectangular", "antenna_length": "1.5", "elevation_beamwidth_deg": "3"}
+    own = {
+        "stripmap": {"azimuth_resolution": "0.75"},
+        "sliding_spotlight": {"azimuth_resolution": "0.225"},
+        "spotlight": {"azimuth_resolution": "0.2"},
+        "circular": {"azimuth_resolution": "0"},
+    }
+    panels = figure.subplots(1, len(own), sharex=True, sharey=True)
+    for axes, (mode, values) in zip(panels, own.items(), strict=True):
+        parameters = {f"sar_antenna.{k}": v for k, v in {"mode": mode, **common, **values}.items()}
+        scene = load_scene("tower", parameters=parameters)
+        middle = np.array([scene.image.center_x, scene.image.center_y])
+        half = 0.5 * np.array([scene.image.extent_range, scene.image.extent_azimuth])  # it flies north
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + middle
+        axes.add_patch(Polygon(corners, fill=False, color="#d62728"))
+        axes.plot(*middle, "+", color=INK)
+        axes.set_aspect("equal")
+        draw_beam(axes, scene.radar, scene.image.height, whole=True)
+        flown = float(np.linalg.norm(np.diff(scene.radar.track.position, axis=0), axis=1).sum())
+        axes.set_title(f"{mode}, track of {flown / 1e3:.3g} km", fontsize=10)
+        axes.set_xlabel("east (m)")
+    figure.axes[0].set_ylabel("north (m)")
+    return figure
+
+
+def _page(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+def _yard(folder: Path) -> Path:
+    """The scene file that modes.md shows."""
+    found = re.search(r"```xml\n(<scene.*?)```", _page("modes.md"), re.DOTALL)
+    assert found is not None
+    path = folder / "yard.xml"
+    path.write_text(found[1], encoding="utf-8")
+    return path
+
+
+def _panels(
+    scene: str,
+    variants: dict[str, list[str]],
+    window: str = "taylor",
+    scale: tuple[float, float] = (-45.0, 5.0),
+) -> Figure:
     figure = Figure(figsize=(13.0, 3.7), layout="constrained")
     panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
     picture = None
     for axes, (title, options) in zip(panels, variants.items(), strict=True):
-        image = _render(scene, [*options, "--window", "taylor"])
+        image = _render(scene, [*options, "--window", window])
         grid = image.grid
         decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
         extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=-45.0, vmax=5.0, origin="lower", extent=extent)
+        picture = axes.imshow(
+            decibels, cmap="gray", vmin=scale[0], vmax=scale[1], origin="lower", extent=extent
+        )
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("slant range (m)", fontsize=9)
+        axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
         axes.tick_params(labelsize=8)
         axes.ticklabel_format(useOffset=False)
     panels[0].set_ylabel("azimuth (m)", fontsize=9)
@@ -208,7 +269,9 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
     axes.text(x, y, text, fontsize=9, **{"color": INK, **options})
 
 
-FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers)}
+FIGURES = {
+    figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers, modes, footprints)
+}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

@@ -69,8 +69,8 @@ class RadarDescription:
     )
     n_pulses: int = described(
         0,
-        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight with a "
-        "beam the image's azimuth extent beside it, so that every row has its whole aperture",
+        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
+        "with a beam the image's azimuth extent beside it, so that every row has its whole aperture",
         "",
         0,
         10_000_000,
