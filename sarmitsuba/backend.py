@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -412,11 +413,24 @@ def device_array(array_type: "type[Array]", values: NDArray[np.generic]) -> "Arr
     return array_type(aligned)  # type: ignore[call-arg]
 
 
+def device_numbers(
+    array_type: "type[Array]", numbers: "Sequence[float | NDArray[np.float64]]"
+) -> "tuple[Array, ...]":
+    """Numbers and tables of a formula as opaque float32 arrays, so that one kernel serves all their values."""
+    return tuple(
+        device_array(array_type, np.asarray(number, dtype=np.float32))
+        if isinstance(number, np.ndarray)
+        else dr.opaque(array_type, number)
+        for number in numbers
+    )
+
+
 __all__ = [
     "Backend",
     "LlvmChoice",
     "arrays",
     "device_array",
+    "device_numbers",
     "dr",
     "ensure_backend",
     "find_llvm",

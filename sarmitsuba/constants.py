@@ -7,8 +7,24 @@ BOLTZMANN: float = _codata.k  # J/K, exact
 VACUUM_PERMITTIVITY: float = _codata.epsilon_0  # F/m
 VACUUM_IMPEDANCE: float = _codata.physical_constants["characteristic impedance of vacuum"][0]  # ohm
 
+# WGS-84: NIMA TR8350.2, 3rd ed. (2000), tables 3.1 and 3.2, with the gravitational constant refined in 1994
+EARTH_RADIUS = 6378137.0  # m, equatorial
+EARTH_FLATTENING = 1.0 / 298.257223563
+EARTH_GRAVITY = 3.986004418e14  # m^3/s^2, gravitational constant times mass, with the atmosphere
+EARTH_ROTATION = 7.292115e-5  # rad/s
+
 # share of the coherent rays, and weight in the image, of each set that error bars keep apart; 0: all rays together.
 # Three to one: sets of different density differ by what their density blurs, too, which equal ones would share
 SUBSET_SHARES: dict[int, float] = {0: 1.0, 1: 0.75, 2: 0.25}
 
-__all__ = ["BOLTZMANN", "SPEED_OF_LIGHT", "SUBSET_SHARES", "VACUUM_IMPEDANCE", "VACUUM_PERMITTIVITY"]
+__all__ = [
+    "BOLTZMANN",
+    "EARTH_FLATTENING",
+    "EARTH_GRAVITY",
+    "EARTH_RADIUS",
+    "EARTH_ROTATION",
+    "SPEED_OF_LIGHT",
+    "SUBSET_SHARES",
+    "VACUUM_IMPEDANCE",
+    "VACUUM_PERMITTIVITY",
+]

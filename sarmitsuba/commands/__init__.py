@@ -10,7 +10,11 @@ from sarmitsuba.commands import (
     doctor,
     explain,
     focus,
+    insar,
+    interferogram,
+    link,
     picture,
+    polarimetry,
     quality,
     rcs,
     render,
@@ -20,6 +24,23 @@ from sarmitsuba.commands import (
     view,
 )
 
-COMMANDS = (render, focus, view, picture, quality, rcs, studio, explain, cost, scenes, validate, doctor)
+COMMANDS = (
+    render,
+    focus,
+    view,
+    picture,
+    quality,
+    polarimetry,
+    interferogram,
+    insar,
+    rcs,
+    studio,
+    explain,
+    link,
+    cost,
+    scenes,
+    validate,
+    doctor,
+)
 
 __all__ = ["COMMANDS"]

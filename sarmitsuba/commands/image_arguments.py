@@ -33,4 +33,12 @@ def image_file(given: Path) -> Path:
     return found[0]
 
 
-__all__ = ["add_image_arguments", "image_file"]
+def raw_file(folder: Path) -> Path | None:
+    """The raw data that ``render`` wrote into a folder; None where there are none."""
+    from sarmitsuba.io import FORMATS
+
+    names = [f"raw{suffix}" for entry in FORMATS if entry.read_raw for suffix in entry.suffixes]
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+__all__ = ["add_image_arguments", "image_file", "raw_file"]

@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pol",
         default="HH,VV",
         metavar="LIST",
-        help="HH, HV, VH, VV, transmit letter first (default: HH,VV)",
+        help="HH, HV, VH, VV, RH, RV ..., transmit letter first (default: HH,VV)",
     )
     frequency = parser.add_mutually_exclusive_group()
     frequency.add_argument("--frequency", type=float, metavar="HZ", help="carrier (default: the scene's)")
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.commands.output import output_folder
     from sarmitsuba.commands.view import PAGE
     from sarmitsuba.focusing.windows import parse_window
-    from sarmitsuba.radar.builder import read_channels
+    from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.simulation.turntable import image_refusal, rcs_sweep
 
     aspects = _aspects(args)

@@ -20,11 +20,8 @@ F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
 
-_ROLL = (
-    0.256,
-    0.32,
-)  # cycles per cell: flat to just past the band's edge at 1/4, then down, so that the inner
-# response stays within 40 cells
+# cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
+_ROLL = (0.256, 0.32)
 _GUARD = 48
 _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 
@@ -127,6 +124,7 @@ def plan_block(
     width: int = 4,
     *,
     extra_slant_range: float = 0.0,
+    extra_range_rate: float = 0.0,
     range_rate_width: int | None = None,
 ) -> BlockPlan:
     """Lay out the grid of the pulses ``start:stop`` and fit the curvature over the box.
@@ -139,6 +137,7 @@ def plan_block(
     box : (2, 3) float64, m, scene frame; bounds of all phase centres
     width, range_rate_width : of the spreading kernels along range and range rate (default: the same)
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
+    extra_range_rate : what motion of the scene may add to a range rate or take off, m/s
 
     Notes
     -----
@@ -159,7 +158,7 @@ def plan_block(
     reference_range = float(np.linalg.norm(reference - position))
     near, far = (float(d[0]) for d in box_distance(box, position[None]))
     far += extra_slant_range
-    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(velocity))
+    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(velocity)) + extra_range_rate
     range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
     kernel, range_rate_kernel = spreading_kernel(width), spreading_kernel(range_rate_width)
     reach = float(np.abs(tau).max())

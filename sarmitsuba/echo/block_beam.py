@@ -17,8 +17,7 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKerne
 
     .. math:: \tfrac12 g'' m_2 \Delta^2, \qquad g' m_2 s \Delta^2
 
-    and for :math:`g = 2^{-(\dot R / v \sin(\theta / 2))^2}` the derivatives are at most 1.39 and 0.72 over the width's
-    powers. Both are kept at ``_BEAM_DB``.
+    with the largest derivatives that the pattern has anywhere. Both are kept at ``_BEAM_DB``.
     """
     if radar.antenna.pattern == "isotropic":
         return float(np.inf)
@@ -27,7 +26,8 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKerne
     second_moment = max(float(taps @ distance**2 / taps.sum()), 0.25)
     speed = float(np.linalg.norm(radar.track.velocity[start:stop], axis=1).min())
     width = float(np.sin(0.5 * radar.antenna.azimuth_beamwidth)) * speed
-    change = 0.5 * 1.39 / width**2 + 0.72 * s_max / width
+    slope, bend = radar.antenna.azimuth_bends
+    change = 0.5 * bend / width**2 + slope * s_max / width
     return float(np.sqrt(10.0 ** (_BEAM_DB / 20.0) / (change * second_moment)))
 
 

@@ -37,13 +37,32 @@ def noise_power(radar: Radar, domain: str) -> float:
     return BOLTZMANN * radar.noise_temperature / radar.waveform.pulse_width
 
 
+def noise_generator(radar: Radar, seed: int, channel: int) -> np.random.Generator:
+    """Random numbers of a receiver's noise: of a channel, and of the place that its antennas fly at.
+
+    Two passes of one seed see the same scatterers but have noise of their own.
+
+    Parameters
+    ----------
+    radar : its mid-aperture to a centimetre, and that of a receiver apart, belong to the seed
+    seed : the same seed gives the same noise
+    channel : number of the channel
+    """
+    tracks = [radar.track, *([radar.receiver] if radar.receiver is not None else [])]
+    # the shift keeps round figures away from where rounding flips
+    place = np.round(
+        100.0 * np.concatenate([t.center_position + radar.offset for t in tracks]) + 0.3718
+    ).astype(np.int64)
+    return np.random.default_rng([seed, _STREAM, channel, *(int(v) & 0xFFFFFFFF for v in place)])
+
+
 def add_noise(raw: RawData, seed: int = 0) -> RawData:
     """Add one independent realisation of thermal noise per channel.
 
     Parameters
     ----------
     raw : either domain; ``radar.noise_temperature`` in K, 0 returns ``raw`` itself
-    seed : the same seed gives the same noise
+    seed : the same seed gives the same noise of the same pass
 
     Returns
     -------
@@ -64,7 +83,7 @@ def add_noise(raw: RawData, seed: int = 0) -> RawData:
         own = [i for i, layer in enumerate(raw.layers) if layer.channel == channel]
         lowest = min(raw.layers[i].order for i in own)
         targets = [i for i in own if raw.layers[i].order == lowest]
-        rng = np.random.default_rng([seed, _STREAM, index])
+        rng = noise_generator(radar, seed, index)
         n_pulses, n_fast = data.shape[1:]
         step = max(1, _BATCH // n_fast)
         for start in range(0, n_pulses, step):
@@ -97,4 +116,4 @@ def _in_band(
     return np.asarray(scipy.fft.ifft(white, axis=-1, workers=-1, overwrite_x=True)[:, : shape[1]])
 
 
-__all__ = ["add_noise", "noise_power"]
+__all__ = ["add_noise", "noise_generator", "noise_power"]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track, numbers_of
@@ -21,7 +22,7 @@ class Layer:
 
     Parameters
     ----------
-    channel : ``HH``, ``HV``, ``VH`` or ``VV`` (transmit first)
+    channel : polarisation such as ``HV`` or ``RH`` (transmit first)
     order : number of bounces, or 0 when all orders are summed
     subset : 0 for all rays, or 1 / 2 for one of two independent sets, by its share
         ``sarmitsuba.constants.SUBSET_SHARES``
@@ -110,6 +111,11 @@ class RawData:
     def channels(self) -> tuple[str, ...]:
         """Channels in order of first appearance."""
         return channels_of(self.layers)
+
+    @property
+    def anchor(self) -> Anchor:
+        """Where on the Earth the origin of the file's frame lies."""
+        return self.radar.anchor
 
     def __repr__(self) -> str:
         _, pulses, samples = self.data.shape

@@ -155,7 +155,10 @@ class SceneContext:
     def shape_within(self, seconds: float) -> ShapeAnalysis:
         """The same, without proofs where they would take longer than that."""
         visible = np.array([not m.invisible for m in self.scene.materials], dtype=bool)
-        thorough = PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
+        # proofs hold for the places at one time: what moves may come together
+        thorough = not self.scene.geometry.moves and (
+            PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
+        )
         return ShapeAnalysis(self.scene.geometry, visible, self.antenna, thorough=thorough)
 
     @cached_property

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from sarmitsuba.radar.polarisation import linear_parts
+
 # on or off, or the polarisation channels
 FlagValue = bool | tuple[str, ...]
 
@@ -15,7 +17,7 @@ class KernelFlags:
 
     Parameters
     ----------
-    channels : ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    channels : to record, such as ``HV`` (transmit H, receive V), see :mod:`sarmitsuba.radar.polarisation`
     double_phase : lengths and phases in float64; off is for showing what float32 does
     taper : fade the rays out at the edge of the launch window
     extra : flags that are on and that only an extension knows: of effects of a user's own, for kernel code of a
@@ -38,15 +40,31 @@ class KernelFlags:
     double_phase: bool = True
     taper: bool = True
     multi_bounce: bool = True
+    motion: bool = False
     extra: frozenset[str] = frozenset()
 
     @property
     def tracked(self) -> tuple[str, ...]:
         """Transmit polarisations whose field is carried along: all that a reciprocal path needs."""
-        letters = {c[0] for c in self.channels}
-        if self.multi_bounce and (self.coherent or (self.diffuse and self.diffuse_double)):
-            letters |= {c[1] for c in self.channels}
+        letters = {c[0] for c in self.closed}
+        if self._reversed:
+            letters |= {c[1] for c in self.closed}
         return tuple(sorted(letters))
+
+    @property
+    def closed(self) -> tuple[str, ...]:
+        """Channels in which paths are closed, of which those to record are sums.
+
+        A compact channel is one of them where its own wave is all that is needed; a reciprocal path needs linear ones.
+        """
+        if not self._reversed:
+            return self.channels
+        return tuple(dict.fromkeys(part for c in self.channels for _, part in linear_parts(c)))
+
+    @property
+    def _reversed(self) -> bool:
+        """Whether a path and the reversed one are both looked at."""
+        return self.multi_bounce and (self.coherent or (self.diffuse and self.diffuse_double))
 
     def reciprocal(self, channel: str) -> tuple[str, str]:
         """Channels of a path and of the reversed one; after one bounce they are one path."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.backend import dr
+from sarmitsuba.backend import device_numbers, dr
 from sarmitsuba.echo.gridding import SpreadingKernel
 from sarmitsuba.focusing.device_complex import TWO_PI, cis, scaled, times, weighted_sum
 from sarmitsuba.radar.antenna import Antenna
@@ -97,21 +97,20 @@ class Beam:
     Parameters
     ----------
     antenna : not isotropic
-    per_width : :attr:`sarmitsuba.radar.antenna.Antenna.per_width`, float32 opaque
+    numbers : :attr:`sarmitsuba.radar.antenna.Antenna.numbers`, float32 opaque
     """
 
     antenna: Antenna
-    per_width: tuple[dr.ArrayBase, dr.ArrayBase]
+    numbers: tuple[dr.ArrayBase, ...]
 
     @classmethod
     def of(cls, types: ModuleType, antenna: Antenna) -> Beam:
         """Beam of an antenna."""
-        azimuth, elevation = (dr.opaque(types.Float32, scale) for scale in antenna.per_width)
-        return cls(antenna, (azimuth, elevation))
+        return cls(antenna, device_numbers(types.Float32, antenna.numbers))
 
     def two_way_amplitude(self, sin_azimuth: dr.ArrayBase, sin_elevation: dr.ArrayBase) -> dr.ArrayBase:
         """Relative two-way amplitude, 1 at boresight."""
-        return self.antenna.normalised(sin_azimuth, sin_elevation, self.per_width, dr)
+        return self.antenna.normalised(sin_azimuth, sin_elevation, self.numbers, dr)
 
 
 @dataclass(frozen=True)

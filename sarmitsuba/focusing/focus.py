@@ -17,12 +17,13 @@ from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focus
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.motion import compensate_motion, needs_compensation, residual_phase
 from sarmitsuba.focusing.needs import check_image_fits
+from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.link_budget import snr
 from sarmitsuba.radar.radar import Radar
 
 # footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
@@ -81,7 +82,7 @@ def focus(
     raw = range_compress(raw, method=compression)
     if grid is None:
         grid = default_grid(raw, request)
-    grid = grid.in_frame(raw.radar.offset)
+    grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
     method = parse_autofocus(autofocus)
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
@@ -118,8 +119,9 @@ def focus(
         **cells.facts,
         **corrections,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
+        **flight_facts(raw.radar),
         "range_compression": raw.metadata.get("range_compression", "none"),
-        **_of_the_radar(raw.radar, grid, focused, cells.center),
+        **_of_the_radar(raw.radar, grid, focused, range_window),
     }
     return SarImage(
         data=focused.pixels,
@@ -134,14 +136,9 @@ def focus(
 
 
 def _of_the_radar(
-    radar: Radar, grid: ImageGrid, focused: Focused, azimuth_cell: float
+    radar: Radar, grid: ImageGrid, focused: Focused, range_window: Window
 ) -> dict[str, float | bool]:
-    r"""What the image's quality is judged by: squint of pixels that have apertures of their own, and noise.
-
-    Noise-equivalent sigma0 at the image's centre, for a weight w of every pulse there and N_e = (sum w)^2 / sum w^2:
-
-    .. math:: \sigma^0_{ne} = \frac{1}{\mathrm{SNR}(1 m^2, R, N_e)} \frac{\sin\theta}{\delta_a \delta_r}
-    """
+    """What quality is judged by: squint of pixels that have apertures of their own, and NESZ in the middle."""
     facts: dict[str, float | bool] = {}
     middle = radar.track.center_index
     if radar.mode_law.own_apertures and (
@@ -157,12 +154,7 @@ def _of_the_radar(
         facts["all_round"] = True
     if radar.noise_temperature > 0.0:
         point = grid.positions_on_line(grid.azimuth.size // 2)[grid.range.size // 2]
-        weights = focused.pulse_weights(point)
-        nearest = radar.track.position[int(np.argmax(weights))]
-        distance = float(np.linalg.norm(point - nearest))
-        pulses = float(weights.sum() ** 2 / np.sum(weights**2))
-        area = azimuth_cell * radar.waveform.range_cell / float(np.sin(incidence_angle(radar, point)))
-        facts["nesz"] = 1.0 / (snr(radar, 1.0, distance, 1) * pulses * area)
+        facts["nesz"] = noise_equivalent_sigma0(radar, point, focused.pulse_weights(point), range_window)
     return facts
 
 

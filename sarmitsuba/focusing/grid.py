@@ -115,6 +115,7 @@ def default_grid(
             across=across,
             height=float(request.height),
             offset=radar.offset,
+            anchor=radar.anchor,
         )
     drop = float(origin[2] - request.height)
     middle = float(np.hypot(ground, drop))
@@ -130,6 +131,7 @@ def default_grid(
         across=across,
         height=float(request.height),
         offset=radar.offset,
+        anchor=radar.anchor,
     )
 
 

@@ -29,6 +29,7 @@ class Look:
 
     Parameters
     ----------
+    time : s, of the look
     grid : where contributions are added
     image : the pixels
     offset : (n_azimuth, n_range) float64, m; range coordinate of each pixel less the grid's reference range
@@ -38,6 +39,7 @@ class Look:
     noise_gain : rms of a pixel's noise over that of one range-compressed sample times ``gain``
     """
 
+    time: float
     grid: LookGrid
     image: ImageGrid
     offset: F64
@@ -127,6 +129,7 @@ def plan_look(
     response = _response(radar, grid, edges, weights, range_window, cosine)
     broadening = parse_window(range_window).broadening
     return Look(
+        time=time,
         grid=grid,
         image=image,
         offset=r - reference,

@@ -28,6 +28,9 @@ _WIDTH = 8
 _GUARD = 64
 # two-way amplitude of the beam from which a pulse counts for a pixel
 _LIT = 0.05
+# change from one interval between pulses to the next, over their mean, that resampling over the pulse's number allows:
+# it leaves 2 pi times that part of a turn at most, -24 dB at half the prf
+_UNEVEN = 0.02
 _BATCH = 1 << 20
 
 
@@ -110,7 +113,7 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     Raises
     ------
     DataError
-        The antenna does not go steadily forward along the grid.
+        The antenna does not go steadily forward along the grid, or its pulses are spaced too unevenly.
     """
     track, along = radar.track, grid.along
     mean = track.position.mean(axis=0)
@@ -119,6 +122,12 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     if track.n_pulses < 8 or (np.diff(x) <= 0.0).any():
         raise DataError(
             "the antenna does not go steadily forward along the grid, or makes fewer than 8 pulses"
+        )
+    uneven = float(np.abs(np.diff(x, 2)).max() / np.diff(x).mean())
+    if uneven > _UNEVEN:
+        raise DataError(
+            f"neighbouring intervals between pulses differ by up to {100.0 * uneven:.3g} % (bound "
+            f"{100.0 * _UNEVEN:g} %), too much to move the pulses to even places"
         )
     uniform = np.linspace(x[0], x[-1], x.size)
     # the line's own middle is its origin, as a straight track's is its centre position

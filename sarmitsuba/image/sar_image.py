@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.registry import late
 
 Quantity = Literal["sigma0", "rcs"]
@@ -32,6 +33,7 @@ class ImageGrid:
     along, across : (3,) float64 horizontal unit vectors, scene frame; across points to the look side
     height : m, scene frame
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
+    anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
     kind: Literal["slant", "ground"]
@@ -42,6 +44,7 @@ class ImageGrid:
     across: NDArray[np.float64]
     height: float = 0.0
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    anchor: Anchor = field(default_factory=Anchor)
 
     def in_frame(self, offset: NDArray[np.float64]) -> "ImageGrid":
         """The same pixels in the frame of that offset; zeros: in the frame of the user's file.
@@ -95,6 +98,10 @@ class ImageGrid:
         return np.asarray(
             flat + self.azimuth[row] * self.along + self.across_distance()[:, None] * self.across
         )
+
+    def geodetic(self) -> NDArray[np.float64]:
+        """(n_azimuth, n_range, 3) float64 WGS-84 latitude and longitude (rad) and height (m) of every pixel."""
+        return self.anchor.to_geodetic(self.positions() + self.offset)
 
     def positions(self) -> NDArray[np.float64]:
         """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
@@ -197,6 +204,11 @@ class SarImage:
             channel=channel or self.channels[0],
             quantity=quantity,
         )
+
+    @property
+    def anchor(self) -> Anchor:
+        """Where on the Earth the origin of the file's frame lies."""
+        return self.grid.anchor
 
     @property
     def channels(self) -> tuple[str, ...]:

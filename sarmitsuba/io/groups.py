@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 D = TypeVar("D", bound="DataclassInstance")
 
-# unit and meaning of every number, by the name of its field
+# unit and meaning of every number, by the name of its field, or of class and field where that has another meaning
 FACTS: Mapping[str, tuple[str, str]] = {
+    "Anchor.height": ("m", "of the origin of the frame, over the WGS-84 ellipsoid"),
     "across": ("1", "horizontal unit vector across the track, towards the side looked to"),
     "aim_point": ("m", "point that the geometry is referred to"),
     "along": ("1", "horizontal unit vector of flight"),
     "azimuth": ("m", "of the rows: metres along `along` from `origin`"),
     "azimuth_axis": ("1", "unit vector along the aperture, per pulse"),
+    "azimuth_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "azimuth_beamwidth": ("rad", "one-way half-power width"),
     "azimuth_resolution_cell": ("m", "noise-equivalent width of the impulse response, image centre"),
     "bandwidth": ("Hz", "swept by the pulse"),
@@ -36,6 +38,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
+    "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "elevation_beamwidth": ("rad", "one-way half-power width"),
     "extent_azimuth": ("m", "image size along the track, on the ground"),
     "extent_range": ("m", "image size across the track, on the ground"),
@@ -43,6 +46,8 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "half_aperture": ("1", "half the synthetic aperture of a pixel, in sines; inf: all pulses serve every pixel"),
     "height": ("m", "of the horizontal plane that the image stands on"),
     "incidence_angle": ("rad", "at mid-aperture on the image plane, per column"),
+    "latitude": ("rad", "WGS-84, of the origin of the frame"),
+    "longitude": ("rad", "WGS-84, of the origin of the frame"),
     "losses": ("1", "two-way system losses, power"),
     "n_samples": ("1", "samples of a range-compressed profile"),
     "noise_temperature": ("K", "of the receiver with its antenna; 0: no noise"),
@@ -65,17 +70,18 @@ _MOST_COMPRESSION = 1100
 _ALLOWANCE = 1 << 20  # bytes that a small dataset may take whatever is stored of it
 
 
-def write_number(group: h5py.Group, name: str, value: object) -> None:
-    """Write a dataset with its unit and meaning."""
+def write_number(group: h5py.Group, name: str, value: object, owner: str = "") -> None:
+    """Write a dataset with its unit and meaning; ``owner`` is the class whose field it is."""
     group[name] = value
-    group[name].attrs["unit"], group[name].attrs["description"] = FACTS[name]
+    unit, description = FACTS.get(f"{owner}.{name}") or FACTS[name]
+    group[name].attrs["unit"], group[name].attrs["description"] = unit, description
 
 
 def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tuple[str, ...] = ()) -> None:
     """Write the fields of a dataclass into a group, dataclasses in it as groups of their own."""
     for field in dataclasses.fields(content):
         value = getattr(content, field.name)
-        if field.name in leave_out:
+        if field.name in leave_out or value is None:
             continue
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             write_fields(group.create_group(field.name), value)
@@ -84,7 +90,7 @@ def write_fields(group: h5py.Group, content: "DataclassInstance", leave_out: tup
         elif isinstance(value, tuple):
             group.attrs[field.name] = list(value)
         else:
-            write_number(group, field.name, value)
+            write_number(group, field.name, value, type(content).__name__)
 
 
 def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
@@ -107,6 +113,11 @@ def read_fields(group: h5py.Group, cls: type[D], **known: object) -> D:
         if field.name in known:
             continue
         hint = hints[field.name]
+        if type(None) in typing.get_args(hint):  # a dataclass, or nothing
+            (hint,) = (part for part in typing.get_args(hint) if part is not type(None))
+            if not has(group, field.name):
+                values[field.name] = None
+                continue
         if dataclasses.is_dataclass(hint):
             assert isinstance(hint, type)
             values[field.name] = read_fields(group_of(group, field.name), hint)

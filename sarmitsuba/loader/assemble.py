@@ -21,6 +21,7 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 
@@ -48,6 +49,7 @@ class Surface:
     material : index into the scene's materials
     smooth : all faces belong to one smooth surface, however much they bend
     convex : one closed convex body by its kind
+    motion : how it moves from there
     """
 
     name: str
@@ -56,6 +58,7 @@ class Surface:
     material: int
     smooth: bool = False
     convex: bool = False
+    motion: Motion = STILL
 
 
 def assemble(
@@ -206,6 +209,7 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         mesh_names=tuple(s.name for s in surfaces),
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         mesh_convex=tuple(convex),
+        mesh_motion=() if all(s.motion.still for s in surfaces) else tuple(s.motion for s in surfaces),
     )
     return geometry, [f"{label}: {note}" for note in notes]
 

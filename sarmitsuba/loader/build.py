@@ -21,6 +21,7 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 
@@ -44,6 +45,7 @@ class SceneMesh:
     name : for notes and errors
     smooth : all faces belong to one smooth surface, however much they bend
     to_world : (4, 4) affine matrix applied to the vertices; None leaves them
+    motion : how it moves from there, such as ``Motion(velocity=(0.0, 8.0, 0.0))``
     """
 
     vertices: ArrayLike
@@ -52,6 +54,7 @@ class SceneMesh:
     name: str = "mesh"
     smooth: bool = False
     to_world: ArrayLike | None = None
+    motion: Motion = STILL
 
     @staticmethod
     def of(
@@ -61,9 +64,10 @@ class SceneMesh:
         *,
         smooth: bool = False,
         to_world: ArrayLike | None = None,
+        motion: Motion = STILL,
     ) -> "SceneMesh":
         """Triangles of a `trimesh.Trimesh`; the other arguments as above."""
-        return SceneMesh(mesh.vertices, mesh.faces, material, name, smooth, to_world)
+        return SceneMesh(mesh.vertices, mesh.faces, material, name, smooth, to_world, motion)
 
 
 def build_scene(
@@ -173,7 +177,7 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
         if matrix.shape != (4, 4) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
             raise SceneError(f"{where}: to_world is not an affine (4, 4) matrix; its last row is 0, 0, 0, 1")
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return Surface(mesh.name, vertices, faces.astype(np.int32), material, mesh.smooth)
+    return Surface(mesh.name, vertices, faces.astype(np.int32), material, mesh.smooth, motion=mesh.motion)
 
 
 __all__ = ["MaterialLike", "SceneMesh", "build_scene"]

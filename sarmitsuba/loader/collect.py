@@ -20,6 +20,7 @@ from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import power_from_db
 
@@ -71,11 +72,16 @@ class Collector:
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
         self.surfaces.append(
-            Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex)
+            Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex, placed.motion)
         )
 
     def add_parts(
-        self, label: str, parts: Sequence[MeshPart], vertices: Sequence[F64], chosen: Mapping[str, str]
+        self,
+        label: str,
+        parts: Sequence[MeshPart],
+        vertices: Sequence[F64],
+        chosen: Mapping[str, str],
+        motion: Motion = STILL,
     ) -> None:
         """Take in parts of a mesh file, with materials by the file's names of them.
 
@@ -85,6 +91,7 @@ class Collector:
         parts : with the file's names
         vertices : of every part, (n, 3) float64 m, file frame of the scene
         chosen : material of the library by name, in place of what the name says
+        motion : of all parts
 
         Warns
         -----
@@ -104,7 +111,7 @@ class Collector:
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
             index = self.book.named(part.material or DEFAULT, kind, label)
-            self.surfaces.append(Surface(part.name, corners, part.faces, index))
+            self.surfaces.append(Surface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
         """Take in an obj file by its own materials where the shape has none; say where the shape's replaces them."""
@@ -120,7 +127,8 @@ class Collector:
             )
             return False
         parts = read_parts(path, where)
-        self.add_parts(f"{label}: {path.name}", parts, [placed.moved(part.vertices) for part in parts], {})
+        vertices = [placed.moved(part.vertices) for part in parts]
+        self.add_parts(f"{label}: {path.name}", parts, vertices, {}, placed.motion)
         return True
 
     def scene(self) -> Scene:
@@ -144,7 +152,9 @@ class Collector:
             raise SceneError(f"{shape.where}: point_scatterer is on a {shape.plugin}; put it on a sphere")
         position = placed.to_world[:3, :3] @ sphere_center(shape) + placed.to_world[:3, 3]
         rcs, phase = float(values["rcs_dbsm"] or 0.0), float(values["phase_deg"] or 0.0)
-        return PointTarget(placed.name, position, float(power_from_db(rcs)), float(np.radians(phase)))
+        return PointTarget(
+            placed.name, position, float(power_from_db(rcs)), float(np.radians(phase)), placed.motion
+        )
 
 
 __all__ = ["SAGITTA_OVER_WAVELENGTH", "Collector"]

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.elements import Element, Opaque
+from sarmitsuba.loader.elements import Element, Opaque, Property
 from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
+from sarmitsuba.scene.motion import STILL, Motion
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -19,7 +20,8 @@ I32 = NDArray[np.int32]
 MAX_FACES = 400_000  # of one tessellated shape
 SPHERE_MIN_SAGITTA = 1.4e-5  # of the radius; gives MAX_FACES
 _MESH_FILES = ("ply", "obj", "stl")
-_COMMON = ("to_world", "flip_normals")
+_MOVING = ("velocity", "acceleration")
+_COMMON = ("to_world", "flip_normals", *_MOVING)
 _MESH = (*_COMMON, "filename", "face_normals", "flip_tex_coords")
 # parameters of every shape that is understood; those without geometry are accepted and ignored
 SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
@@ -33,8 +35,8 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "sphere": (*_COMMON, "center", "radius"),
     "cylinder": (*_COMMON, "p0", "p1", "radius"),
     "shapegroup": (),
-    "instance": ("to_world",),
-    "merge": (),
+    "instance": ("to_world", *_MOVING),
+    "merge": _MOVING,
 }
 _OBJECTS = ("bsdf", "shape", "emitter", "medium", "texture", "sensor", "volume")
 _MAX_NESTING = 16
@@ -50,11 +52,13 @@ class Placed:
     element : of a shape with a surface
     name : its id, or a name made up from plugin and number
     to_world : (4, 4) float64, file frame
+    motion : in the file frame, whatever ``to_world`` turns
     """
 
     element: Element
     name: str
     to_world: F64
+    motion: Motion = STILL
 
     def moved(self, vertices: F64) -> F64:
         """(n, 3) points of the shape's own coordinates in the file frame, m."""
@@ -165,7 +169,7 @@ def placed_shapes(root: Element) -> Iterator[Placed]:
     """
     taken: dict[str, int] = {}
     for element in root.of_kind("shape"):
-        yield from _expand(element, np.eye(4), taken, 0)
+        yield from _expand(element, np.eye(4), STILL, taken, 0)
 
 
 def sphere_center(element: Element) -> F64:
@@ -189,7 +193,9 @@ def mesh_path(element: Element) -> Path:
     return path
 
 
-def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> Iterator[Placed]:
+def _expand(
+    element: Element, outer: F64, carried: Motion, taken: dict[str, int], depth: int
+) -> Iterator[Placed]:
     plugin = element.plugin
     if plugin not in SHAPE_PARAMETERS:
         known = ", ".join(SHAPE_PARAMETERS)
@@ -210,6 +216,7 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
         matrix = outer @ _matrix(element)
     if not np.isfinite(matrix).all():
         raise SceneError(f"{element.where}: nested to_world overflow; check their numbers")
+    motion = _motion(element, carried)
     if plugin in ("instance", "merge"):
         inner = list(element.of_kind("shape"))
         if plugin == "instance":
@@ -219,11 +226,11 @@ def _expand(element: Element, outer: F64, taken: dict[str, int], depth: int) -> 
                 f"{element.where}: {plugin} holds no shape; refer to a shapegroup with shapes in it"
             )
         for part in inner:
-            yield from _expand(part, matrix, taken, depth + 1)
+            yield from _expand(part, matrix, motion, taken, depth + 1)
     elif plugin != "shapegroup":
         name = element.id or plugin
         taken[name] = taken.get(name, 0) + 1
-        yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix)
+        yield Placed(element, name if taken[name] == 1 else f"{name}.{taken[name]}", matrix, motion)
 
 
 def _is_object(value: object) -> bool:
@@ -241,6 +248,33 @@ def _matrix(element: Element) -> F64:
     if not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
         raise SceneError(f"{element.where}: to_world is not a finite affine transform; check its numbers")
     return matrix
+
+
+def _motion(element: Element, carried: Motion) -> Motion:
+    """How a shape moves: as it says itself, else as what it is part of."""
+    given = {name: value for name in _MOVING if (value := element.values.get(name)) is not None}
+    if not given:
+        return carried
+    if not carried.still:
+        raise SceneError(
+            f"{element.where}: it has a velocity of its own within a shape that moves; give it to one of both"
+        )
+    try:
+        return Motion.of(**{name: _components(value) for name, value in given.items()})
+    except SceneError as error:
+        raise SceneError(
+            f'{element.where}: {error}, for example <vector name="velocity" x="0" y="8" z="0"/>'
+        ) from None
+
+
+def _components(value: Property) -> ArrayLike:
+    """A vector, or the numbers of a text such as ``0 8 0``, with blanks or commas between."""
+    if not isinstance(value, str):
+        return value if isinstance(value, np.ndarray) else (np.nan,)
+    try:
+        return [float(number) for number in value.replace(",", " ").split()]
+    except ValueError:
+        return (np.nan,)
 
 
 def _vector(element: Element, name: str, default: F64) -> F64:

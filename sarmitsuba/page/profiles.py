@@ -21,6 +21,8 @@ _GUARD = 64
 _OFFERED = ("rectangular", "taylor", "hamming")
 # places from one end of a window to the other at which the page is given it; linear between them to 1e-5
 _NODES = 1025
+# nodes of a measured beam's cuts that a page is given at most
+_CUT_NODES = 4097
 # points on each edge of the image at which its ranges are looked up
 _EDGE = 65
 # largest value of an int16 that has its negative
@@ -91,6 +93,11 @@ class PageProfiles:
         }
         if radar.antenna.pattern != "isotropic":
             header["beam"] = {"pattern": radar.antenna.pattern, "perWidth": list(radar.antenna.per_width)}
+            if radar.antenna.table is not None:
+                for name, cut in zip(("azimuth", "elevation"), radar.antenna.table.cuts, strict=True):
+                    sine = np.linspace(cut.sine[0], cut.sine[-1], min(cut.sine.size, _CUT_NODES))
+                    arrays[f"beam.{name}Sine"] = sine[[0, -1]]
+                    arrays[f"beam.{name}Gain"] = np.interp(sine, cut.sine, cut.nodes).astype(np.float32)
             pointing = radar.pointing
             for name, axis in (
                 ("azimuthAxis", pointing.azimuth_axis),

@@ -1,19 +1,21 @@
 """Antenna pattern: one-way power gain over direction, the same for transmit and receive."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Literal
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.radar.pattern import PATTERNS, SINC_HALF_POWER
+from sarmitsuba.radar.pattern_table import PatternTable
 from sarmitsuba.samples import Samples
 
-PatternKind = Literal["isotropic", "gaussian", "rectangular"]
-
-# -3 dB half angle of sinc^2: sinc(pi u) = 1/sqrt(2) at u = 0.442946
-SINC_HALF_POWER = 0.442946470689452
+# offset of the first null of a uniform aperture over its half-power half angle, in sines
+_NULL_OVER_HALF_POWER = 1.0 / SINC_HALF_POWER
+# largest slope and second derivative of 2^-(x^2), over x in half-power half-widths
+_GAUSSIAN_BENDS = (0.72, 1.39)
 
 
 @dataclass(frozen=True)
@@ -22,62 +24,83 @@ class Antenna:
 
     Parameters
     ----------
-    pattern : ``isotropic``, ``gaussian`` (of given half-power widths) or ``rectangular`` (uniform aperture, sinc)
+    pattern : name of its shape, one of `sarmitsuba.radar.pattern.PATTERNS`
     gain : peak one-way power gain, linear
-    azimuth_beamwidth, elevation_beamwidth : one-way half-power widths, rad (ignored when isotropic)
+    azimuth_beamwidth, elevation_beamwidth : one-way half-power widths, rad (ignored when isotropic; those of the table)
+    table : of a measured pattern, else None
 
     Notes
     -----
     Ignores cross-polar radiation, element factors and back lobes: the pattern is zero behind the aperture.
     """
 
-    pattern: PatternKind = "isotropic"
+    pattern: str = "isotropic"
     gain: float = 1.0
     azimuth_beamwidth: float = np.pi
     elevation_beamwidth: float = np.pi
+    table: PatternTable | None = None
 
     def two_way_amplitude(self, sin_azimuth: Samples, sin_elevation: Samples, xp: ModuleType = np) -> Samples:
-        """Relative two-way amplitude (= one-way relative power gain), 1 at boresight, without ``gain``.
+        """Relative two-way amplitude (= one-way relative power gain), 1 at the peak, without ``gain``.
 
         ``sin_azimuth`` and ``sin_elevation`` are the components of the unit direction along the aperture's
         azimuth and elevation axes. ``xp`` is ``numpy`` or ``drjit``.
         """
-        return self.normalised(sin_azimuth, sin_elevation, self.per_width, xp)
+        numbers = cast("Sequence[Samples | float]", self.numbers)  # a table's are NumPy's, as the sines are
+        return self.normalised(sin_azimuth, sin_elevation, numbers, xp)
 
     @property
     def per_width(self) -> tuple[float, float]:
-        """One over the sines of the half-power half-angles in azimuth and elevation: the pattern's only numbers."""
+        """One over the sines of the half-power half-angles in azimuth and elevation."""
         azimuth, elevation = np.sin(0.5 * self.azimuth_beamwidth), np.sin(0.5 * self.elevation_beamwidth)
         return 1.0 / float(azimuth), 1.0 / float(elevation)
+
+    @property
+    def numbers(self) -> tuple[float | NDArray[np.float64], ...]:
+        """The pattern's only numbers: :attr:`per_width`, or the table's."""
+        return self.per_width if self.table is None else self.table.numbers
 
     def normalised(
         self,
         sin_azimuth: Samples,
         sin_elevation: Samples,
-        per_width: Iterable[Samples | float],
+        numbers: Sequence[Samples | float],
         xp: ModuleType = np,
     ) -> Samples:
-        """As :meth:`two_way_amplitude`, with :attr:`per_width` given: opaque in a kernel, which then fits any beam."""
-        if self.pattern == "isotropic":
-            return 0.0 * sin_azimuth + 1.0
-        x, y = (sine * scale for sine, scale in zip((sin_azimuth, sin_elevation), per_width, strict=True))
-        if self.pattern == "gaussian":
-            ln2 = float(np.log(2.0))
-            gain: Samples = xp.exp(-ln2 * (x * x + y * y))
-            return gain
-        # uniform aperture: voltage sinc(pi u) one way, so sinc^2 is the two-way amplitude
-        u, v = (_sinc(np.pi * SINC_HALF_POWER * z, xp) for z in (x, y))
-        product: Samples = u * u * v * v
-        return product
+        """As :meth:`two_way_amplitude`, with :attr:`numbers` given: opaque in a kernel, which then fits any beam."""
+        return PATTERNS[self.pattern].gain(sin_azimuth, sin_elevation, numbers, xp)
+
+    @property
+    def nulls(self) -> tuple[float, float]:
+        """Sines to the first nulls in azimuth and elevation.
+
+        Notes
+        -----
+        Those of a uniform aperture of that half-power width where the pattern has none: the Gaussian's two-way gain is
+        -31 dB there.
+        """
+        found: tuple[float | None, ...] = (None, None)
+        if self.table is not None:
+            found = tuple(cut.null for cut in self.table.cuts)
+        widths = (self.azimuth_beamwidth, self.elevation_beamwidth)
+        azimuth, elevation = (
+            sine_to_null(width) if null is None else null for null, width in zip(found, widths, strict=True)
+        )
+        return azimuth, elevation
+
+    @property
+    def azimuth_bends(self) -> tuple[float, float]:
+        """Largest first and second derivative of the two-way amplitude over the sine in azimuth in half-widths."""
+        slope, bend = _GAUSSIAN_BENDS
+        if self.table is None:
+            return slope, bend
+        measured = self.table.cuts[0].bends(float(np.sin(0.5 * self.azimuth_beamwidth)))
+        return max(slope, measured[0]), max(bend, measured[1])
 
 
-def _sinc(x: Samples, xp: ModuleType) -> Samples:
-    value: Samples
-    if xp is np:
-        value = xp.sinc(np.asarray(x) / np.pi)
-    else:
-        value = xp.select(abs(x) > 1e-4, xp.sin(x) / xp.select(abs(x) > 1e-4, x, 1.0), 1.0 - x * x / 6.0)
-    return value
+def sine_to_null(beamwidth: float) -> float:
+    """Sine of the angle to the first null of a uniform aperture of that half-power width (rad)."""
+    return float(min(1.0, np.sin(0.5 * beamwidth) * _NULL_OVER_HALF_POWER))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,5 +116,9 @@ class Pointing:
     azimuth_axis: NDArray[np.float64]
     elevation_axis: NDArray[np.float64]
 
+    def of_pulses(self, pick: NDArray[np.intp]) -> "Pointing":
+        """Those of some pulses."""
+        return Pointing(self.boresight[pick], self.azimuth_axis[pick], self.elevation_axis[pick])
 
-__all__ = ["SINC_HALF_POWER", "Antenna", "PatternKind", "Pointing"]
+
+__all__ = ["SINC_HALF_POWER", "Antenna", "Pointing", "sine_to_null"]

@@ -13,8 +13,9 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
+from sarmitsuba.radar.pulse_intervals import pulse_intervals
 from sarmitsuba.radar.sliding import BeamOverPath
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
 from sarmitsuba.radar.waveform import Waveform
 
@@ -23,6 +24,8 @@ F64 = NDArray[np.float64]
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000
 MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
+# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to a straight track: rounding
+_FIXED = 1e-9
 _REPLACED_BY_TRACK = (
     "slant_range",
     "look_angle_deg",
@@ -30,8 +33,13 @@ _REPLACED_BY_TRACK = (
     "squint_angle_deg",
     "speed",
     "prf",
+    "prf_jitter",
+    "prf_jitter_seed",
+    "pri_sequence",
     "n_pulses",
     "azimuth_resolution",
+    "orbit_altitude",
+    "state_vectors_file",
 )
 
 
@@ -108,16 +116,16 @@ def geometry_of_track(given: RadarInput, track: Track, aim: F64) -> AimGeometry:
 
 
 def known_azimuth_cell(
-    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None
+    given: RadarInput, geometry: AimGeometry, waveform: Waveform, track: Track | None, speed: float
 ) -> float:
-    """Azimuth cell as far as it is known before the track is, m."""
+    """Azimuth cell as far as it is known before the track is, at the antenna's speed (m/s), m."""
     s = given.sensor
     if s.azimuth_resolution > 0.0:
         return s.azimuth_resolution
     if track is not None and track.n_pulses > 1:
         length = float(np.linalg.norm(np.ptp(track.position, axis=0)))
     elif s.n_pulses > 1 and s.prf > 0.0:
-        length = s.n_pulses * s.speed / s.prf
+        length = s.n_pulses * speed / s.prf
     else:
         return waveform.range_cell
     return MODES[s.mode].azimuth_cell(geometry, waveform.wavelength, max(length, 1e-9))
@@ -174,7 +182,7 @@ class _Wanted:
         closest = float(np.linalg.norm(offset - x * self.geometry.along))
         end = np.array([x - 0.5 * self.length(), x + 0.5 * self.length()])
         half = 0.5 * float(np.ptp(end / np.hypot(end, closest))) * self.beam.footprint_speed
-        return min(half, self.geometry.cos_squint * sine_to_null(self.antenna.azimuth_beamwidth))
+        return min(half, self.geometry.cos_squint * self.antenna.nulls[0])
 
     def track_length(self, half_aperture: float) -> float:
         r"""Length of track, centred on mid-aperture, that holds the apertures of all pixels of the image, m.
@@ -186,7 +194,7 @@ class _Wanted:
         """
         if not np.isfinite(half_aperture):
             return self.length()
-        if self.beam.footprint_speed != 1.0:
+        if abs(self.beam.footprint_speed - 1.0) > _FIXED:
             points = self.box.samples() @ self.box.axes + self.box.origin
             return self.beam.track_length(points, half_aperture, self.given.where)
         offset = self.box.samples() + self.geometry.axes @ (self.geometry.aim - self.geometry.center)
@@ -263,7 +271,7 @@ def automatic_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return path.track(prf, n), half
+    return pulse_intervals(given).track(path, prf, n), half
 
 
 def _whole_path(
@@ -293,7 +301,7 @@ def _whole_path(
             f"{where}: a track of {length:g} m needs {n} pulses, more than {MAX_PULSES}; shrink the image, narrow "
             "the beam or fly a shorter arc"
         )
-    return path.track(n * path.speed / length, n)
+    return pulse_intervals(given).track(path, n * path.speed / length, n)
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

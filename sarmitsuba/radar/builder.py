@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
-from sarmitsuba.parameters import one_line
-from sarmitsuba.radar.antenna import SINC_HALF_POWER, Antenna
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -17,13 +15,19 @@ from sarmitsuba.radar.aperture import (
     given_track,
     known_azimuth_cell,
 )
+from sarmitsuba.radar.attitude import pointing_error
+from sarmitsuba.radar.beam import antenna_of
 from sarmitsuba.radar.coverage import ambiguities, check_coverage
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
+from sarmitsuba.radar.orbit import orbit_of
+from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
+from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
@@ -33,7 +37,6 @@ from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
 
-CHANNELS = ("HH", "HV", "VH", "VV")
 SAMPLING_MARGIN = 1.2  # automatic sampling rate over the bandwidth
 MAX_SAMPLES = 2**36  # samples of raw data: 0.5 TiB
 
@@ -66,14 +69,14 @@ def build_radar(
 
     Notes
     -----
-    Ignores the Earth's curvature and rotation and the refraction of the atmosphere.
+    The ground is flat, the tangent plane at the anchor, whatever flies over it; ignores refraction by the atmosphere.
     """
     shift = np.zeros(3) if offset is None else offset
     s = given.sensor
     waveform = Waveform(s.center_frequency, s.bandwidth, s.pulse_width)
     film = _film(given)
     channels = read_channels(s.polarisation, given.where)
-    antenna = _antenna(given, waveform.wavelength)
+    antenna = antenna_of(given, waveform.wavelength)
     aim = np.array(
         [
             middle if value is None else value - moved
@@ -84,22 +87,35 @@ def build_radar(
     track = given_track(given, shift)
     doubts = doubtful_angles(given) + (doubtful_track(given, track, shift) if track is not None else [])
     prf_derived = track is None and not s.prf
-    geometry = geometry_from_angles(given, aim) if track is None else geometry_of_track(given, track, aim)
+    anchor = Anchor.of_degrees(s.latitude_deg, s.longitude_deg, s.height)
+    orbit = None if track is not None else orbit_of(given, anchor, aim, shift)
+    if orbit is not None and MODES[s.mode].path_parameters:
+        raise RadarError(
+            f"{given.where}: mode = {s.mode} flies a path of its own, not an orbit; leave the orbit out "
+            "or take another mode"
+        )
+    if track is not None:
+        geometry = geometry_of_track(given, track, aim)
+    else:
+        geometry = geometry_from_angles(given, aim) if orbit is None else orbit[0]
     scene = Box(geometry.aim, geometry.axes, *extent.in_axes(geometry.aim, geometry.axes))
-    cells = (known_azimuth_cell(given, geometry, waveform, track), waveform.range_cell)
+    speed = s.speed if orbit is None else orbit[1].speed
+    cells = (known_azimuth_cell(given, geometry, waveform, track, speed), waveform.range_cell)
     image, notes = build_image_request(film, given.film_where, scene, geometry.center, cells, shift)
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
-        path = MODES[s.mode].path(geometry, s.speed)
+        path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+    track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
+    nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
         track=track,
         waveform=waveform,
         antenna=antenna,
-        pointing=MODES[s.mode].pointing(track, geometry, s.mode_parameters),
+        pointing=nominal if error.is_none else error.flown(nominal, track.time),
         window=_window(given, track, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
@@ -110,6 +126,8 @@ def build_radar(
         half_aperture=half_aperture,
         offset=shift,
         recorded=recorded_track(given, track, shift),
+        anchor=anchor,
+        recorded_pointing=None if error.is_none else nominal,
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
@@ -141,51 +159,6 @@ def _film(given: RadarInput) -> FilmDescription:
             "slant-range axis; take ground"
         )
     return replace(given.film, image_grid="ground")
-
-
-def read_channels(text: str, where: str) -> tuple[str, ...]:
-    """Channels of a list such as ``HH,HV``."""
-    names = tuple(text.replace(",", " ").upper().split())
-    bad = [name for name in names if name not in CHANNELS]
-    if bad or not names or len(set(names)) < len(names):
-        raise RadarError(
-            f'{where}: polarisation = "{one_line(text)}" is not a list of channels from {", ".join(CHANNELS)}; '
-            'give for example "HH,HV"'
-        )
-    return names
-
-
-def _antenna(given: RadarInput, wavelength: float) -> Antenna:
-    s = given.sensor
-    gain = float(power_from_db(s.gain_db))
-    azimuth = (("azimuth_beamwidth_deg", s.azimuth_beamwidth_deg), ("antenna_length", s.antenna_length))
-    elevation = (("elevation_beamwidth_deg", s.elevation_beamwidth_deg), ("antenna_height", s.antenna_height))
-    if s.pattern == "isotropic":
-        for name, value in (*azimuth, *elevation):
-            if value > 0.0:
-                raise RadarError(
-                    f"{given.where}: {name} = {value:g} has no effect with pattern = isotropic; "
-                    "set pattern to gaussian or rectangular"
-                )
-        return Antenna("isotropic", gain)
-    widths = []
-    for (width_name, width), (size_name, size) in (azimuth, elevation):
-        if (width > 0.0) == (size > 0.0):
-            raise RadarError(
-                f"{given.where}: pattern = {s.pattern} needs one of {width_name} = {width:g} deg and "
-                f"{size_name} = {size:g} m above 0; give exactly one"
-            )
-        if size > 0.0:
-            sine = SINC_HALF_POWER * wavelength / size
-            if sine >= 1.0:
-                raise RadarError(
-                    f"{given.where}: {size_name} = {size:g} m is below {SINC_HALF_POWER:.3f} wavelengths "
-                    f"({SINC_HALF_POWER * wavelength:g} m); enlarge it or give {width_name}"
-                )
-            widths.append(2.0 * float(np.arcsin(sine)))
-        else:
-            widths.append(float(np.radians(width)))
-    return Antenna(s.pattern, gain, widths[0], widths[1])
 
 
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:
@@ -244,4 +217,4 @@ def _warn(text: str) -> None:
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
 
 
-__all__ = ["CHANNELS", "build_radar", "read_channels"]
+__all__ = ["build_radar"]

@@ -7,7 +7,7 @@ import numpy as np
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth, sine_to_null
+from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 
 _SMALL_SHARE = 0.005  # of ghosts; less is not named
 
@@ -45,12 +45,10 @@ def check_coverage(radar: Radar, scene: Box, box: Box, where: str, film_where: s
     ahead = np.einsum("npc,nc->np", line, radar.pointing.boresight[pick]) > 0.0
     inside = ahead.any(axis=1)
     worst = []
-    for axis, width in (
-        (radar.pointing.azimuth_axis, radar.antenna.azimuth_beamwidth),
-        (radar.pointing.elevation_axis, radar.antenna.elevation_beamwidth),
-    ):
+    axes = (radar.pointing.azimuth_axis, radar.pointing.elevation_axis)
+    for axis, null in zip(axes, radar.antenna.nulls, strict=True):
         sine = np.einsum("npc,nc->np", line, axis[pick])
-        inside &= (sine.min(axis=1) < sine_to_null(width)) & (sine.max(axis=1) > -sine_to_null(width))
+        inside &= (sine.min(axis=1) < null) & (sine.max(axis=1) > -null)
         gap = np.maximum(np.maximum(sine.min(axis=1), -sine.max(axis=1)), 0.0)
         worst.append(float(np.degrees(np.arcsin(np.clip(gap.min(), 0.0, 1.0)))))
     if not inside.any():

@@ -14,6 +14,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import ParamTable, Value, described, filled, params_of
 from sarmitsuba.radar.film import FILM, FilmDescription
 from sarmitsuba.radar.mode import MODES, mode_parameters
+from sarmitsuba.radar.pattern import PATTERNS
 from sarmitsuba.radar.track import Track
 
 
@@ -67,6 +68,15 @@ class RadarDescription:
         1e8,
         auto=True,
     )
+    prf_jitter: float = described(
+        0.0, "random variation of the intervals between pulses, rms over their mean 1 / prf", "", 0.0, 0.2
+    )
+    prf_jitter_seed: int = described(0, "seed of the intervals", "", 0, 2**31 - 1)
+    pri_sequence: str = described(
+        "",
+        "staggered PRF: intervals between pulses that repeat, over their mean 1 / prf; a list such as 0.9,1,1.1 (its "
+        "own mean is divided out), or ramp:N:SPAN for N intervals that fall evenly from 1 + SPAN / 2 to 1 - SPAN / 2",
+    )
     n_pulses: int = described(
         0,
         "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
@@ -90,6 +100,47 @@ class RadarDescription:
         "CSV of time_s, x_m, y_m, z_m, one pulse per line, in the file's frame; replaces slant_range, "
         "look_angle_deg, heading_deg, squint_angle_deg, speed, prf, n_pulses and "
         "azimuth_resolution",
+    )
+    orbit_altitude: float = described(
+        0.0,
+        "altitude of a circular orbit over the Earth's equatorial radius (6378137 m), as mission pages give it; "
+        "replaces slant_range, look_angle_deg, heading_deg and speed; 0 = no orbit",
+        "m",
+        0.0,
+        1e8,
+    )
+    orbit_inclination_deg: float = described(
+        97.5, "inclination of the orbit to the equator; above 90 it flies westwards", "deg", 0.0, 180.0
+    )
+    orbit_pass: Literal["ascending", "descending"] = described(
+        "ascending", "northbound or southbound over the scene", choices=("ascending", "descending")
+    )
+    incidence_angle_deg: float = described(
+        35.0,
+        "angle between the vertical (z) and the line of sight at the aim point, from an orbit, at mid-aperture",
+        "deg",
+        0.0,
+        89.0,
+        positive=True,
+    )
+    state_vectors_file: str = described(
+        "",
+        "CSV of time_s (or UTC as 2024-05-01T12:00:00.5), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s, Earth-centred "
+        "Earth-fixed; in place of orbit_altitude, mid-aperture is when the aim point is seen at squint_angle_deg",
+    )
+    latitude_deg: float = described(
+        0.0,
+        "WGS-84 latitude of the origin of the file's frame, whose x is east, y north and z up there; the default, "
+        "in the Gulf of Guinea, is passed by every orbit and taken by nobody for a place that was given",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    longitude_deg: float = described(
+        0.0, "WGS-84 longitude of the origin of the file's frame", "deg", -360.0, 360.0
+    )
+    height: float = described(
+        0.0, "height of the origin of the file's frame over the WGS-84 ellipsoid", "m", -1e4, 1e6
     )
     recorded_track_file: str = described(
         "",
@@ -144,15 +195,75 @@ class RadarDescription:
         4.0, "exponent of the jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
     )
     track_jitter_seed: int = described(0, "seed of the jitter", "", 0, 2**31 - 1)
+    pass_offset_along: float = described(
+        0.0,
+        "a parallel pass: the whole track, as it would be without this, is moved along itself",
+        "m",
+        -1e6,
+        1e6,
+    )
+    pass_offset_across: float = described(
+        0.0,
+        "a parallel pass: the whole track is moved to its right, the beam on the same place",
+        "m",
+        -1e6,
+        1e6,
+    )
+    pass_offset_up: float = described(
+        0.0, "a parallel pass: the whole track is moved upwards, the beam on the same place", "m", -1e6, 1e6
+    )
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
     polarisation: str = described(
-        "VV", "channels, transmit letter first, separated by commas: HH, HV, VH, VV"
+        "VV",
+        "channels, transmit letter first, separated by commas: HH, HV, VH, VV; compact ones: RH, RV (right-circular "
+        "transmit), LH, LV (left-circular), DH, DV (slanted by 45 deg)",
     )
-    pattern: Literal["isotropic", "gaussian", "rectangular"] = described(
-        "isotropic", "antenna pattern", choices=("isotropic", "gaussian", "rectangular")
+    pattern: str = described("isotropic", "antenna pattern", choices=lambda: tuple(sorted(PATTERNS.names)))
+    pattern_file: str = described(
+        "",
+        "CSV of cut, angle_deg, gain_db, the cut azimuth or elevation, for pattern = table: one-way power gain over "
+        "the angle off boresight",
     )
+    pointing_error_azimuth_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in azimuth, positive forward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_error_elevation_deg: float = described(
+        0.0,
+        "true less nominal direction of the beam in elevation, positive upward; the focuser is told the nominal one",
+        "deg",
+        -90.0,
+        90.0,
+    )
+    pointing_drift_azimuth_deg: float = described(
+        0.0,
+        "growth of the beam's error in azimuth over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_drift_elevation_deg: float = described(
+        0.0,
+        "growth of the beam's error in elevation over time; 0 at mid-aperture",
+        "deg/s",
+        -1e3,
+        1e3,
+    )
+    pointing_jitter_deg: float = described(
+        0.0, "random error of the beam's direction, rms in azimuth and in elevation", "deg", 0.0, 90.0
+    )
+    pointing_jitter_corner: float = described(
+        0.1, "corner f_c of the pointing jitter's power spectrum 1 / (1 + (f / f_c)^slope)", "Hz", 1e-6, 1e6
+    )
+    pointing_jitter_slope: float = described(
+        4.0, "exponent of the pointing jitter's power spectrum; 2 is a Gauss-Markov process", "", 0.0, 100.0
+    )
+    pointing_jitter_seed: int = described(0, "seed of the pointing jitter", "", 0, 2**31 - 1)
     azimuth_beamwidth_deg: float = described(
         0.0, "one-way half-power beamwidth; 0 = not given", "deg", 0.0, 180.0
     )

@@ -17,13 +17,14 @@ _SLOW, _HIGH = 0.2, 50.0  # m/s, m
 
 
 def doubtful_angles(given: RadarInput) -> list[str]:
-    """A look angle that may be in radians."""
-    look = given.sensor.look_angle_deg
-    if look >= 0.5 * np.pi:
-        return []
+    """A look angle or an incidence angle that may be in radians."""
+    s = given.sensor
+    angles = (("look_angle_deg", s.look_angle_deg), ("incidence_angle_deg", s.incidence_angle_deg))
     return [
-        f"{given.where}: look_angle_deg = {look:g} deg looks straight down; if it is meant in radians, give "
-        f"{np.degrees(look):.4g}"
+        f"{given.where}: {name} = {angle:g} deg looks straight down; if it is meant in radians, give "
+        f"{np.degrees(angle):.4g}"
+        for name, angle in angles
+        if angle < 0.5 * np.pi
     ]
 
 

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
+from sarmitsuba.radar.turning import turning
 from sarmitsuba.radar.waveform import Waveform
 
 
@@ -48,7 +50,7 @@ class Radar:
     ----------
     mode : name of the law that steers the beam, one of `sarmitsuba.radar.mode.MODES`
     track, waveform, antenna, pointing, window : see their classes
-    channels : polarisation channels, transmit letter first: ``HH``, ``HV`` (transmit H, receive V), ``VH``, ``VV``
+    channels : polarisation channels, transmit letter first, such as ``HV``, see :mod:`sarmitsuba.radar.polarisation`
     look_side : ``left`` or ``right`` of the flight direction
     aim_point : (3,) float64, m, scene frame; the point the geometry is referred to
     transmit_power : W
@@ -58,9 +60,11 @@ class Radar:
         direction along the flight is within this of the boresight's; infinite: all pulses serve every pixel
     offset : (3,) float64, m; positions in the frame of the user's file are those here + offset
     recorded : where it is not ``track``, the track that the focuser is told; ``track`` is flown
+    recorded_pointing : where it is not ``pointing``, what the focuser is told of the beam; ``pointing`` is true
     receiver : where the echoes are received elsewhere (bistatic data), the receiver's track at the same pulse times;
         ``track`` is the transmitter's, and slant range is half the way from there over the point to the receiver
         (so that both may change places)
+    anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
     mode: str
@@ -78,7 +82,9 @@ class Radar:
     half_aperture: float = np.inf
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     recorded: Track | None = None
+    recorded_pointing: Pointing | None = None
     receiver: Track | None = None
+    anchor: Anchor = field(default_factory=Anchor)
 
     def __post_init__(self) -> None:
         if self.receiver is not None and self.receiver.n_pulses != self.track.n_pulses:
@@ -110,9 +116,11 @@ class Radar:
     def footprint_speed(self) -> float:
         r"""Speed of the footprint at the aim point over the antenna's: 1 for a beam fixed to the track, 0 in spotlight.
 
-        .. math:: A = 1 - \frac{d s_{boresight}}{d s_{aim}}
+        .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
 
-        over the sines s along the flight, about mid-aperture. 1 for one pulse.
+        over the sines s along the flight, about mid-aperture, and the effective velocity, V on a straight track. From
+        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse. The beam is the nominal one,
+        without pointing errors.
         """
         i, n = self.track.center_index, self.track.n_pulses
         pick = np.array([max(i - 1, 0), min(i + 1, n - 1)])
@@ -122,8 +130,10 @@ class Radar:
         forward = self.track.velocity[pick] / speed
         line = self.aim_point - self.track.position[pick]
         aim = np.sum(line * forward, axis=1) / np.linalg.norm(line, axis=1)
-        boresight = np.sum(self.pointing.boresight[pick] * forward, axis=1)
-        return 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
+        told = self.recorded_pointing or self.pointing
+        boresight = np.sum(told.boresight[pick] * forward, axis=1)
+        held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
+        return held * turning(self.track, self.aim_point, i)
 
     @property
     def all_round(self) -> bool:
@@ -166,18 +176,26 @@ class Radar:
         RadarError : no pulse is left, or the pulses do not follow each other in time
         """
         pick = numbers_of(pulses, self.track.n_pulses)
-        p = self.pointing
         return replace(
             self,
             track=self.track.of_pulses(pick),
             recorded=self.recorded and self.recorded.of_pulses(pick),
-            pointing=Pointing(p.boresight[pick], p.azimuth_axis[pick], p.elevation_axis[pick]),
+            pointing=self.pointing.of_pulses(pick),
+            recorded_pointing=self.recorded_pointing and self.recorded_pointing.of_pulses(pick),
             window=replace(self.window, start_range=self.window.start_range[pick]),
         )
 
     def as_recorded(self) -> "Radar":
-        """The radar that the focuser is told; beam and receive window stay as they were."""
-        return self if self.recorded is None else replace(self, track=self.recorded, recorded=None)
+        """The radar that the focuser is told; the receive window stays as it was."""
+        if self.recorded is None and self.recorded_pointing is None:
+            return self
+        return replace(
+            self,
+            track=self.recorded or self.track,
+            recorded=None,
+            pointing=self.recorded_pointing or self.pointing,
+            recorded_pointing=None,
+        )
 
     def in_file_frame(self) -> "Radar":
         """The same radar with positions in the frame of the user's file."""

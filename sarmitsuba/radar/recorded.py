@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.jitter import wandering
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.track import Track
 
@@ -34,7 +35,7 @@ class TrackError:
 
     Notes
     -----
-    Ignores errors of time and of attitude.
+    Ignores errors of time; those of attitude are :class:`sarmitsuba.radar.attitude.PointingError`.
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -49,21 +50,9 @@ class TrackError:
         time = track.time - 0.5 * (track.time[0] + track.time[-1])
         error = np.asarray(self.offset) + time[:, None] * np.asarray(self.drift)
         if self.jitter > 0.0:
-            error = error + self._jitter(track.time)
+            error = error + wandering(track.time, 3, self.jitter, self.corner, self.slope, self.seed)
         axes = np.array([track.along, right_of(track.along), [0.0, 0.0, 1.0]])
         return Track.from_samples(track.time, track.position + error @ axes)
-
-    def _jitter(self, time: F64) -> F64:
-        """(n_pulses, 3) m; rms over the track as asked for, mean zero."""
-        rng = np.random.default_rng(self.seed)
-        n = 2 * time.size  # twice the track, so that its ends are not alike
-        step = (time[-1] - time[0]) / max(time.size - 1, 1)
-        frequency = np.fft.rfftfreq(n, step)
-        level = np.sqrt(1.0 / (1.0 + (frequency / self.corner) ** self.slope))
-        noise = rng.standard_normal((3, 2, frequency.size)) * level
-        series = np.fft.irfft(noise[:, 0] + 1j * noise[:, 1], n, axis=-1)[:, : time.size].T
-        series = series - series.mean(axis=0)
-        return np.asarray(self.jitter * series / np.maximum(np.sqrt(np.mean(series**2, axis=0)), 1e-300))
 
 
 def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None:

@@ -12,6 +12,7 @@ from sarmitsuba.parameters import Value
 from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.turning import turning
 
 F64 = NDArray[np.float64]
 
@@ -51,13 +52,16 @@ class BeamOverPath:
     def footprint_speed(self) -> float:
         r"""Speed of the footprint at the aim point over the antenna's: 1 for a beam fixed to the track, 0 in spotlight.
 
-        .. math:: A = 1 - \frac{d s_{boresight}}{d s_{aim}}
+        .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
 
-        over the sines s along the flight.
+        over the sines s along the flight, and the effective velocity, V on a straight path; see
+        `sarmitsuba.radar.radar.Radar.footprint_speed`.
         """
         step = 1e-3 * self.geometry.slant_range / self.path.speed
-        aim, boresight = self.sines(np.array([-step, 0.0, step]), self.geometry.aim[None])
-        return 1.0 - float(boresight[2] - boresight[0]) / float(aim[2, 0] - aim[0, 0])
+        time = np.array([-step, 0.0, step])
+        aim, boresight = self.sines(time, self.geometry.aim[None])
+        held = 1.0 - float(boresight[2] - boresight[0]) / float(aim[2, 0] - aim[0, 0])
+        return held * turning(Track(time, *self.path.states(time)), self.geometry.aim, 1)
 
     def track_length(self, points: F64, half_aperture: float, where: str) -> float:
         """Length of track, centred on mid-aperture, whose beam passes over all points, m.

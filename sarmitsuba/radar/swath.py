@@ -11,8 +11,6 @@ from sarmitsuba.radar.radar import ReceiveWindow
 
 F64 = NDArray[np.float64]
 
-# Offset of the first null of a uniform aperture over its half-power half angle, in sines
-_NULL_OVER_HALF_POWER = 1.0 / 0.442946470689452
 # Free range cells on both sides of the window, for side lobes and interpolation
 _MARGIN_CELLS = 16
 
@@ -60,16 +58,6 @@ class Box:
         return None if (low > high).any() else (low, high)
 
 
-def sine_to_null(beamwidth: float) -> float:
-    """Sine of the angle to the first null of a uniform aperture of that half-power width (rad).
-
-    Notes
-    -----
-    Used for the Gaussian beam too, whose two-way gain is -31 dB there.
-    """
-    return float(min(1.0, np.sin(0.5 * beamwidth) * _NULL_OVER_HALF_POWER))
-
-
 def doppler_bandwidth(
     position: F64, velocity: F64, box: Box, wavelength: float, *, instantaneous: bool = False
 ) -> float:
@@ -103,7 +91,7 @@ def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float, half_apert
     """
     if antenna.pattern == "isotropic":
         return np.inf
-    null = sine_to_null(antenna.azimuth_beamwidth)
+    null = antenna.nulls[0]
     return 2.0 * speed / wavelength * (null + min(null, half_aperture))
 
 
@@ -150,5 +138,4 @@ __all__ = [
     "beam_bandwidth",
     "doppler_bandwidth",
     "receive_window",
-    "sine_to_null",
 ]

@@ -92,6 +92,10 @@ class Track:
         fit = self.position[0] + line * (self.position[-1] - self.position[0])
         return bool(np.abs(fit - self.position).max() < 1e-6)
 
+    def moved(self, shift: ArrayLike) -> "Track":
+        """The parallel track, every position moved by ``shift`` (3,), m."""
+        return Track(self.time, self.position + np.asarray(shift, dtype=np.float64), self.velocity)
+
     def of_pulses(self, pulses: slice | ArrayLike) -> "Track":
         """Return these pulses (a slice, pulse numbers or a mask) as a track of their own.
 

@@ -1,9 +1,11 @@
 """What there is to see: triangles and ideal points."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sarmitsuba.scene.motion import STILL, Motion
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -22,6 +24,7 @@ class Geometry:
     mesh_names : n_meshes names
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
     mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
+    mesh_motion : n_meshes, how each moves from where ``vertices`` have it at time zero; empty: none does
     """
 
     vertices: F64
@@ -31,6 +34,7 @@ class Geometry:
     mesh_names: tuple[str, ...]
     mesh_face_offset: NDArray[np.int64]
     mesh_convex: tuple[bool, ...] = ()
+    mesh_motion: tuple[Motion, ...] = ()
 
     def __repr__(self) -> str:
         return f"Geometry({self.n_faces} faces, {self.vertices.shape[0]} vertices, {len(self.mesh_names)} meshes)"
@@ -39,6 +43,24 @@ class Geometry:
     def n_faces(self) -> int:
         """Number of triangles."""
         return int(self.faces.shape[0])
+
+    @property
+    def moves(self) -> bool:
+        """True where some mesh moves."""
+        return any(not motion.still for motion in self.mesh_motion)
+
+    def moving_meshes(self) -> tuple[tuple[Motion, slice], ...]:
+        """Motion and rows of ``faces`` of every mesh that moves."""
+        offset = self.mesh_face_offset
+        return tuple(
+            (motion, slice(int(offset[i]), int(offset[i + 1])))
+            for i, motion in enumerate(self.mesh_motion)
+            if not motion.still
+        )
+
+    def frozen(self) -> "Geometry":
+        """The same at rest, as it stands at time zero."""
+        return replace(self, mesh_motion=()) if self.moves else self
 
     @property
     def bounds(self) -> F64:
@@ -92,12 +114,18 @@ class PointTarget:
     position : (3,) float64, m, scene frame
     rcs : m^2
     phase : rad, of its reflectivity
+    motion : how it moves from ``position``, where it is at time zero
     """
 
     name: str
     position: F64
     rcs: float = 1.0
     phase: float = 0.0
+    motion: Motion = STILL
+
+    def position_at(self, time: F64) -> F64:
+        """(..., 3) float64, m, scene frame, at times (...,) in s."""
+        return np.asarray(self.position + self.motion.displacement(time))
 
 
 __all__ = ["Geometry", "PointTarget"]

@@ -1,6 +1,6 @@
 """What a scene is after loading: frozen, validated data without any Mitsuba object in it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import TraceSettings
 
 F64 = NDArray[np.float64]
@@ -46,6 +48,11 @@ class Scene:
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
 
+    @property
+    def anchor(self) -> Anchor:
+        """Where on the Earth the origin of the file's frame lies."""
+        return self.radar.anchor
+
     def replace(self, **changes: object) -> "Scene":
         """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
 
@@ -63,11 +70,25 @@ class Scene:
         assert isinstance(scene, Scene)
         return scene
 
+    @property
+    def moves(self) -> bool:
+        """True where some mesh or point moves."""
+        return self.geometry.moves or any(not point.motion.still for point in self.points)
+
+    def frozen(self) -> "Scene":
+        """The same at rest, as it stands at time zero."""
+        if not self.moves:
+            return self
+        points = tuple(replace(point, motion=STILL) for point in self.points)
+        return replace(self, geometry=self.geometry.frozen(), points=points)
+
     def __repr__(self) -> str:
         radar, image = self.radar, self.image
+        moving = len(self.geometry.moving_meshes()) + sum(not p.motion.still for p in self.points)
         parts = [
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
+            f"{moving} moving" if moving else "",
             f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
             f"{radar.track.n_pulses} pulses",
             f"{image.grid} image of {image.extent_azimuth:.4g} m x {image.extent_range:.4g} m",

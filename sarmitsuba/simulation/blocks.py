@@ -17,6 +17,7 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
+from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES, Tracer
 from sarmitsuba.trace.launch import LaunchGrid
@@ -63,7 +64,7 @@ class Blocks:
     Parameters
     ----------
     tracer : of the run
-    lattices : of every ray subset
+    rays : lattices of every ray subset
     layers : labels of ``data``: subset after subset
     data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
     max_order : highest bounce order that is kept apart; 0 where all are summed
@@ -76,12 +77,12 @@ class Blocks:
     def __init__(
         self,
         tracer: Tracer,
-        lattices: Sequence[tuple[LaunchGrid, ...]],
+        rays: Rays,
         layers: Sequence[Layer],
         data: C64,
         max_order: int,
     ) -> None:
-        self.tracer, self.lattices, self.layers, self.data = tracer, lattices, tuple(layers), data
+        self.tracer, self.rays, self.layers, self.data = tracer, rays, tuple(layers), data
         self.max_order = max_order
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
@@ -136,7 +137,7 @@ class Blocks:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
         if self.interval == 1:
             share, stats = next(self._every_pulse())
-            return share * len(self.lattices), stats
+            return share * self.rays.n_subsets, stats
         return 1.0 / len(self.blocks), self.block_of_subset(self._middle, 0)
 
     @property
@@ -147,7 +148,7 @@ class Blocks:
     def block(self, index: int) -> TraceStatistics:
         """Trace one block with all ray subsets."""
         stats = self.block_of_subset(index, 0)
-        for subset in range(1, len(self.lattices)):
+        for subset in range(1, self.rays.n_subsets):
             stats = stats.plus(self.block_of_subset(index, subset))
         self.done.add(index)
         return stats
@@ -157,7 +158,8 @@ class Blocks:
         start, stop = self.blocks[index]
         more = int(index + 1 < len(self.blocks))
         pick = self._layers_of(subset)
-        profiles, stats = self._traced(self.lattices[subset], start, stop + more)
+        lattices = self.rays.at(start + (stop + more - start) // 2)[subset]
+        profiles, stats = self._traced(lattices, start, stop + more)
         self.data[pick, start:stop] = profiles[:, : stop - start]
         if more:
             self.seams[pick, index] = profiles[:, -1]
@@ -173,26 +175,29 @@ class Blocks:
             sampling.phase_box,
             sampling.scene.settings.gridding_width,
             extra_slant_range=sampling.extra_slant_range,
+            extra_range_rate=sampling.extra_range_rate,
         )
-        return self.tracer.block(rays, plan, len(self.layers) // len(self.lattices), self.max_order)
+        return self.tracer.block(rays, plan, len(self.layers) // self.rays.n_subsets, self.max_order)
 
     def _layers_of(self, subset: int) -> slice:
-        each = len(self.layers) // len(self.lattices)
+        each = len(self.layers) // self.rays.n_subsets
         return slice(subset * each, (subset + 1) * each)
 
     def _every_pulse(self) -> Iterator[tuple[float, TraceStatistics]]:
         sampling, tracer = self.tracer.sampling, self.tracer
-        n = self.data.shape[1] * len(self.lattices)
-        row = len(self.layers) // len(self.lattices) * 2 * sampling.scene.radar.window.n_samples * 2 * 16
-        for i, rays in enumerate(self.lattices):
+        n_subsets = self.rays.n_subsets
+        n = self.data.shape[1] * n_subsets
+        row = len(self.layers) // n_subsets * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        for i in range(n_subsets):
             target = self.data[self._layers_of(i)]
             for window in sampling.windows:
                 first, end = window.pulses
-                most = max(g.n_rays for g in rays if g.serves(first))
+                most = max(g.n_rays for g in self.rays.at(first)[i] if g.serves(first))
                 step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
+                step = tracer.most_pulses or step
                 for start in range(first, end, step):
                     stop = min(end, start + step)
-                    stats = tracer.direct(rays, start, stop, target, self.max_order)
+                    stats = tracer.direct(self.rays.at(start)[i], start, stop, target, self.max_order)
                     yield (i * self.data.shape[1] + stop) / n, stats
 
     # ------------------------------------------------------------ what blocks cost in accuracy
@@ -260,7 +265,7 @@ class Blocks:
             return above(dict.fromkeys(error, target - BELOW_TARGET_DB))
         if has_subsets(self.layers):
             return above_rays(self._subset_errors())
-        rays = self.lattices[0]
+        rays = self.rays.at(self.blocks[self._middle][1])[0]
         strips = [_strip(grid) for grid in rays]
         if sum(grid.n_rays for grid in rays) >= STRIP_FROM and all(grid.n_rays for grid in strips):
             sure = {channel: value - SURE_DB for channel, value in self._shift_errors(strips).items()}
@@ -280,7 +285,7 @@ class Blocks:
         """The same at one pulse of one set of rays, or of a strip of it: against rays shifted by half a cell, dB."""
         pulse = self.blocks[self._middle][1]
         whole = here = self.data[:, pulse]
-        all_rays, share = self.lattices[0], 1.0
+        all_rays, share = self.rays.at(pulse)[0], 1.0
         if rays is not all_rays:
             here = self._at(rays, pulse)
             share = STRIP_ENERGY * sum(g.n_rays for g in rays) / sum(g.n_rays for g in all_rays)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.echo.noise import noise_power
+from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
@@ -14,6 +14,8 @@ from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.raster import Raster
@@ -40,8 +42,9 @@ class Imager:
     Notes
     -----
     :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls); :meth:`raster` also ignores every bounce after the first, the smooth part of surfaces, and phase: its
-    speckle is a random field of the right statistics, not the scene's.
+    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
+    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
+    the scene's.
     """
 
     def __init__(
@@ -56,6 +59,11 @@ class Imager:
             raise RadarError(
                 f"{run.scene.name}: methods image and raster make no raw data, so that a recorded track has no effect; "
                 "take method raw or leave the track's errors out"
+            )
+        if run.scene.radar.recorded_pointing is not None:
+            raise RadarError(
+                f"{run.scene.name}: methods image and raster make no raw data, so that a pointing error has no effect; "
+                "take method raw or leave it out"
             )
         self.run = run
         grid = grid or default_grid(run.scene.radar, run.scene.image)
@@ -133,6 +141,11 @@ class Imager:
             raise RadarError(
                 f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
             )
+        if run.scene.geometry.moves:
+            raise RadarError(
+                f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
+                "hybrid, or set moving_targets off"
+            )
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
         cell = self._look_cells().center
@@ -162,6 +175,7 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
+            self._tracer.pose(self.look.time)
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),
@@ -177,22 +191,28 @@ class Imager:
         return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the look's grid, co-polar layers of the first order only."""
+        """Ideal points of the scene on the look's grid, layers of the first order only."""
         radar, grid = self.run.scene.radar, self.look.grid
-        position = np.array([p.position for p in self.run.scene.points])
+        points, time = self.run.scene.points, np.asarray(self.look.time)
+        position = np.array([p.position_at(time) for p in points])
+        velocity = grid.velocity - np.array([p.motion.velocity_at(time) for p in points])
         leg = position - grid.position
         distance = np.linalg.norm(leg, axis=1)
-        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in self.run.scene.points])
+        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
         if self.run.trace_scene is not None:
-            amplitude = amplitude * visible(self.run.trace_scene, position, leg, distance)
+            amplitude = amplitude * visible(self.run.trace_scene.at(self.look.time), position, leg, distance)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         plane = spread_points(
-            grid, distance, -(leg @ grid.velocity) / distance, amplitude, radar.waveform.wavelength
+            grid,
+            distance,
+            -np.einsum("ni,ni->n", leg, velocity) / distance,
+            amplitude,
+            radar.waveform.wavelength,
         )
         for i, layer in enumerate(layers):
-            if layer.channel[0] == layer.channel[1] and layer.order in (0, 1):
-                out[i] = plane
+            if layer.order in (0, 1):
+                out[i] = plane * np.complex64(isotropic_response(layer.channel))
         return out
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
@@ -203,7 +223,7 @@ class Imager:
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = np.random.default_rng([self.run.scene.settings.seed, 0x6E6F697365, index])
+            rng = noise_generator(radar, self.run.scene.settings.seed, index)
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
@@ -247,6 +267,7 @@ class Imager:
             "azimuth_window": self.windows[1],
             **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position + radar.offset],
+            **flight_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's

@@ -44,6 +44,8 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, obje
                 "position": [float(v) for v in point.position + run.scene.offset],
                 "rcs": point.rcs,
                 "phase": point.phase,
+                "velocity": list(point.motion.velocity),
+                "acceleration": list(point.motion.acceleration),
             }
             for point in run.scene.points[:_MOST_POINTS]
         ],

@@ -10,12 +10,14 @@ from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import filled
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.points import point_returns
+from sarmitsuba.simulation.points import point_returns, sightlines
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.kernel import trace
 from sarmitsuba.trace.launch import LaunchGrid
@@ -185,11 +187,10 @@ class PathTracer:
             settings = replace(settings, seed=seed)
         self._run = Run(replace(scene, settings=settings), plan=plan)
         self._tracer: Tracer | None = None
-        self._grids: tuple[LaunchGrid, ...] = ()
+        self._rays: Rays | None = None
         if self._run.sampling is not None:
             self._tracer = self._run.tracer(self._run.sampling)
-            (grids,) = self._run.lattices(self._run.sampling, pass_index)
-            self._grids = tuple(grids)
+            self._rays = self._run.rays(self._run.sampling, pass_index)
 
     def trace(
         self, pulses: int | Sequence[int] | None = None, *, near: ArrayLike | None = None, cells: float = 1.0
@@ -202,9 +203,10 @@ class PathTracer:
             raise RadarError(f"cells = {cells:g} is not above 0")
         gate = None if near is None else _gate(run.scene, np.asarray(near, dtype=np.float64), cells)
         parts = [_of_points(run, pulse, gate) for pulse in wanted]
-        if self._tracer is not None:
+        if self._tracer is not None and self._rays is not None:
             for pulse in wanted:
-                serving = (grid for grid in self._grids if grid.serves(pulse))
+                self._tracer.pose(float(radar.track.time[pulse]))
+                serving = (grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse))
                 parts += [_of_grid(run, self._tracer, grid, pulse, gate) for grid in serving]
         table = joined(parts)
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
@@ -294,16 +296,19 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     track, channels = scene.radar.track, scene.radar.channels
     rows = []
     for point in scene.points:
-        distance, amplitude = point_returns(scene, run.plan.flags, run.trace_scene, point, pick)
-        rate = float((track.position[pulse] - point.position) @ track.velocity[pulse] / distance[0])
+        distance, amplitude = point_returns(scene, run.plan.flags, point, pick)
+        amplitude = amplitude * sightlines([point], run.trace_scene, track, pick)[0]
+        position = point.position_at(track.time[pulse])
+        velocity = track.velocity[pulse] - point.motion.velocity_at(track.time[pulse])
+        rate = float((track.position[pulse] - position) @ velocity / distance[0])
         outside = gate is not None and (
             abs(distance[0] - gate.slant_range[pulse]) > gate.half_range[pulse]
             or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]
         )
         if amplitude[0] > 0.0 and not outside:
-            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase), point.position))
+            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase), position))
     n = len(rows)
-    copolar = np.array([channel[0] == channel[1] for channel in channels])
+    response = np.array([isotropic_response(channel) for channel in channels])
     none = np.full((n, 1), -1, dtype=np.int32)
     return replace(
         _empty(scene),
@@ -312,7 +317,9 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
         order=np.ones(n, dtype=np.int32),
         length=2.0 * np.array([row[0] for row in rows], dtype=np.float64),
         range_rate=np.array([row[1] for row in rows], dtype=np.float64),
-        amplitude=np.array([row[2] * copolar for row in rows], dtype=np.complex128).reshape(n, copolar.size),
+        amplitude=np.array([row[2] * response for row in rows], dtype=np.complex128).reshape(
+            n, response.size
+        ),
         points=np.array([row[3] for row in rows], dtype=np.float64).reshape(n, 1, 3),
         face=none,
         shape=none,

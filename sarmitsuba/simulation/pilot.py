@@ -19,6 +19,7 @@ from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -300,7 +301,7 @@ def _trace(
     dr.eval(state, accumulator.memory)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), ORDERS, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
-    letters = {letter for c in radar.channels for letter in c}
+    letters = linear_letters(radar.channels)
     used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
     field = field[..., used]
     power = np.zeros((4, n, ORDERS))

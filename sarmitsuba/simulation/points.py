@@ -9,6 +9,8 @@ from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.trace.geometry import TraceScene
@@ -34,7 +36,7 @@ def add_points(
     ----------
     scene, flags : what to add and whether the antenna pattern counts
     trace_scene : what can hide a point, or None
-    data : (n_layers, n_pulses, n_samples) complex64, changed in place; co-polar layers of the first order only
+    data : (n_layers, n_pulses, n_samples) complex64, changed in place; layers of the first order only
     layers : labels of ``data``
 
     Returns
@@ -43,35 +45,42 @@ def add_points(
 
     Notes
     -----
-    An ideal scatterer is isotropic and does not depolarise; it neither blocks nor reflects rays. On a surface it has no
-    image in that surface, and a sheet without thickness that it lies on hides it from neither side.
+    An ideal scatterer is isotropic and does not depolarise (a compact channel has its part of HH = VV); it neither
+    blocks nor reflects rays. On a surface it has no image in that surface, and a sheet without thickness that it lies
+    on hides it from neither side.
     """
     radar = scene.radar
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
-    picks = [i for i, la in enumerate(layers) if la.channel[0] == la.channel[1] and la.order in (0, 1)]
+    factors = {  # both ray subsets see the whole point
+        i: np.complex64(isotropic_response(layer.channel) * SUBSET_SHARES[layer.subset])
+        for i, layer in enumerate(layers)
+        if layer.order in (0, 1) and isotropic_response(layer.channel)
+    }
     sample = np.arange(window.n_samples) * window.sample_spacing
     added = 0
     step = max(1, _BATCH // window.n_samples)
-    for point in scene.points:
-        for start in range(0, track.n_pulses, step):
-            pick = slice(start, start + step)
-            distance, amplitude = point_returns(scene, flags, trace_scene, point, pick)
+    for start in range(0, track.n_pulses, step):
+        pick = slice(start, start + step)
+        seen = sightlines(scene.points, trace_scene, track, pick)
+        for point, sight in zip(scene.points, seen, strict=True):
+            distance, amplitude = point_returns(scene, flags, point, pick)
+            amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
             offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
-            for i in picks:  # both ray subsets see the whole point
-                data[i, pick] += profile * np.float32(SUBSET_SHARES[layers[i].subset])
+            for i, factor in factors.items():
+                data[i, pick] += profile * factor
     return added
 
 
 def point_returns(
-    scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, point: PointTarget, pick: slice
+    scene: Scene, flags: KernelFlags, point: PointTarget, pick: slice
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (m) and co-polar amplitude (sqrt(W)) of a point from the pulses ``pick``, two (n,) float64."""
+    """Distance (m) and co-polar amplitude (sqrt(W)) of a point that the pulses ``pick`` see, two (n,) float64."""
     radar = scene.radar
-    leg = point.position - radar.track.position[pick]
+    leg = point.position_at(radar.track.time[pick]) - radar.track.position[pick]
     distance = np.linalg.norm(leg, axis=1)
     amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / distance**2
     if flags.antenna_pattern:
@@ -80,9 +89,25 @@ def point_returns(
         amplitude *= radar.antenna.two_way_amplitude(
             np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
         ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
-    if trace_scene is not None:
-        amplitude = amplitude * visible(trace_scene, point.position, leg, distance)
     return distance, amplitude
+
+
+def sightlines(
+    points: Sequence[PointTarget], trace_scene: TraceScene | None, track: Track, pick: slice
+) -> NDArray[np.float64]:
+    """1 where a point sees the antenna at a pulse of ``pick``, else 0: (n_points, n) float64."""
+    time, antenna = track.time[pick], track.position[pick]
+    position = np.array([point.position_at(time) for point in points])
+    if trace_scene is None:
+        return np.ones(position.shape[:2])
+    leg = position - antenna
+    distance = np.linalg.norm(leg, axis=2)
+    if trace_scene.movers is None:
+        ways = zip(position, leg, distance, strict=True)
+        return np.array([visible(trace_scene, *way) for way in ways]).reshape(distance.shape)
+    ways = zip(np.swapaxes(position, 0, 1), np.swapaxes(leg, 0, 1), distance.T, strict=True)
+    seen = [visible(trace_scene.at(float(t)), *way) for t, way in zip(time, ways, strict=True)]
+    return np.array(seen).reshape(distance.T.shape).T
 
 
 def visible(
@@ -156,4 +181,12 @@ def off_planes(
     return step
 
 
-__all__ = ["ON_SURFACE", "add_points", "off_planes", "point_returns", "touched_facets", "visible"]
+__all__ = [
+    "ON_SURFACE",
+    "add_points",
+    "off_planes",
+    "point_returns",
+    "sightlines",
+    "touched_facets",
+    "visible",
+]

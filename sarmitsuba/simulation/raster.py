@@ -12,6 +12,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
@@ -169,14 +170,18 @@ class Raster:
         planes = []
         columns = dr.opaque(mi.UInt32, n_range)
         for channel in channels:
-            co = amplitude.x * amplitude.x if channel[0] == "H" else amplitude.y * amplitude.y
-            if channel[0] != channel[1]:
-                co = amplitude.x * amplitude.y * ratio if flags.depolarisation else f32(0.0)
+            # channels of one letter twice, and of two, are not correlated over a surface without a preferred side
+            power = f32(0.0)
+            for factor, part in linear_parts(channel):
+                co = amplitude.x * amplitude.x if part[0] == "H" else amplitude.y * amplitude.y
+                if part[0] != part[1]:
+                    co = amplitude.x * amplitude.y * ratio if flags.depolarisation else f32(0.0)
+                power += co * abs(factor) ** 2
             plane = dr.zeros(f32, rounded_size(n_azimuth * n_range))
             for i, wi in enumerate((1.0 - wx, wx)):
                 for j, wj in enumerate((1.0 - wy, wy)):
                     index = (ix + i) * columns + (iy + j)
-                    dr.scatter_reduce(dr.ReduceOp.Add, plane, co * area * wi * wj, index, inside, mode)
+                    dr.scatter_reduce(dr.ReduceOp.Add, plane, power * area * wi * wj, index, inside, mode)
             planes.append(plane)
         dr.eval(planes)
         return np.stack([plane.numpy()[: n_azimuth * n_range].reshape(grid.shape) for plane in planes])

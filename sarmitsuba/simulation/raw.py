@@ -108,8 +108,8 @@ def _trace(
 ) -> SamplingReport:
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
-    lattices = run.lattices(sampling, pass_index)
-    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
+    rays = run.rays(sampling, pass_index)
+    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
     run.timer.lap("plan")
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
@@ -119,7 +119,7 @@ def _trace(
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
     pulse = run.scene.radar.track.center_index
-    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in lattices]
+    middle = [tuple(grid for grid in grids if grid.serves(pulse)) for grids in rays.at(pulse)]
     return SamplingReport(
         spacings=LatticeSpacings.of(middle),
         rays_per_key_pulse=sum(g.n_rays for grids in middle for g in grids),

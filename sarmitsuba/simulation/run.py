@@ -5,8 +5,6 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
-import numpy as np
-
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
@@ -15,9 +13,10 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
-from sarmitsuba.simulation.sampling.launch_window import bounding_antennas, mirrors_outside
+from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
+from sarmitsuba.simulation.sampling.rays import Rays
+from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
@@ -64,15 +63,14 @@ class Run:
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.geometry.n_faces:
-            wavelength = scene.radar.waveform.wavelength
-            self.trace_scene = build_trace_scene(
-                scene.geometry, scene.materials, wavelength, scene.radar.track.center_position
-            )
+            self.trace_scene = self._built(scene)
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
+        if self.sampling is not None and self.scene.geometry is not scene.geometry:  # what moved was stopped
+            self.trace_scene = self._built(self.scene)
         if self.sampling is not None:
             self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
         self.layers = LayerPlan.of(self.scene, self.plan)
@@ -84,6 +82,11 @@ class Run:
             left_out = mirrors_outside(self.scene, self.sampling.windows)
             self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
+
+    @staticmethod
+    def _built(scene: Scene) -> TraceScene:
+        wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
+        return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna)
 
     def at(self, factor: float) -> "Run":
         """The run with its rays so many times as far apart; it shares the geometry and every decision."""
@@ -114,8 +117,8 @@ class Run:
         )
         return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
 
-    def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
-        """Lattices of every ray subset; other values of ``pass_index`` give independent ones.
+    def rays(self, sampling: SamplingPlan, pass_index: int) -> Rays:
+        """Lattices of every ray subset, for every pulse; other values of ``pass_index`` give independent ones.
 
         Raises
         ------
@@ -123,24 +126,17 @@ class Run:
             Not a single ray is left for some pulse.
         """
         assert self.trace_scene is not None
-        track = self.scene.radar.track
-        made, short = [], []
-        for subset in self.layers.subsets:
-            draw = subset + 2 * pass_index
-            rng = np.random.default_rng([self.scene.settings.seed & 0x7FFFFFFF, draw, 0x50A1])
-            finer: list[LaunchGrid] = []
-            for one in sampling.lattices(draw=draw, subset=subset):
-                pulses, frame = one.pulses or (0, track.n_pulses), one.frame or sampling.window.frame
-                antennas = bounding_antennas(track, pulses)
-                grid, missed = with_small_parts(one, self.trace_scene, frame, antennas, rng)
-                finer.append(grid)
-                if missed is not None and one.serves(track.center_index):
-                    short.append(missed)
-            made.append(tuple(grid for grid in finer if grid.n_rays))
-            self._check_rays(sampling, made[-1])
-        self.shortfalls = tuple(short)
+        rays = Rays(sampling, self.trace_scene, self.layers.subsets, pass_index)
+        middle = self.scene.radar.track.center_index
+        for grids in rays.at(middle):
+            self._check_rays(sampling, grids)
+        self.shortfalls = rays.shortfalls
         self.timer.lap("launch grid")
-        return made
+        return rays
+
+    def lattices(self, sampling: SamplingPlan, pass_index: int) -> list[tuple[LaunchGrid, ...]]:
+        """:meth:`rays` at the middle of the track: of every pulse, where nothing moves."""
+        return self.rays(sampling, pass_index).at(self.scene.radar.track.center_index)
 
     def _check_rays(self, sampling: SamplingPlan, grids: tuple[LaunchGrid, ...]) -> None:
         for window in sampling.windows:

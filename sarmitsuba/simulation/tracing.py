@@ -63,11 +63,22 @@ class Tracer:
             up=polarisation_up(radar, center, antenna),
         )
 
+    @property
+    def most_pulses(self) -> int | None:
+        """Pulses that one launch may trace; None for any number."""
+        return 1 if self.flags.motion else None
+
+    def pose(self, time: float) -> None:
+        """Put all that moves where it stands at a time, s."""
+        if self.flags.motion:
+            self.trace_scene = self.trace_scene.at(time)
+
     def block(
         self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
     ) -> tuple[NDArray[np.complex64], TraceStatistics]:
         """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
         radar = self.sampling.scene.radar
+        self.pose(float(radar.track.time[plan.key]))
         accumulator = BlockAccumulator(
             plan,
             n_layers // len(radar.channels),
@@ -82,7 +93,7 @@ class Tracer:
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
         stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern
+        beam = self.flags.antenna_pattern and not self.flags.motion
         profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return profiles, stats
@@ -90,9 +101,10 @@ class Tracer:
     def direct(
         self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int
     ) -> TraceStatistics:
-        """Trace every pulse of ``start:stop``, of one sector of the track, in one launch."""
+        """Trace every pulse of ``start:stop``, of one sector of the track and no more than allowed, in one launch."""
         sampling = self.sampling
         radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
+        self.pose(float(radar.track.time[start]))
         plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
         accumulator = DirectAccumulator(
             plan,
@@ -144,7 +156,8 @@ class Tracer:
         """Record and run one kernel."""
         radar = self.sampling.scene.radar
         batch, flags = self.prepared(grid, position, velocity, pick)
-        if isinstance(accumulator, BlockAccumulator):
+        if isinstance(accumulator, BlockAccumulator) and not flags.motion:
+            # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = replace(batch, azimuth_axis=None)
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)

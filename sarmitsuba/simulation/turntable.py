@@ -20,6 +20,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible
@@ -166,8 +167,7 @@ def rcs_sweep(
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
         errors = tracing.errors(aspects, amplitude, checked) if checked else errors
     for i, channel in enumerate(channels):
-        if channel[0] == channel[1]:
-            amplitude[:, 0, i] += _points(scene, aspects.directions)
+        amplitude[:, 0, i] += isotropic_response(channel) * _points(scene, aspects.directions)
     return RcsSweep(
         aspects,
         frequency,

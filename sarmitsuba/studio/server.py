@@ -21,6 +21,7 @@ from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
+from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
 from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.view.display import Display, PictureOptions, prepare
@@ -134,7 +135,7 @@ class Studio:
                 _short(0.05 * state.resolution),
                 "cell in slant range and azimuth",
             )
-            self._choice("polarisation", "polarisation", ("HH", "HV", "VH", "VV"))
+            self._choice("polarisation", "polarisation", CHANNELS)
         with gui.add_folder("target"):
             self._slider("size", "size", 0.25, 3.0, 0.05, "factor on the whole scene, ground included")
             for name in surfaces(state.source):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.backend import dr, mi
+from sarmitsuba.backend import device_numbers, dr, mi
 from sarmitsuba.trace.arrays import vector_rows
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ class BeamPattern:
     def one_way(self, u: mi.Vector3f) -> mi.Float:
         """Relative one-way amplitude towards the unit vector ``u`` (antenna to scene); zero behind the aperture."""
         azimuth = mi.Float(0.0) if self.azimuth is None else dr.dot(u, self.azimuth)
-        per_width = (dr.opaque(mi.Float, scale) for scale in self.antenna.per_width)
-        two_way = self.antenna.normalised(azimuth, dr.dot(u, self.elevation), per_width, dr)
+        numbers = device_numbers(mi.Float, self.antenna.numbers)
+        two_way = self.antenna.normalised(azimuth, dr.dot(u, self.elevation), numbers, dr)
         return dr.select(dr.dot(u, self.boresight) > 0.0, dr.sqrt(dr.maximum(two_way, 0.0)), 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
@@ -21,6 +22,9 @@ from sarmitsuba.trace.state import (
     Reflection,
 )
 from sarmitsuba.tubes import polygon
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,10 @@ def close_coherent(
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range, point = _mean_leg(kernel, hit), hit.p
+    # of antenna and virtual antenna, as the facet sees them
+    velocity, virtual_velocity = seen_from(hit, lane.velocity), seen_from(hit, ray.virtual_velocity)
     range_rate = 0.5 * (
-        dr.dot(hit.to_antenna64, lane.velocity) - dr.dot(hit.direction64, ray.virtual_velocity)
+        dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
@@ -81,15 +87,19 @@ def close_coherent(
         point = point + mi.Vector3d(rim)
         # a point of the tube is seen along another launch direction, whatever mirrors are in between
         change_out = place[0] * lane.tube_rate_a + place[1] * lane.tube_rate_b
+        if hit.movement is not None and ray.spread is None:
+            # mirrors and facet move too; the tube's edges are mirrored like the virtual antenna
+            step = ray.edge_a * place[0] + ray.edge_b * place[1]
+            change_out = dr.dot(step, mi.Vector3f(virtual_velocity)) * lane.inverse_start
         across = rim - s * dr.dot(rim, s)
-        change_back = dr.dot(across, mi.Vector3f(lane.velocity)) / mi.Float(hit.length_back)
+        change_back = dr.dot(across, mi.Vector3f(velocity)) / mi.Float(hit.length_back)
         range_rate = range_rate - mi.Float64(0.5 * (change_out + change_back))
     else:
         filled = tube_here.bounds.area()
     if flags.roughness:
         factor *= dr.exp(-0.5 * dr.square(constants.wavenumber * dr.dot(wave, n) * hit.properties.z))
     closed = {}
-    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.channels) for c in pair):
+    for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
         q, e = receive.basis[channel[1]], ray.fields[i]
         if flags.fresnel:
@@ -102,7 +112,7 @@ def close_coherent(
             turned = field.turned_receive(reflection.fields[i], reflection.direction, s, q)
             closed[channel] = dr.select(hit.first, closed[channel], turned * -hit.cos_incidence)
     amplitudes = []
-    for channel in flags.channels:
+    for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
         amplitudes.append(c * factor * filled)
@@ -112,10 +122,30 @@ def close_coherent(
         pulse=lane.pulse,
         slant_range=slant_range,
         range_rate=range_rate,
-        amplitudes=tuple(amplitudes),
+        amplitudes=tuple(field.recorded(flags.closed, amplitudes, flags.channels)),
         active=hit.sees,
         point=point,
     )
+
+
+def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
+    r"""A velocity less that of the facet that was hit, m/s.
+
+    With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
+    :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
+    and a point of a facet that moves at :math:`\mathbf w` sees the length from it change by
+    :math:`\mathbf d \cdot (\mathbf w - \mathbf V')`: for the whole way that is
+
+    .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
+
+    over all hits, beside what the antenna does.
+
+    Notes
+    -----
+    Where mirror and facet move differently, what is left of the facet at the rim of the mirror's light is taken to move
+    with the facet, not with the rim; at a specular angle, where such returns are bright, that is the same.
+    """
+    return velocity if hit.movement is None else velocity - hit.movement.velocity
 
 
 def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
@@ -178,11 +208,13 @@ class DiffuseReturns:
         """The return of a slot, another one in every lane."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
+        if hit.movement is not None:  # the lattice is the shape's own
+            centre = centre + hit.movement.shift
         random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
-        rate_out = -dr.dot(leg, ray.virtual_velocity) / length
-        rate_back = dr.dot(leg_back, lane.velocity) / length_back
+        rate_out = -dr.dot(leg, seen_from(hit, ray.virtual_velocity)) / length
+        rate_back = dr.dot(leg_back, seen_from(hit, lane.velocity)) / length_back
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -230,7 +262,7 @@ def close_diffuse(
     backscatter = hit.first if flags.multi_bounce else None
     matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
     straight, retro = [], None
-    for channel in flags.channels:
+    for channel in flags.closed:
         sent, received = channel[0], channel[1]
         terms = matrix.between(receive.basis[received], fields[sent])
         if both_ways:
@@ -241,7 +273,7 @@ def close_diffuse(
         straight.append(terms)
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
-        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.channels]
+        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
 
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
@@ -249,7 +281,9 @@ def close_diffuse(
         plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
         cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
     returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
-    lattice = ScattererLattice.of(hit.p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    # where the facet is at time zero: its scatterers go with it
+    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
     # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
     weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
     return DiffuseReturns(
@@ -258,11 +292,17 @@ def close_diffuse(
         ray=ray,
         hit=hit,
         lattice=lattice,
-        straight=straight,
-        retro=retro,
+        straight=_recorded(flags, straight),
+        retro=None if retro is None else _recorded(flags, retro),
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
     )
+
+
+def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:
+    """Terms of the channels to record from those of the channels that were closed."""
+    columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
@@ -270,4 +310,13 @@ def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
 
-__all__ = ["DiffuseReturns", "Receiver", "Slot", "close_coherent", "close_diffuse", "receiver", "selected"]
+__all__ = [
+    "DiffuseReturns",
+    "Receiver",
+    "Slot",
+    "close_coherent",
+    "close_diffuse",
+    "receiver",
+    "seen_from",
+    "selected",
+]

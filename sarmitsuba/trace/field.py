@@ -6,9 +6,11 @@ Time convention exp(+j w t): a lossy medium has ``eps = eps' - j eps''``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.radar.polarisation import TRANSMITTED, linear_parts
 
 ComplexVector: TypeAlias = "tuple[mi.Vector3f, mi.Vector3f]"
 
@@ -42,6 +44,27 @@ def polarisation_basis(u: mi.Vector3f, up: mi.Vector3f) -> tuple[mi.Vector3f, mi
     spare = dr.normalize(dr.cross(u, type(u)(up.z, up.x, up.y)))
     h = _unit_or(dr.cross(u, up), spare)
     return h, dr.cross(h, u)
+
+
+def transmitted(letter: str, h: mi.Vector3f, v: mi.Vector3f, amplitude: mi.Float) -> ComplexVector:
+    """Field that the antenna sends in a polarisation of :data:`sarmitsuba.radar.polarisation.TRANSMITTED`."""
+    if letter in "HV":
+        return ((h if letter == "H" else v) * amplitude, dr.zeros(mi.Vector3f))
+    z_h, z_v = TRANSMITTED[letter]
+    return (h * z_h.real + v * z_v.real) * amplitude, (h * z_h.imag + v * z_v.imag) * amplitude
+
+
+def recorded(
+    closed: Sequence[str], values: Sequence[mi.Complex2f], channels: Sequence[str]
+) -> list[mi.Complex2f]:
+    """Values of the channels to record from those of the channels that were closed (`KernelFlags.closed`)."""
+    known = dict(zip(closed, values, strict=True))
+    return [known[c] if c in known else _sum_of(known, c) for c in channels]
+
+
+def _sum_of(known: Mapping[str, mi.Complex2f], channel: str) -> mi.Complex2f:
+    parts = [known[part] * mi.Complex2f(factor) for factor, part in linear_parts(channel)]
+    return sum(parts[1:], parts[0])
 
 
 def incidence_basis(d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs,
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.moving import Movers
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -49,6 +50,7 @@ class TraceScene:
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
     geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
+    movers : faces that move, and the time at which all tables have them; None where all rest
     forms : forms of bistatic scattering in the scene other than the mean of both angles
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
@@ -72,11 +74,28 @@ class TraceScene:
     needs: tuple[NDArray[np.float64], NDArray[np.float64]]
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
+    movers: Movers | None = None
 
     @property
     def extent(self) -> float:
         """Largest coordinate modulus, m; bounds the float32 rounding of positions."""
         return float(np.abs(self.bounds).max())
+
+    def at(self, time: float) -> TraceScene:
+        """The scene with everything that moves where it stands at a time, s; itself where nothing does."""
+        if self.movers is None or time == self.movers.time:
+            return self
+        movers = self.movers.at(time)
+        triangles = movers.corners()
+        corners = triangles.astype(np.float32)
+        return replace(
+            self,
+            mi_scene=_intersector(corners),
+            face_table=device_array(mi.Float64, _packed(triangles)),
+            bounds=_bounds(corners),
+            triangles=triangles,
+            movers=movers,
+        )
 
     @property
     def clearance(self) -> float:
@@ -126,24 +145,9 @@ def build_trace_scene(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
         )
     rows_kept = np.flatnonzero(visible)[_canonical_order(geometry, visible)]
-    faces = geometry.faces[rows_kept]
-    v0, v1, v2 = (geometry.vertices[faces[:, i]] for i in range(3))
-    e1, e2 = v1 - v0, v2 - v0
-    normal = np.cross(e1, e2)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    packed = np.stack(
-        [np.column_stack([a, normal[:, i]]) for i, a in enumerate((v0, e1, e2))], axis=1
-    )  # (n_faces, 3, 4)
-
-    mesh = mi.Mesh("scene", vertex_count=3 * faces.shape[0], face_count=faces.shape[0])
-    params = mi.traverse(mesh)
-    # every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still
-    # coincide along shared edges because equal float64 values round alike
-    corners = np.stack([v0, v1, v2], axis=1).astype(np.float32)
-    params["vertex_positions"] = mi.Float(corners.reshape(-1))
-    params["faces"] = mi.UInt32(np.arange(3 * faces.shape[0], dtype=np.uint32))
-    params.update()
-    mi_scene = mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+    triangles = geometry.vertices[geometry.faces[rows_kept]]
+    corners = triangles.astype(np.float32)
+    movers = Movers.of(geometry, rows_kept)
 
     rows = []
     tables = []
@@ -154,8 +158,9 @@ def build_trace_scene(
         tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
-    triangles = np.stack([v0, v1, v2], axis=1)
     vertex = weld(triangles.reshape(-1, 3))
+    if movers is not None:  # surfaces that move differently have no edge in common
+        vertex = movers.apart(vertex)
     area, width = piece_sizes(triangles, piece_of(triangles, vertex))
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
@@ -182,8 +187,8 @@ def build_trace_scene(
     )
     spectrum, correction = _spectra(materials, wavelength)
     return TraceScene(
-        mi_scene=mi_scene,
-        face_table=device_array(mi.Float64, packed),
+        mi_scene=_intersector(corners),
+        face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
@@ -192,13 +197,42 @@ def build_trace_scene(
         forms=frozenset(FORMS[i] for i in np.unique(form[material]) if i > 0),
         spectrum_table=spectrum,
         correction_table=correction,
-        bounds=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64),
-        n_faces=int(faces.shape[0]),
+        bounds=_bounds(corners),
+        n_faces=len(triangles),
         curvature_table=None if bend is None else _table32(bend),
         needs=needs,
         triangles=triangles,
         geometry_faces=rows_kept,
+        movers=movers,
     )
+
+
+def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
+    """Intersection structure of triangles (n_faces, 3, 3), m.
+
+    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
+    along shared edges because equal float64 values round alike.
+    """
+    n = len(corners)
+    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = mi.Float(corners.reshape(-1))
+    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
+    params.update()
+    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+
+
+def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (n_faces, 3, 4) of the face table."""
+    v0, v1, v2 = (triangles[:, i] for i in range(3))
+    e1, e2 = v1 - v0, v2 - v0
+    normal = np.cross(e1, e2)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.stack([np.column_stack([a, normal[:, i]]) for i, a in enumerate((v0, e1, e2))], axis=1)
+
+
+def _bounds(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+    return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64)
 
 
 def _spectra(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float | None, mi.Float | None]:

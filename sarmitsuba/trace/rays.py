@@ -56,7 +56,6 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     if pattern is not None:
         weight *= pattern.one_way(d)
     h, v = field.polarisation_basis(d, constants.up)
-    zero = dr.zeros(v32)
 
     lane = Lane(
         pulse=pulse,
@@ -83,7 +82,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         if kernel.curved
         else None,
         extent=tube.unlimited(),
-        fields=tuple(((h if letter == "H" else v) * weight, zero) for letter in flags.tracked),
+        fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
     )
     return lane, state
@@ -189,6 +188,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         to_antenna=to_antenna,
         sees=sees,
         properties=dr.gather(mi.Vector4f, scene.material_table, material, active),
+        movement=scene.movers.of_face(face, active) if kernel.flags.motion and scene.movers else None,
     )
 
 
@@ -346,14 +346,17 @@ def reflect(
     if kernel.flags.roughness:
         kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * hit.properties.z * hit.cos_incidence))
         fields = tuple((re * kept, im * kept) for re, im in fields)
-    antenna, velocity, d64 = ray.virtual_antenna, ray.virtual_velocity, hit.direction64
+    antenna, d64 = ray.virtual_antenna, hit.direction64
+    velocity = towards = ray.virtual_velocity
+    if hit.movement is not None:  # the image of what rests in a mirror moves twice as fast as the mirror
+        towards = velocity - hit.movement.velocity
     return RayState(
         active=hit.active & (hit.order < kernel.constants.max_depth),
         hits=hit.order,
         origin=hit.departure,
         direction=d64 - n64 * (2.0 * dr.dot(d64, n64)),
         virtual_antenna=antenna - n64 * (2.0 * dr.dot(antenna - hit.p, n64)),
-        virtual_velocity=velocity - n64 * (2.0 * dr.dot(velocity, n64)),
+        virtual_velocity=velocity - n64 * (2.0 * dr.dot(towards, n64)),
         edge_a=edge_a,
         edge_b=edge_b,
         spread=spread,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.beam import BeamPattern
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+    from sarmitsuba.trace.moving import Movement
     from sarmitsuba.tubes.polygon import Bounds
     from sarmitsuba.tubes.tube import Patch
 
@@ -155,7 +156,8 @@ class RayState:
     hits : so far
     origin : m, scene frame
     direction : float64, mirrored exactly like the antenna
-    virtual_antenna, virtual_velocity : antenna and its velocity, mirrored through the chain so far
+    virtual_antenna, virtual_velocity : antenna and its velocity, mirrored through the chain so far, whose mirrors may
+        move
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend
@@ -199,6 +201,7 @@ class Hit:
     to_antenna64, to_antenna : unit vector to the antenna
     sees : lanes that the antenna sees from here
     properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
+    movement : of the face; None where nothing moves
     """
 
     active: mi.Bool
@@ -223,6 +226,7 @@ class Hit:
     to_antenna: mi.Vector3f
     sees: mi.Bool
     properties: mi.Vector4f
+    movement: Movement | None
 
 
 @dataclass(frozen=True, eq=False)

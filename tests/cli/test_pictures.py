@@ -37,7 +37,15 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", ["town", "suburb", "quarter", "munich", "urban_block"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "town",
+        "quarter",
+        "urban_block",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("suburb", "munich")),
+    ],
+)
 def test_a_city_is_less_than_45_per_cent_black(cities: ModuleType, name: str, tmp_path: Path) -> None:
     (city,) = (c for c in cities.CITIES if c.name == name)
     out = cities.render(city, tmp_path, *SMALL.get(name, ()))

@@ -21,7 +21,7 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 RUNS = 4
 
 
-@pytest.mark.parametrize("name", ["tower", "buildings16"])
+@pytest.mark.parametrize("name", ["tower", pytest.param("buildings16", marks=pytest.mark.slow)])
 def test_estimate_follows_the_truth(name: str) -> None:
     whole = load_scene(name)
     sampling = SamplingPlan.of(whole)
@@ -58,7 +58,7 @@ def test_estimate_follows_the_truth(name: str) -> None:
     assert found[1] < found[0] - 2.0
 
 
-@pytest.mark.parametrize("name", ["tower", "buildings16"])
+@pytest.mark.parametrize("name", ["tower", pytest.param("buildings16", marks=pytest.mark.slow)])
 def test_finished_passes_state_their_error(name: str) -> None:
     """The stated error is the true one within its own uncertainty, and what it is at most holds.
 

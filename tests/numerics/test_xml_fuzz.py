@@ -12,7 +12,6 @@ import pytest
 from sarmitsuba.errors import SarmitsubaError
 from sarmitsuba.loader.load import load_scene
 
-N_SCENES = 10_000
 HANG = 600.0  # s: a watchdog that says where; one scene takes milliseconds
 
 BASE = (
@@ -179,7 +178,8 @@ def mutate(rng: random.Random, text: str) -> str:
     return text
 
 
-def test_ten_thousand_mutated_scenes(row, tmp_path: Path) -> None:
+@pytest.mark.parametrize("n", [2_500, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_mutated_scenes(n: int, row, tmp_path: Path) -> None:
     """Native parser included: a crash ends the process with a traceback of Python's own, a hang after HANG s."""
     path = tmp_path / "scene.xml"
     found: Counter[str] = Counter()
@@ -189,7 +189,7 @@ def test_ten_thousand_mutated_scenes(row, tmp_path: Path) -> None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for i in range(N_SCENES):
+            for i in range(n):
                 path.write_bytes(mutate(random.Random(i), BASE[i % 2]).encode("utf-8", "surrogateescape"))
                 faulthandler.dump_traceback_later(HANG, exit=True)
                 try:
@@ -209,7 +209,7 @@ def test_ten_thousand_mutated_scenes(row, tmp_path: Path) -> None:
             faulthandler.disable()
     print(f"\n{dict(found)}")
     # the mutations are neither all harmless nor all fatal at the first character
-    assert found["loaded"] > 0.03 * N_SCENES and found["RadarError"] > 0.01 * N_SCENES
+    assert found["loaded"] > 0.03 * n and found["RadarError"] > 0.01 * n
     assert not bad, "\n".join(bad[:10])
     row("10 000 mutated scene files: neither a scene nor one line of error", float(len(bad)), 0.0)
 

@@ -86,7 +86,11 @@ def assert_sums_to_raw(scene: Scene, pulses: list[int]) -> PathTable:
     [
         ("dihedral", {}),
         ("tower", {}),
-        ("urban_block", {"range_film.image_extent_azimuth": "9", "range_film.image_extent_range": "9"}),
+        pytest.param(
+            "urban_block",
+            {"range_film.image_extent_azimuth": "9", "range_film.image_extent_range": "9"},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")

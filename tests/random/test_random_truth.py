@@ -8,10 +8,16 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
+
+def drawn(quick: range, more: range) -> list[object]:
+    """Seeds, those of ``more`` marked slow."""
+    return [*quick, *(pytest.param(seed, marks=pytest.mark.slow) for seed in more)]
+
+
 # drawn, not chosen: consecutive seeds, less the diffuse ones whose few cells want dozens of runs
-METAL = range(70, 82)
+METAL = drawn(range(70, 76), range(76, 82))
 DIFFUSE = (1, 6, 11)
-COARSE = range(53, 59)
+COARSE = drawn(range(53, 55), range(55, 59))
 FINE = (1, 7, 13)
 FINE_COARSE = (1, 7)
 # drawn too; off before limbs of curved bodies and small plates at grazing had rays of their own (-2.3 and -1.9 dB)

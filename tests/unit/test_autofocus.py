@@ -35,7 +35,7 @@ CASES = [
         method,
         mode,
         clutter,
-        marks=pytest.mark.slow if method != "phase_gradient" and (mode == "stripmap" or clutter) else (),
+        marks=() if not clutter and (mode == "spotlight" or method == "phase_gradient") else pytest.mark.slow,
     )
     for method in ("phase_gradient", "minimum_entropy", "maximum_contrast")
     for mode in ("spotlight", "stripmap")

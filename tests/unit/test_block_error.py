@@ -43,10 +43,10 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     scene = load_scene(resolve("tower"))
     run = Run(replace(scene, settings=replace(scene.settings, tolerance_db=-60.0)))
     assert run.sampling is not None
-    tracer, lattices = run.tracer(run.sampling), run.lattices(run.sampling, 0)
+    tracer, rays = run.tracer(run.sampling), run.rays(run.sampling, 0)
     radar, layers = scene.radar, run.layers.layers
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    made = Blocks(tracer, lattices, layers, data, run.layers.max_order)
+    made = Blocks(tracer, rays, layers, data, run.layers.max_order)
     traced = []
     launch = tracer.launch
 
@@ -57,7 +57,7 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     monkeypatch.setattr(tracer, "launch", counted)
     before = made.interval
     made.settle()
-    each = sum(grid.n_rays for grid in lattices[0])
+    each = sum(grid.n_rays for grid in rays.at(0)[0])
     assert made.interval == before
     more = sum(traced) / each - 2.0
     assert more == pytest.approx(1.0) if not strips else 0.0 < more < 0.25

@@ -122,7 +122,12 @@ def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("tower",), ("urban_block", "--method", "image"), ("sphere", "--method", "raster")]
+    "arguments",
+    [
+        ("tower",),
+        pytest.param(("urban_block", "--method", "image"), marks=pytest.mark.slow),
+        ("sphere", "--method", "raster"),
+    ],
 )
 def test_predicted_memory_is_what_a_run_takes(arguments: tuple[str, ...], tmp_path: Path) -> None:
     status, peak, text, _ = command("render", *arguments, "-o", str(tmp_path / "out"))

@@ -64,7 +64,7 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
         return f"the track runs {off:.3g} m off the {grid.kind} grid's horizontal axis (bound 1e-4 m)"
     turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
     if radar.antenna.pattern != "isotropic" and radar.mode_law.own_apertures and turns > _FIXED:
-        return "the beam turns over the track (sliding spotlight), so that pixels' apertures differ in Doppler centroid"
+        return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
     if ground and slant_ranges(radar, grid).min() <= 0.0:
         return "the ground grid reaches across the ground track"
     return ""

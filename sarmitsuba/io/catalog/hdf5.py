@@ -29,17 +29,18 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
+from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.version import __version__
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 pi center_frequency R / c)"
-FRAME = "the scene file's own: x east, y north, z up, metres"
+FRAME = "the scene file's own: x east, y north, z up, metres; its origin on the Earth is in the group anchor"
 
 # fields of a radar that stand elsewhere
-_TRACKS = ("track", "offset", "recorded", "receiver")
+_ELSEWHERE = ("track", "offset", "recorded", "receiver", "anchor")
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
@@ -93,7 +94,8 @@ def write_image(path: Path | str, image: SarImage) -> None:
         grid = image.grid.in_frame(np.zeros(3))
         group = file.create_group("grid")
         group.attrs["position"] = _POSITION[grid.kind]
-        groups.write_fields(group, grid, leave_out=("offset",))
+        groups.write_fields(group, grid, leave_out=("offset", "anchor"))
+        groups.write_fields(file.create_group("anchor"), grid.anchor)
         group = file.create_group("calibration")
         for name in ("wavelength", "azimuth_resolution_cell", "range_resolution_cell", "incidence_angle"):
             groups.write_number(group, name, getattr(image, name))
@@ -111,7 +113,8 @@ def write_raw(path: Path | str, raw: RawData) -> None:
 
     def fill(file: h5py.File) -> None:
         radar = raw.radar.in_file_frame()
-        groups.write_fields(file.create_group("radar"), radar, leave_out=_TRACKS)
+        groups.write_fields(file.create_group("radar"), radar, leave_out=_ELSEWHERE)
+        groups.write_fields(file.create_group("anchor"), radar.anchor)
         groups.write_fields(file.create_group("track"), radar.track)
         if radar.receiver is not None:
             groups.write_fields(file.create_group("receiver_track"), radar.receiver)
@@ -132,7 +135,8 @@ def read_image(path: Path | str) -> SarImage:
     """Read an image written by :func:`write_image`."""
 
     def load(file: h5py.File) -> SarImage:
-        grid = groups.read_fields(groups.group_of(file, "grid"), ImageGrid, offset=np.zeros(3))
+        anchor = groups.read_fields(groups.group_of(file, "anchor"), Anchor)
+        grid = groups.read_fields(groups.group_of(file, "grid"), ImageGrid, offset=np.zeros(3), anchor=anchor)
         _check_shape("grid", {"origin": (3,), "along": (3,), "across": (3,)}, grid)
         if grid.kind not in _POSITION or grid.azimuth.ndim != 1 or grid.range.ndim != 1:
             raise DataError(
@@ -166,7 +170,14 @@ def read_raw(path: Path | str) -> RawData:
             groups.read_fields(groups.group_of(file, name), Track) if groups.has(file, name) else None
             for name in ("receiver_track", "flown_track")
         )
-        known = {"track": track, "offset": np.zeros(3), "recorded": None, "receiver": receiver}
+        anchor = groups.read_fields(groups.group_of(file, "anchor"), Anchor)
+        known = {
+            "track": track,
+            "offset": np.zeros(3),
+            "recorded": None,
+            "receiver": receiver,
+            "anchor": anchor,
+        }
         radar = groups.read_fields(groups.group_of(file, "radar"), Radar, **known)
         pulses = (track.n_pulses, 3)
         _check_shape("radar", {"aim_point": (3,)}, radar)

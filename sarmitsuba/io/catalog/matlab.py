@@ -18,6 +18,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
+from sarmitsuba.radar.polarisation import CHANNELS
 
 _STRUCT = "data"
 _NEEDED = ("fp", "freq", "x", "y", "z", "r0")
@@ -25,13 +26,13 @@ _PER_PULSE = ("x", "y", "z", "r0", "th", "phi")
 # names of a second antenna's position, x, y, z then being that of the other: a transmitter's, and a receiver's
 _TRANSMITTER = (("xt", "yt", "zt"), ("tx", "ty", "tz"))
 _RECEIVER = (("xr", "yr", "zr"), ("rx", "ry", "rz"))
-_CHANNEL = re.compile(r"(?:^|[_\-.])(HH|HV|VH|VV)$", re.IGNORECASE)
+_CHANNEL = re.compile(rf"(?:^|[_\-.])({'|'.join(CHANNELS)})$", re.IGNORECASE)
 
 
 def read_raw(path: Path) -> RawData:
     """Read one file, or a folder of them: in the order of their names (numbers count as numbers), per polarisation.
 
-    The polarisation is what the file's name ends with, ``_HH``, ``_HV``, ``_VH`` or ``_VV``; without it VV.
+    The polarisation is what the file's name ends with, ``_HH``, ``_HV``, ``_RH`` ...; without it VV.
 
     Raises
     ------

@@ -65,11 +65,25 @@ export function makeTrackError(nPulses, { kind, amplitude, cycles = 3 }) {
 
 const SINC_HALF_POWER = 0.442946470689452; // sinc(pi u) = 1/sqrt(2)
 
+/** Gain of a measured cut, linear between nodes that are even from the first sine to the last; its ends hold. */
+function lookedUp(sine, ends, gain) {
+  const last = gain.length - 1;
+  const place = Math.min(Math.max(((sine - ends[0]) / (ends[1] - ends[0])) * last, 0), last);
+  const low = Math.min(Math.floor(place), last - 1);
+  return gain[low] + (place - low) * (gain[low + 1] - gain[low]);
+}
+
 /** Relative two-way amplitude of the antenna towards a unit vector; zero behind the aperture. */
 export function beamGain(beam, t, x, y, z) {
   const i = 3 * t;
   const dot = (axis) => x * axis[i] + y * axis[i + 1] + z * axis[i + 2];
   if (dot(beam.boresight) <= 0) return 0;
+  if (beam.pattern === "table") {
+    return (
+      lookedUp(dot(beam.azimuthAxis), beam.azimuthSine, beam.azimuthGain) *
+      lookedUp(dot(beam.elevationAxis), beam.elevationSine, beam.elevationGain)
+    );
+  }
   const a = dot(beam.azimuthAxis) * beam.perWidth[0];
   const e = dot(beam.elevationAxis) * beam.perWidth[1];
   if (beam.pattern === "gaussian") return Math.exp(-Math.LN2 * (a * a + e * e));

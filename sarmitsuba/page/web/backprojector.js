@@ -16,8 +16,9 @@
 //   firstBin Float64Array(nPulses) m, slant range of bin 0 less R0;
 //   profiles Int16Array or Float32Array [nPulses][nBins](re, im); scale Float32Array(nPulses), or null for 1;
 //   weights Float32Array(nPulses);
-//   beam null (isotropic) or {pattern "gaussian" | "rectangular", perWidth [2], azimuthAxis, elevationAxis, boresight:
-//     Float32Array(3 nPulses)};
+//   beam null (isotropic) or {pattern "gaussian" | "rectangular" | "table", perWidth [2], azimuthAxis, elevationAxis,
+//     boresight: Float32Array(3 nPulses); a table's azimuthSine, elevationSine Float64Array(2): of its first and last
+//     node; azimuthGain, elevationGain Float32Array: the nodes};
 //   windows: see windows.js;
 //   band null (all pulses serve all pixels) or {half, forward Float32Array(3 nPulses), center, gap Float64Array(nPulses)}
 // }

@@ -175,7 +175,8 @@ def predict(
 def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
     """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
-    lattices = run.lattices(sampling, 0)
+    rays = run.rays(sampling, 0)
+    lattices = rays.at(run.scene.radar.track.center_index)
     seconds = dict(run.timer.seconds)
 
     def choosing() -> Mapping[str, float]:
@@ -187,7 +188,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     seconds["plan"] = _steady(choosing)["plan"]
     tracer = run.tracer(sampling)
     _ = sampling.key_pulse_interval  # kept from here on
-    blocks = Blocks(tracer, lattices, run.layers.layers, data, run.layers.max_order)
+    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
     start = clock()
     settled = blocks.settle()  # also compiles
     first = clock() - start

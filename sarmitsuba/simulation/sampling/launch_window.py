@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
 F64 = NDArray[np.float64]
@@ -95,7 +96,8 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 
     # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
-    local = (scene.geometry.vertices - middle) @ axes.T
+    moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving])
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     reach = max(0.0, float(g_high[2])) / max(np.tan(incidence), 0.1)
     sink = max(0.0, float(-g_low[2])) / max(np.tan(incidence), 0.1)
@@ -105,6 +107,10 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     i_low = np.append(np.array([-ha, -hr]) + np.minimum(0.0, np.minimum(far, near)), g_low[2])
     i_high = np.append(np.array([ha, hr]) + np.maximum(0.0, np.maximum(far, near)), g_high[2])
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
+    shown = lit(scene, pulses, i_low, i_high, middle, axes)
+    if shown.size:  # on their way out of the image, or into it
+        whole = np.concatenate([shown, np.stack([b_low, b_high])] if (b_low <= b_high).all() else [shown])
+        b_low, b_high = whole.min(axis=0), whole.max(axis=0)
     if (b_low > b_high).any():
         where = "azimuth" if b_low[0] > b_high[0] else "range"
         raise RadarError(

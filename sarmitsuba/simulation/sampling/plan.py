@@ -12,6 +12,7 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling import movers
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
@@ -129,8 +130,8 @@ class SamplingPlan:
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
-        """The plan of the same scene under decided effects; a track that they straighten starts anew."""
-        if scene.radar.track is not self.scene.radar.track:
+        """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
+        if scene.radar.track is not self.scene.radar.track or scene.geometry is not self.scene.geometry:
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)
@@ -190,7 +191,7 @@ class SamplingPlan:
     def block_length(self, longest: int) -> int:
         """Most pulses, up to so many, that can share one tracing by the geometry of the track; 1 where none can."""
         settings = self.scene.settings
-        return choose_block_length(
+        length = choose_block_length(
             self.scene.radar,
             self.window.center,
             self.phase_box,
@@ -198,6 +199,9 @@ class SamplingPlan:
             settings.tolerance_db,
             extra_slant_range=self.extra_slant_range,
             max_length=max(1, int(min(longest, self._steady_pulses))),
+        )
+        return movers.block_length(
+            self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
         )
 
     @property
@@ -232,6 +236,11 @@ class SamplingPlan:
         end = float(window.start_range.max()) + window.extent
         far = float(box_distance(self.phase_box, track.position)[1].min())
         return max(0.0, end - far)
+
+    @cached_property
+    def extra_range_rate(self) -> float:
+        """What the motion of shapes may add to a range rate or take off, m/s."""
+        return movers.fastest(self.scene)
 
     def for_effects(self) -> Sampling:
         """What the effects may know of the sampling."""

@@ -1,0 +1,184 @@
+"""Interferogram of two runs of one scene: phase, coherence, baselines and heights, as pictures and JSON.
+
+The second run's raw data are focused on the first image's grid where its own image stands elsewhere, as that of another
+track does. See docs/interferometry.md.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.image_arguments import image_file, raw_file
+
+if TYPE_CHECKING:
+    from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.interferometry import HeightMap, Interferogram
+
+NAME = "interferogram"
+HELP = "phase, coherence, baselines and heights from two runs of one scene"
+
+RECORD, PICTURE, POINTS = "interferogram.json", "interferogram.png", "heights.npz"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("first", metavar="RUN_A", help="folder of the first run, or its image file")
+    parser.add_argument(
+        "second",
+        metavar="RUN_B",
+        help="folder of the second run with its raw data, or an image on the first's grid",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", help="folder for the results (default: the folder of RUN_B)"
+    )
+    add_pair_arguments(parser)
+
+
+def add_pair_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that say how a pair is evaluated."""
+    parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HH (default: the first)")
+    parser.add_argument(
+        "--looks",
+        nargs=2,
+        type=int,
+        metavar=("AZIMUTH", "RANGE"),
+        help="pixels that are averaged (default: blocks about square on the ground of some 16 independent samples)",
+    )
+    parser.add_argument(
+        "--common-band",
+        action="store_true",
+        help="keep only what both spectra show of level ground (spectral shift filter): coherence for resolution",
+    )
+    parser.add_argument(
+        "--unwrap",
+        action="store_true",
+        help="unwrap the phase before it becomes heights (needs scikit-image); without, heights are taken from one "
+        "height of ambiguity above --lowest-height",
+    )
+    parser.add_argument(
+        "--lowest-height",
+        type=float,
+        metavar="Z",
+        help="lowest height in the scene, m in the frame of its file (default: a tenth of the height of ambiguity "
+        "below the image plane)",
+    )
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Evaluate the pair."""
+    from sarmitsuba.io import read_image
+
+    first = read_image(image_file(Path(args.first)))
+    second = _second(Path(args.second), first, console)
+    evaluate(first, second, args, console, args.output or str(_folder(Path(args.second))))
+    return 0
+
+
+def evaluate(
+    first: "SarImage", second: "SarImage", args: argparse.Namespace, console: Console, output: str
+) -> None:
+    """Print and write what a pair of images on one grid says."""
+    import numpy as np
+
+    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
+    from sarmitsuba.io import parameters
+    from sarmitsuba.io.atomic import atomic_path
+    from sarmitsuba.view.interferogram import interferogram_figure
+    from sarmitsuba.view.quicklook import save
+
+    pair = interferogram(
+        first,
+        second,
+        tuple(args.looks) if args.looks else None,
+        channel=args.channel,
+        band="common" if args.common_band else "full",
+    )
+    found = None
+    if pair.baseline.perpendicular:
+        phase = unwrapped_phase(pair) if args.unwrap else None
+        found = height_map(pair, phase, lowest=args.lowest_height)
+    for line in _table(pair, found):
+        console.say(line)
+    with output_folder(output) as folder:
+        record = {
+            "command": "interferogram",
+            "band": "common" if args.common_band else "full",
+            "unwrapped": args.unwrap,
+            **pair.as_dict(),
+        }
+        with folder.writing(RECORD) as path:
+            parameters.write(path, record)
+        if found is not None:
+            with folder.writing(POINTS) as path, atomic_path(path) as part, part.open("wb") as file:
+                np.savez_compressed(
+                    file, points=found.points, sigma=found.sigma, coherence=found.coherence, phase=found.phase
+                )
+        with folder.writing(PICTURE) as path:
+            save(interferogram_figure(pair, found, title=str(first.metadata.get("scene", ""))), path)
+    console.say(str(path))
+
+
+def _second(given: Path, first: "SarImage", console: Console) -> "SarImage":
+    """The second image on the first's grid: the one that is there, or its raw data focused with the first's windows."""
+    from sarmitsuba.errors import DataError
+    from sarmitsuba.focusing import focus
+    from sarmitsuba.interferometry.interferogram import same_grid
+    from sarmitsuba.io import read_image, read_raw
+
+    folder = _folder(given)
+    raw = raw_file(folder)
+    image = None
+    if not given.is_dir() or raw is None:
+        image = read_image(image_file(given))
+    elif any(path.is_file() for path in (folder / "image.h5",)):
+        image = read_image(folder / "image.h5")
+    if image is not None and same_grid(first.grid, image.grid):
+        return image
+    if raw is None:
+        raise DataError(
+            f"{given}: its image stands on another grid than the first, and there are no raw data to focus on that "
+            "one; render the second pass with --method hybrid or raw"
+        )
+    facts = first.metadata.get("focus", {})
+    console.say(f"{raw}: focused on the grid of the first image")
+    return focus(
+        read_raw(raw),
+        first.grid,
+        range_window=str(facts.get("range_window", "rectangular")),
+        azimuth_window=str(facts.get("azimuth_window", "rectangular")),
+        progress=console.progress,
+    )
+
+
+def _folder(given: Path) -> Path:
+    return given if given.is_dir() else given.parent
+
+
+def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
+    """Figures as lines."""
+    import numpy as np
+
+    b = pair.baseline
+    coherence = pair.coherence
+    quartiles = np.percentile(coherence, (25, 50, 75))
+    kind = "two passes" if b.passes == 2 else "one pass, two receivers"
+    lines = [
+        f"{kind}, {pair.channel}, {pair.grid.shape[0]} x {pair.grid.shape[1]} blocks of {pair.looks[0]} x "
+        f"{pair.looks[1]} pixels, {pair.independent_looks:.1f} independent looks",
+        f"baseline          perpendicular {b.perpendicular:.4g} m, parallel {b.parallel:.4g} m, "
+        f"along {b.along:.4g} m",
+        f"critical baseline {b.critical:.4g} m; share {abs(b.perpendicular) / b.critical:.3g}",
+        f"coherence         quartiles {quartiles[0]:.3f}, {quartiles[1]:.3f}, {quartiles[2]:.3f}",
+    ]
+    if found is not None:
+        sigma = float(np.median(found.sigma[coherence >= quartiles[1]]))
+        lines.append(
+            f"height            of ambiguity {b.height_of_ambiguity:.4g} m; standard deviation {sigma:.3g} m in the "
+            "more coherent half"
+        )
+    return lines
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "add_pair_arguments", "evaluate", "run"]

@@ -1,0 +1,52 @@
+"""Shapes that move while the radar flies by."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.scene.scene import Scene
+
+
+class MovingTargets(Effect):
+    """On where a shape moves; off leaves all of them where they stand at time zero."""
+
+    name = "moving_targets"
+    title = "moving shapes"
+    documentation = "motion of shapes that have a velocity or an acceleration"
+    off_when = "no shape moves"
+    off_means = "all shapes at rest, as they stand at time zero"
+    rank = 135
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "motion": "displacement and velocity of the face at every hit",
+    }
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        scene = context.scene
+        motions = [m for m, _ in scene.geometry.moving_meshes()]
+        motions += [point.motion for point in scene.points if not point.motion.still]
+        if not motions:
+            return Assessment(False, "no shape moves", -np.inf)
+        time = scene.radar.track.time
+        way = max(float(np.linalg.norm(np.ptp(m.displacement(time), axis=0))) for m in motions)
+        what = "1 shape moves" if len(motions) == 1 else f"{len(motions)} shapes move"
+        # rad over the aperture: from one on, what it returns is another image
+        error = 20.0 * float(np.log10(min(2.0 * context.wavenumber * way, 1.0))) if way else -np.inf
+        return Assessment(True, f"{what}, up to {way:.3g} m during the aperture", error)
+
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Two gathers per hit, in scenes where a mesh moves."""
+        return {"motion": on and context.scene.geometry.moves}
+
+    def without(self, scene: Scene) -> Scene:
+        """All shapes at rest."""
+        return scene.frozen()
+
+
+EFFECTS.register(MovingTargets())

@@ -1,0 +1,287 @@
+"""Two images of one grid in, interferogram out: phase, coherence, and the geometry that explains them."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage, block_means
+from sarmitsuba.interferometry.baseline import Baseline
+from sarmitsuba.interferometry.common_band import common_band_pair
+from sarmitsuba.interferometry.viewpoint import Viewpoint
+from sarmitsuba.quality.widths import grid_cells, windows_of
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# independent looks that automatic blocks hold at least, about
+_LOOKS = 16.0
+_NODES = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Interferogram:
+    r"""Mean of the first image times the conjugate second over blocks of pixels, the image plane's phase removed.
+
+    .. math:: \gamma = \frac{|\langle s_1 s_2^* \rangle|}{\sqrt{\langle |s_1|^2 \rangle \langle |s_2|^2 \rangle}},
+              \qquad \phi = \frac{4 \pi}{\lambda} [(R_1(p) - R_1(q)) - (R_2(p) - R_2(q))]
+
+    for what lies at q and is imaged in the pixel at p on the plane: zero on the plane itself.
+
+    Parameters
+    ----------
+    values : (n_azimuth, n_range) complex128, m^2
+    powers : (2, n_azimuth, n_range) float64, m^2, mean of both images
+    grid : of the blocks' middles
+    wavelength : m
+    channel : polarisation
+    looks : pixels of a block, azimuth and range
+    independent_looks : number of independent samples in a block, real
+    views : where both images were seen from
+    baseline : at the grid's middle
+
+    Notes
+    -----
+    The sample coherence is too large where it is low: of n looks without any coherence it is about
+    sqrt(pi / 4n), see :func:`sarmitsuba.theory.expected_coherence`. Terrain's own fringes within a block lower it.
+
+    References
+    ----------
+    Bamler & Hartl, Synthetic aperture radar interferometry, Inverse Problems 14 (1998); Rosen et al., Proc. IEEE 88
+    (2000).
+    """
+
+    values: C128
+    powers: F64
+    grid: ImageGrid
+    wavelength: float
+    channel: str
+    looks: tuple[int, int]
+    independent_looks: float
+    views: tuple[Viewpoint, Viewpoint]
+    baseline: Baseline
+
+    def __repr__(self) -> str:
+        return (
+            f"Interferogram({self.channel}: {self.grid.shape[0]} x {self.grid.shape[1]} blocks of {self.looks[0]} x "
+            f"{self.looks[1]} pixels, perpendicular baseline {self.baseline.perpendicular:.4g} m of "
+            f"{self.baseline.critical:.4g} m critical)"
+        )
+
+    @property
+    def phase(self) -> F64:
+        """(n_azimuth, n_range) rad, -pi ... pi, without the flat earth (the image plane)."""
+        return np.asarray(np.angle(self.values))
+
+    @property
+    def coherence(self) -> F64:
+        """(n_azimuth, n_range), 0 ... 1, sample estimate; 0 where nothing returns."""
+        power = np.sqrt(self.powers[0] * self.powers[1])
+        return np.asarray(np.abs(self.values) / np.where(power > 0.0, power, 1.0))
+
+    def positions(self) -> F64:
+        """(n_azimuth, n_range, 3) m: places of the blocks on the image plane, frame of the user's file."""
+        return np.asarray(self.grid.positions() + self.grid.offset)
+
+    def flat_earth_phase(self) -> F64:
+        r"""Phase of the image plane in a pair whose images keep their carriers, rad, not wrapped.
+
+        .. math:: \phi_{flat} = -\frac{4 \pi}{\lambda} (R_1(p) - R_2(p))
+        """
+        points = self.positions()
+        first, second = (view.distance(points) for view in self.views)
+        return np.asarray(-4.0 * np.pi / self.wavelength * (first - second))
+
+    def with_flat_earth(self) -> C128:
+        """Values as of images that keep their carriers: the fringes of the image plane are in again."""
+        return np.asarray(self.values * np.exp(1j * self.flat_earth_phase()))
+
+    def vertical_wavenumber(self) -> F64:
+        r"""Change of phase per metre of height at constant range and Doppler of the first image, rad/m.
+
+        .. math:: k_z = \frac{4\pi}{\lambda} \nabla R_2 \cdot \frac{\mathbf u}{u_z}, \qquad
+                  \mathbf u = \nabla R_1 \times \nabla f_{D1}; \qquad
+                  k_z \approx -\frac{2 \pi p B_\perp}{\lambda R \sin\theta}
+        """
+        return self.height_step()[..., 2]
+
+    def height_step(self) -> F64:
+        """(n_azimuth, n_range, 3): east and north displacement per metre of height, and the vertical wavenumber."""
+        points = self.positions()
+        first, second = (view.look(points) for view in self.views)
+        u = np.cross(first.gradient(points), first.sine_gradient(points))
+        u = u / u[..., 2:]
+        wavenumber = 4.0 * np.pi / self.wavelength * np.sum(second.gradient(points) * u, axis=-1)
+        return np.concatenate([u[..., :2], wavenumber[..., None]], axis=-1)
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-able figures."""
+        coherence = self.coherence
+        return {
+            "channel": self.channel,
+            "looks": list(self.looks),
+            "independent_looks": self.independent_looks,
+            "shape": list(self.grid.shape),
+            "coherence_median": float(np.median(coherence)),
+            "coherence_quartiles": [float(v) for v in np.percentile(coherence, (25, 75))],
+            "baseline": self.baseline.as_dict(),
+        }
+
+
+def interferogram(
+    first: SarImage,
+    second: SarImage,
+    looks: tuple[int, int] | None = None,
+    *,
+    channel: str | None = None,
+    band: Literal["full", "common"] = "full",
+) -> Interferogram:
+    """Interferogram of two images of one grid.
+
+    Parameters
+    ----------
+    first, second : focused on the same grid; ``focus(raw, first.grid)`` does it for the second pass
+    looks : pixels in azimuth and range that are averaged; None: blocks about square on the ground of at least 16
+        independent samples, about
+    channel : default the first
+    band : ``full``, or ``common``: only the part of both spectra that shows the same wavenumbers of level ground, see
+        :mod:`sarmitsuba.interferometry.common_band`
+
+    Raises
+    ------
+    DataError
+        The images do not share grid, wavelength or channel, carry no scene phases, or do not say where they were
+        seen from; the looks do not fit; no common band is left.
+    """
+    channel = channel or first.channels[0]
+    check_pair(first, second, channel)
+    grid, views = first.grid, (Viewpoint.of(first), Viewpoint.of(second))
+    one, two = (image.total(channel).astype(np.complex128) for image in (first, second))
+    broadening = windows_of(first)[1].broadening
+    middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2] + grid.offset
+    range_cell = first.range_resolution_cell / broadening
+    baseline = Baseline.of(views, middle, first.wavelength, range_cell)
+    share = (1.0, 1.0)
+    if band == "common":
+        one, two, share = common_band_pair(first, (one, two), views, baseline)
+    block = looks or automatic_looks(first, share)
+    if not all(1 <= n <= size for n, size in zip(block, grid.shape, strict=True)):
+        raise DataError(
+            f"interferogram: looks of {block[0]} x {block[1]} pixels in an image of {grid.shape[0]} x {grid.shape[1]}; "
+            "give 1 or more, up to its size"
+        )
+    product = one * two.conj()
+    values = block_means(product.real, block) + 1j * block_means(product.imag, block)
+    return Interferogram(
+        values=values,
+        powers=np.stack([block_means(np.abs(v) ** 2, block) for v in (one, two)]),
+        grid=block_grid(grid, block),
+        wavelength=first.wavelength,
+        channel=channel,
+        looks=block,
+        independent_looks=independent_looks(first, block, share),
+        views=views,
+        baseline=baseline,
+    )
+
+
+def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
+    """Raise a DataError, one line, where two images make no interferogram."""
+    for number, image in (("first", first), ("second", second)):
+        if channel not in image.channels:
+            raise DataError(
+                f"interferogram: the {number} image has no channel {channel}, only {', '.join(image.channels)}"
+            )
+        if image.metadata.get("focus", {}).get("all_round"):
+            raise DataError(
+                f"interferogram: the {number} image was made from all sides and has no line of sight; take another mode"
+            )
+        if image.metadata.get("focus", {}).get("method") == "raster":
+            raise DataError(
+                f"interferogram: the {number} image was made by method raster, whose speckle is drawn anew for every "
+                "image; take method hybrid, raw or image"
+            )
+    if not np.isclose(first.wavelength, second.wavelength, rtol=1e-9):
+        raise DataError(
+            f"interferogram: wavelengths of {first.wavelength:g} m and {second.wavelength:g} m; both images need "
+            "the same center_frequency"
+        )
+    if not same_grid(first.grid, second.grid):
+        raise DataError(
+            "interferogram: the images stand on different grids; focus the second's raw data on the first's grid: "
+            "focus(raw, first.grid)"
+        )
+
+
+def same_grid(a: ImageGrid, b: ImageGrid) -> bool:
+    """Whether pixels are at the same places, to a thousandth of their spacing."""
+    if a.kind != b.kind or a.shape != b.shape:
+        return False
+    other = b.in_frame(a.offset)
+    rows, columns = (0, a.shape[0] - 1), (0, a.shape[1] - 1)
+    away = [
+        np.abs(a.positions_on_line(row)[list(columns)] - other.positions_on_line(row)[list(columns)]).max()
+        for row in rows
+    ]
+    return bool(max(away) < 1e-3 * min(a.azimuth_spacing, a.range_spacing))
+
+
+def block_grid(grid: ImageGrid, block: tuple[int, int]) -> ImageGrid:
+    """Grid of the middles of blocks of pixels."""
+    axes = (grid.azimuth, grid.range)
+    means = [
+        axis[: axis.size // n * n].reshape(-1, n).mean(axis=1) for axis, n in zip(axes, block, strict=True)
+    ]
+    return replace(grid, azimuth=means[0], range=means[1])
+
+
+def automatic_looks(image: SarImage, share: tuple[float, float] = (1.0, 1.0)) -> tuple[int, int]:
+    """Pixels of a block about square on the ground that holds some sixteen cells, at least one pixel each way."""
+    grid, column = image.grid, image.grid.shape[1] // 2
+    cells = [cell / part for cell, part in zip(grid_cells(image, column), share, strict=True)]
+    to_ground = 1.0 if grid.kind == "ground" else 1.0 / float(np.sin(image.incidence_angle[column]))
+    side = np.sqrt(_LOOKS * cells[0] * cells[1] * to_ground)
+    pixels = (side / grid.azimuth_spacing, side / (grid.range_spacing * to_ground))
+    rows, columns = (min(max(1, round(float(n))), size) for n, size in zip(pixels, grid.shape, strict=True))
+    return rows, columns
+
+
+def independent_looks(
+    image: SarImage, block: tuple[int, int], share: tuple[float, float] = (1.0, 1.0)
+) -> float:
+    r"""Equivalent number of independent samples in a block of even ground.
+
+    .. math:: n = \prod_{axes} \frac{N}{\sum_{|l| < N} (1 - |l| / N) |\rho(l)|^2}
+
+    rho the correlation of pixels l apart, from cell and window.
+
+    Parameters
+    ----------
+    image : gives cells and windows
+    block : pixels N, azimuth and range
+    share : part of the band that is left, azimuth and range
+    """
+    cells = grid_cells(image, image.grid.shape[1] // 2)
+    spacings = (image.grid.azimuth_spacing, image.grid.range_spacing)
+    u = (np.arange(_NODES) + 0.5) / _NODES - 0.5
+    found = 1.0
+    for n, cell, spacing, window, part in zip(block, cells, spacings, windows_of(image), share, strict=True):
+        lag = np.arange(n)
+        power = window(u) ** 2 * (np.abs(u) <= 0.5 * part)
+        turns = np.outer(lag * spacing * window.broadening / cell, u)
+        rho = np.abs(np.exp(2j * np.pi * turns) @ power) / power.sum()
+        weight = np.where(lag == 0, 1.0, 2.0 * (1.0 - lag / n))
+        found *= n / float(np.sum(weight * rho**2))
+    return found
+
+
+__all__ = [
+    "Interferogram",
+    "automatic_looks",
+    "check_pair",
+    "independent_looks",
+    "interferogram",
+    "same_grid",
+]

@@ -1,0 +1,58 @@
+"""Where the second pass of a pair flies: a baseline across the line of sight that suits the scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba.radar.mode import right_of
+from sarmitsuba.radar.radar import Radar
+
+# automatic: the scene's relief is this part of the height of ambiguity, and level ground keeps this coherence
+RELIEF_SHARE, LEAST_COHERENCE = 0.6, 0.8
+
+
+@dataclass(frozen=True)
+class PassOffset:
+    """Offset of a parallel pass: the parameters ``pass_offset_across`` and ``pass_offset_up`` of ``sar_antenna``.
+
+    Parameters
+    ----------
+    across, up : m, to the right of the track and upwards
+    """
+
+    across: float
+    up: float
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """By name, as scene files and ``RadarDescription`` have them."""
+        return {"pass_offset_across": self.across, "pass_offset_up": self.up}
+
+
+def second_pass(radar: Radar, relief: float, baseline: float | None = None) -> PassOffset:
+    r"""Offset along the normal of line of sight and flight, at the aim point.
+
+    .. math:: B_\perp = \min\left(\frac{0.6\, \lambda R \sin\theta}{2 \Delta z}, 0.2\, B_{crit}\right)
+
+    Parameters
+    ----------
+    radar : of the first pass
+    relief : Delta z, m; from the lowest to the highest place of the scene; 0 for level ground
+    baseline : perpendicular, m, positive upwards, in place of the automatic one
+    """
+    along = radar.track.along
+    sight = radar.aim_point - radar.track.center_position
+    distance = float(np.linalg.norm(sight))
+    normal = np.cross(sight, along)
+    normal *= np.sign(normal[2]) / np.linalg.norm(normal)
+    if baseline is None:
+        drop = sight - (sight @ along) * along
+        incidence = float(np.arccos(-drop[2] / np.linalg.norm(drop)))
+        turn = 0.5 * radar.waveform.wavelength * distance
+        baseline = (1.0 - LEAST_COHERENCE) * turn * np.tan(incidence) / radar.waveform.range_cell
+        if relief > 0.0:
+            baseline = min(baseline, RELIEF_SHARE * turn * np.sin(incidence) / relief)
+    return PassOffset(float(baseline * (normal @ right_of(along))), float(baseline * normal[2]))
+
+
+__all__ = ["LEAST_COHERENCE", "RELIEF_SHARE", "PassOffset", "second_pass"]

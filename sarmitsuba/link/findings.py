@@ -1,0 +1,195 @@
+"""Combinations of parameters that cannot be, or that a designer would not want: one line each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.link.place import PlaceBudget
+from sarmitsuba.link.pulses import PulseTiming
+from sarmitsuba.radar.antenna import SINC_HALF_POWER
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.units import db_from_power
+
+# two-way power pattern at an aperture's end, over its middle's, below which the beam does not hold it: -20 dB
+_HELD = 0.01
+# gain over what the beam's solid angle allows: rounding, and the half-power widths of a real antenna
+_GAIN_SLACK = 1.26
+# share of the swath's echoes in which a pulse or the nadir's echo may fall: rounding
+_SHARE = 1e-6
+# asked azimuth resolution that is missed by this much is not reached
+_MISSED = 1.02
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One remark about a radar.
+
+    Parameters
+    ----------
+    name : one word
+    text : where, what, the value with its unit, the bound, the remedy
+    impossible : the radar cannot work like that; else it can, at a price
+    """
+
+    name: str
+    text: str
+    impossible: bool
+
+
+def findings(
+    radar: Radar, timing: PulseTiming, places: Sequence[PlaceBudget], given: RadarInput | None
+) -> tuple[Finding, ...]:
+    """All remarks about a radar, the impossible first.
+
+    Parameters
+    ----------
+    radar, timing : complete
+    places : near, middle, far
+    given : what was asked for; None where the radar was put together by hand
+    """
+    where = given.where if given is not None else "radar"
+    found = [
+        *_of_the_pulses(where, timing, _remedy(timing)),
+        *_of_the_antenna(where, radar, places[len(places) // 2]),
+        *_of_the_aperture(where, radar, places[len(places) // 2], given),
+    ]
+    if radar.noise_temperature <= 0.0:
+        found.append(
+            Finding(
+                "noise_temperature",
+                f"{where}: noise_temperature = 0 K adds no noise, so that SNR and NESZ cannot be told; give 290 K "
+                "times the receiver's noise factor",
+                False,
+            )
+        )
+    return tuple(sorted(found, key=lambda finding: not finding.impossible))
+
+
+def _remedy(timing: PulseTiming) -> str:
+    free = timing.nearest_free_prf
+    return f"take prf = {free:.5g} Hz" if free is not None else "shorten the swath or pulse_width"
+
+
+def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
+    found = []
+    if t.prf < t.lowest_prf * (1.0 - 1e-9):
+        found.append(
+            Finding(
+                "doppler",
+                f"{where}: prf = {t.prf:.6g} Hz is below the Doppler bandwidth {t.lowest_prf:.6g} Hz; raise prf, "
+                "coarsen azimuth_resolution or narrow the beam",
+                True,
+            )
+        )
+    if t.duty_cycle >= 1.0:
+        found.append(
+            Finding(
+                "duty_cycle",
+                f"{where}: pulse_width = {t.pulse_width:.6g} s at prf = {t.prf:.6g} Hz is a duty cycle of "
+                f"{t.duty_cycle:.4g}, which must be below 1; shorten pulse_width or lower prf",
+                True,
+            )
+        )
+    elif t.prf > t.highest_prf * (1.0 + 1e-9):
+        found.append(
+            Finding(
+                "swath",
+                f"{where}: the echoes of one pulse last {1e6 * (t.echo_ends - t.echo_begins):.6g} us, and with the "
+                f"next pulse of {1e6 * t.pulse_width:.6g} us do not fit into the interval of {1e6 / t.prf:.6g} us at "
+                f"prf = {t.prf:.6g} Hz; lower prf to {t.highest_prf:.6g} Hz, or shorten the swath or pulse_width",
+                True,
+            )
+        )
+    elif t.blind_share > _SHARE:
+        found.append(
+            Finding(
+                "blind_range",
+                f"{where}: at prf = {t.prf:.6g} Hz a pulse leaves while {100.0 * t.blind_share:.3g} % of the swath's "
+                f"echoes arrive ({1e6 * t.echo_begins:.6g} to {1e6 * t.echo_ends:.6g} us after their own); {remedy}",
+                True,
+            )
+        )
+    if t.nadir_share > _SHARE:
+        found.append(
+            Finding(
+                "nadir",
+                f"{where}: at prf = {t.prf:.6g} Hz the echo from straight below ({1e6 * t.nadir_begins:.6g} us) falls "
+                f"into {100.0 * t.nadir_share:.3g} % of the swath's; {remedy}",
+                False,
+            )
+        )
+    return found
+
+
+def antenna_area(radar: Radar) -> float:
+    """Area of the uniform aperture that has the antenna's half-power widths, m^2."""
+    antenna, wavelength = radar.antenna, radar.waveform.wavelength
+    length, height = (
+        SINC_HALF_POWER * wavelength / float(np.sin(0.5 * width))
+        for width in (antenna.azimuth_beamwidth, antenna.elevation_beamwidth)
+    )
+    return length * height
+
+
+def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Finding]:
+    if radar.antenna.pattern == "isotropic":
+        return []
+    found = []
+    area, wavelength = antenna_area(radar), radar.waveform.wavelength
+    most = 4.0 * np.pi * area / wavelength**2
+    if radar.antenna.gain > _GAIN_SLACK * most:
+        found.append(
+            Finding(
+                "gain",
+                f"{where}: gain_db = {db_from_power(radar.antenna.gain):.4g} dB is above {db_from_power(most):.4g} dB, "
+                f"all that an aperture of {area:.4g} m^2 with this beam has; lower it or narrow the beam",
+                True,
+            )
+        )
+    speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
+    tan = float(np.tan(place.incidence_angle))
+    least = 4.0 * speed * wavelength * place.slant_range * tan / SPEED_OF_LIGHT
+    if area < least:
+        found.append(
+            Finding(
+                "antenna_area",
+                f"{where}: an antenna of {area:.4g} m^2 is below {least:.4g} m^2 (4 v lambda R tan(theta) / c): its "
+                "whole beam cannot be free of both azimuth and range ambiguities; enlarge it, or keep swath and "
+                "Doppler bandwidth below the beam's",
+                False,
+            )
+        )
+    return found
+
+
+def _of_the_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarInput | None) -> list[Finding]:
+    asked = given.sensor.azimuth_resolution if given is not None and given.track is None else 0.0
+    own = np.isfinite(radar.half_aperture)
+    if own and asked > 0.0:
+        cell = radar.waveform.wavelength / (4.0 * radar.half_aperture)
+        if cell > _MISSED * asked:
+            return [
+                Finding(
+                    "aperture",
+                    f"{where}: azimuth_resolution = {asked:g} m asks for a longer aperture than the beam holds between "
+                    f"its nulls, which gives {cell:.4g} m; shorten antenna_length or coarsen azimuth_resolution",
+                    True,
+                )
+            ]
+    if not own and place.held < _HELD:
+        return [
+            Finding(
+                "aperture",
+                f"{where}: the beam leaves the middle of the image within the aperture of {place.aperture_length:.4g} "
+                f"m: its two-way gain at the ends is {db_from_power(max(place.held, 1e-12)):.3g} dB; take fewer "
+                "pulses, a steered mode, or a wider beam",
+                True,
+            )
+        ]
+    return []
+
+
+__all__ = ["Finding", "antenna_area", "findings"]

@@ -1,0 +1,195 @@
+"""Signal and noise at one place of the image: aperture, resolution, radar equation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from sarmitsuba.focusing.aperture import (
+    direction_gain,
+    ground_cell_area,
+    incidence_angle,
+    look_directions,
+    matched_weights,
+    range_gradients,
+)
+from sarmitsuba.focusing.noise import noise_equivalent_rcs
+from sarmitsuba.focusing.windows import Window
+from sarmitsuba.link.pulses import pulse_rate
+from sarmitsuba.radar.link_budget import snr
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+
+# step and end of the search for the half power of an impulse response, cells
+_STEP, _REACH = 0.25, 4.0
+
+
+@dataclass(frozen=True)
+class PlaceBudget:
+    """What the radar makes of one place on the image's plane.
+
+    Parameters
+    ----------
+    name : ``near``, ``middle`` or ``far``: of the swath
+    position : (x, y, z) m, frame of the scene's file
+    slant_range : from mid-aperture, m
+    incidence_angle : from the vertical at mid-aperture, rad
+    pattern : the antenna's two-way power gain there over its peak, at the pulse that sees the place best
+    held : the same at the aperture's worse end, over `pattern`
+    n_pulses : that serve the place
+    aperture_length, aperture_time : from the first to the last of them, m and s
+    range_resolution, ground_range_resolution, azimuth_resolution : half-power widths with their windows, m
+    azimuth_cell : noise-equivalent width, m; with the slant-range cell and the incidence it gives `cell_area`
+    cell_area : noise-equivalent area of the impulse response on the ground, m^2
+    snr : signal-to-noise ratio of a point of `rcs`; NaN where the radar has no noise temperature, as all below
+    snr_ground : that of ground of `sigma0`
+    nesz : noise-equivalent sigma0, linear
+    nesz_textbook : the same by the textbook's form, for all pulses at boresight and of one weight
+    rcs, sigma0 : what the ratios are of, m^2 and linear
+    azimuth_ambiguity : signal of the ghosts in azimuth over that of the place, for even ground; NaN: not known
+    range_ambiguity : the same of echoes of other pulses
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    slant_range: float
+    incidence_angle: float
+    pattern: float
+    held: float
+    n_pulses: int
+    aperture_length: float
+    aperture_time: float
+    range_resolution: float
+    ground_range_resolution: float
+    azimuth_resolution: float
+    azimuth_cell: float
+    cell_area: float
+    snr: float
+    snr_ground: float
+    nesz: float
+    nesz_textbook: float
+    rcs: float
+    sigma0: float
+    azimuth_ambiguity: float = float("nan")
+    range_ambiguity: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Processing:
+    """How the image is to be focused, and what signals are asked about.
+
+    Parameters
+    ----------
+    range_window, azimuth_window : over band and aperture
+    rcs : of a point, m^2
+    sigma0 : of even ground, linear
+    """
+
+    range_window: Window
+    azimuth_window: Window
+    rcs: float = 1.0
+    sigma0: float = 0.1
+
+
+def place_budget(radar: Radar, name: str, point: F64, processing: Processing) -> PlaceBudget:
+    """Budget of a place; backprojection's weights, which other focusers keep to.
+
+    Parameters
+    ----------
+    radar : with two pulses or more
+    name, point : of the place, (3,) m in the scene frame
+    processing : windows and signals
+
+    Raises
+    ------
+    DataError
+        No pulse illuminates the place.
+
+    Notes
+    -----
+    Ignores what `noise_equivalent_rcs` and `ground_cell_area` ignore.
+    """
+    told = radar.as_recorded()
+    weights = matched_weights(told, point, processing.azimuth_window)
+    area = ground_cell_area(told, point, weights, processing.range_window)
+    angle = float(incidence_angle(radar, point))
+    range_cell = radar.waveform.range_cell
+    slant = float(np.linalg.norm(point - radar.track.center_position))
+    gain = direction_gain(radar, slice(None), look_directions(radar, point))
+    used = np.flatnonzero(weights > 0.0)
+    time, position = radar.track.time, radar.track.position
+    step = float(np.median(np.diff(time)))
+    width = half_power_width((np.arange(1024) + 0.5) / 1024 - 0.5, processing.range_window.aperture(1024))
+    along = 2.0 / radar.waveform.wavelength * (range_gradients(told, point) @ radar.track.along)
+    noise = textbook = float("nan")
+    if radar.noise_temperature > 0.0:
+        noise = noise_equivalent_rcs(told, point, weights, processing.range_window)
+        textbook = _textbook_nesz(radar, slant, angle)
+    azimuth_cell = area * float(np.sin(angle)) / (range_cell * processing.range_window.broadening)
+    x, y, z = (float(v) for v in point + radar.offset)
+    return PlaceBudget(
+        name=name,
+        position=(x, y, z),
+        slant_range=slant,
+        incidence_angle=angle,
+        pattern=float(gain.max() ** 2),
+        held=float((gain[used[[0, -1]]].min() / gain.max()) ** 2),
+        n_pulses=int(used.size),
+        aperture_length=float(np.linalg.norm(position[used[-1]] - position[used[0]]))
+        * used.size
+        / max(used.size - 1, 1),
+        aperture_time=float(time[used[-1]] - time[used[0]]) + step,
+        range_resolution=width * range_cell,
+        ground_range_resolution=width * range_cell / float(np.sin(angle)),
+        azimuth_resolution=half_power_width(along, weights),
+        azimuth_cell=azimuth_cell,
+        cell_area=area,
+        snr=processing.rcs / noise,
+        snr_ground=processing.sigma0 * area / noise,
+        nesz=noise / area,
+        nesz_textbook=textbook,
+        rcs=processing.rcs,
+        sigma0=processing.sigma0,
+    )
+
+
+def _textbook_nesz(radar: Radar, slant_range: float, angle: float) -> float:
+    r"""Noise-equivalent sigma0 by average power and speed, at boresight.
+
+    .. math:: \sigma^0_{ne} = \frac{2 R^3 v}{\lambda \, \mathrm{SNR}_1(1\,\mathrm m) f_p \delta_{gr}}
+    """
+    speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
+    ground = radar.waveform.range_cell / np.sin(angle)
+    pulses_per_metre = (
+        pulse_rate(radar) * radar.waveform.wavelength * slant_range / (2.0 * speed)
+    )  # N delta_a
+    return float(1.0 / (snr(radar, 1.0, slant_range, 1) * pulses_per_metre * ground))
+
+
+def half_power_width(frequency: F64, weights: F64) -> float:
+    r"""Half-power width of :math:`|\sum_i W_i e^{j 2 \pi f_i x}|^2` about its peak at 0.
+
+    Parameters
+    ----------
+    frequency : (n,) spatial frequencies, cycles per unit of the result
+    weights : (n,) of them, none negative
+    """
+    seen = weights > 0.0
+    f, w = frequency[seen], weights[seen]
+    f = f - np.average(f, weights=w)
+    spread = max(float(np.ptp(f)), 1e-300)
+
+    def above_half(cells: float) -> float:
+        return float(np.abs(np.exp(2j * np.pi / spread * cells * f) @ w) ** 2 / w.sum() ** 2) - 0.5
+
+    last = _STEP
+    while above_half(last) > 0.0:
+        last += _STEP
+        if last > _REACH:
+            return float("inf")
+    return 2.0 * float(brentq(above_half, last - _STEP, last, xtol=1e-6)) / spread
+
+
+__all__ = ["PlaceBudget", "Processing", "half_power_width", "place_budget"]

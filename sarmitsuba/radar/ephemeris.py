@@ -1,0 +1,227 @@
+"""A satellite's path through its state vectors: read from a file, interpolated, timed by when it sees the aim point."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import KroghInterpolator
+from scipy.optimize import brentq
+
+from sarmitsuba.constants import EARTH_RADIUS
+from sarmitsuba.errors import RadarError
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.mode import right_of
+from sarmitsuba.radar.path import FlightPath
+
+F64 = NDArray[np.float64]
+
+_COLUMNS = "time_s (or an ISO date and time), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s"
+# vectors that one polynomial goes through, positions and velocities: degree 7
+_NEIGHBOURS = 4
+# part of the speed by which velocities may differ from what the positions say: vectors that do not turn with the Earth
+# differ by 3 % and more
+_SLIP = 0.01
+# times between two vectors at which the line of sight is tried
+_TRIES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class StateVectors:
+    r"""Earth-fixed positions and velocities of a satellite, and its path through them.
+
+    Between two vectors it follows the Hermite polynomial of degree 7 through the positions and velocities of the four
+    nearest. For a circular orbit of radius a and angular rate n, sampled every h seconds, the error of the position
+    is at most
+
+    .. math:: |\Delta| \le \frac{a n^8}{8!} \left(\tfrac{9}{16}\right)^2 h^8
+
+    in the middle of the four, and :math:`(n h)^8 a / 8!` between the two vectors at either end.
+
+    Parameters
+    ----------
+    time : (n,) float64, s, strictly increasing; n >= 2
+    position, velocity : (n, 3) float64, m and m/s, WGS-84 ECEF; velocities are those relative to the turning Earth
+    source : start of errors
+
+    Raises
+    ------
+    RadarError
+        Too few vectors, not in order, below the ground, or velocities that are not the change of the positions.
+
+    Notes
+    -----
+    Ignores polar motion: the frame is taken as WGS-84's own.
+    """
+
+    time: F64
+    position: F64
+    velocity: F64
+    source: str = "state vectors"
+
+    def __post_init__(self) -> None:
+        n = self.time.size
+        if n < 2 or self.position.shape != (n, 3) or self.velocity.shape != (n, 3):
+            raise RadarError(f"{self.source}: {n} state vectors; give at least two, of {_COLUMNS}")
+        if not (np.isfinite(self.time).all() and (np.diff(self.time) > 0.0).all()):
+            raise RadarError(f"{self.source}: times must increase strictly; sort the state vectors by time")
+        if not (np.isfinite(self.position).all() and np.isfinite(self.velocity).all()):
+            raise RadarError(f"{self.source}: positions and velocities must be finite numbers")
+        lowest = float(np.linalg.norm(self.position, axis=1).min())
+        if lowest < 0.99 * EARTH_RADIUS:
+            raise RadarError(
+                f"{self.source}: a position is {lowest:g} m from the Earth's centre, inside the Earth; give ECEF "
+                "positions in metres"
+            )
+        moved = np.diff(self.position, axis=0) / np.diff(self.time)[:, None]
+        slip = np.linalg.norm(moved - 0.5 * (self.velocity[1:] + self.velocity[:-1]), axis=1)
+        speed = float(np.linalg.norm(self.velocity, axis=1).max())
+        if slip.max() > _SLIP * speed:
+            raise RadarError(
+                f"{self.source}: the velocities differ from the change of the positions by up to {slip.max():.3g} m/s; "
+                "give velocities in m/s relative to the turning Earth (ECEF), of vectors at most 5 minutes apart"
+            )
+
+    @staticmethod
+    def from_csv(path: Path | str) -> "StateVectors":
+        """Read one vector per line, comma separated, ``#`` comments, one optional header.
+
+        The columns: time_s (or an ISO 8601 date and time, UTC), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s.
+        """
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
+        lines = [line.split(",") for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+        if lines and not _is_time(lines[0][0]):
+            lines = lines[1:]
+        if not lines or any(len(cells) != 7 for cells in lines):
+            raise RadarError(f"{path}: every line needs seven columns: {_COLUMNS}")
+        try:
+            first = _seconds(lines[0][0], lines[0][0])
+            time = np.array([_seconds(cells[0], lines[0][0]) for cells in lines]) - first
+            rows = np.array([[float(cell) for cell in cells[1:]] for cells in lines])
+        except ValueError as error:
+            raise RadarError(f"{path}: {one_line(error)}; every line needs {_COLUMNS}") from error
+        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name)
+
+    def at(self, time: F64) -> tuple[F64, F64]:
+        """Position and velocity, two (n, 3) float64, ECEF, at (n,) times in s.
+
+        Raises
+        ------
+        RadarError
+            A time lies outside of the vectors' span.
+        """
+        if time.size and (time.min() < self.time[0] or time.max() > self.time[-1]):
+            raise RadarError(
+                f"{self.source}: the state vectors span {self.time[0]:g} to {self.time[-1]:g} s, and the track needs "
+                f"{time.min():g} to {time.max():g} s; give more of them, or a shorter track"
+            )
+        position, velocity = np.empty((time.size, 3)), np.empty((time.size, 3))
+        count = min(_NEIGHBOURS, self.time.size)
+        interval = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 2)
+        first = np.clip(interval - (count // 2 - 1), 0, self.time.size - count)
+        for begin in np.unique(first):
+            part = slice(begin, begin + count)
+            known = np.stack([self.position[part], self.velocity[part]], axis=1).reshape(-1, 3)
+            middle = float(self.time[part].mean())
+            curve = KroghInterpolator(np.repeat(self.time[part] - middle, 2), known)
+            here = first == begin
+            position[here], velocity[here] = curve.derivatives(time[here] - middle, 2)
+        return position, velocity
+
+    def path_over(
+        self, anchor: Anchor, offset: F64, aim: F64, squint: float = 0.0, side: str | None = None
+    ) -> "EphemerisPath":
+        """The path whose time zero is when the aim point is seen at the squint angle.
+
+        Parameters
+        ----------
+        anchor : of the file's frame
+        offset : (3,) float64, m; scene frame = file frame - offset
+        aim : (3,) float64, m, scene frame
+        squint : rad, forward of the plane square to the Earth-fixed velocity
+        side : ``left`` or ``right``, on which the aim point has to lie; None: on any
+
+        Raises
+        ------
+        RadarError
+            The aim point is never seen so from above the horizon. Of several times the one of the shortest slant range
+            is taken.
+        """
+        path = EphemerisPath(self, anchor, offset, 0.0)
+
+        def miss(time: F64) -> F64:
+            position, velocity = path.states(time)
+            line = aim - position
+            size = np.linalg.norm(line, axis=1) * np.linalg.norm(velocity, axis=1)
+            return np.asarray(np.einsum("ij,ij->i", line, velocity) / size - np.sin(squint))
+
+        n = self.time.size
+        share = np.linspace(0.0, 1.0, (n - 1) * _TRIES + 1) * (n - 1)
+        grid = np.interp(share, np.arange(n), self.time)
+        value = miss(grid)
+        found: list[tuple[float, float]] = []
+        for i in np.flatnonzero((value[:-1] > 0.0) & (value[1:] <= 0.0)):
+            zero = float(brentq(lambda t: float(miss(np.array([t]))[0]), grid[i], grid[i + 1], xtol=1e-12))
+            position, velocity = (each[0] for each in path.states(np.array([zero])))
+            line = aim - position
+            seen = "right" if float(line @ right_of(velocity)) > 0.0 else "left"
+            if line[2] < 0.0 and side in (None, seen):
+                found.append((float(np.linalg.norm(line)), zero))
+        if not found:
+            how = f" on its {side}" if side else ""
+            raise RadarError(
+                f"{self.source}: the satellite never has the aim point{how} in its "
+                f"{'zero-Doppler plane' if squint == 0.0 else f'plane of squint {np.degrees(squint):g} deg'} while the "
+                "vectors last; give those of the pass, or change the anchor (latitude_deg, longitude_deg), look_side "
+                "or aim point"
+            )
+        return EphemerisPath(self, anchor, offset, min(found)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class EphemerisPath(FlightPath):
+    """The path through state vectors, in the scene frame.
+
+    Parameters
+    ----------
+    vectors : of the satellite
+    anchor : of the file's frame
+    offset : (3,) float64, m; scene frame = file frame - offset
+    middle : s, on the vectors' own time, at mid-aperture
+    """
+
+    vectors: StateVectors
+    anchor: Anchor
+    offset: F64
+    middle: float
+
+    def states(self, time: F64) -> tuple[F64, F64]:
+        """See `FlightPath`."""
+        position, velocity = self.vectors.at(time + self.middle)
+        return self.anchor.from_ecef(position) - self.offset, np.asarray(velocity @ self.anchor.axes.T)
+
+
+def _seconds(text: str, first: str) -> float:
+    """Seconds of a cell; of a date and time since that of the first."""
+    text, first = (each.strip().removesuffix("Z") for each in (text, first))
+    try:
+        return float(text)
+    except ValueError:
+        since = np.datetime64(text, "ns") - np.datetime64(first, "ns")
+        return float(since / np.timedelta64(1, "ns")) * 1e-9
+
+
+def _is_time(text: str) -> bool:
+    try:
+        _seconds(text, text)
+    except ValueError:
+        return False
+    return True
+
+
+__all__ = ["EphemerisPath", "StateVectors"]

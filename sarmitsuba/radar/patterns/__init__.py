@@ -1,0 +1,1 @@
+"""Antenna patterns, one per file; see :mod:`sarmitsuba.radar.pattern`."""

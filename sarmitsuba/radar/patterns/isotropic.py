@@ -1,0 +1,31 @@
+"""The same gain in all directions."""
+
+from collections.abc import Sequence
+from types import ModuleType
+
+import numpy as np
+
+from sarmitsuba.radar.pattern import PATTERNS, Pattern
+from sarmitsuba.samples import Samples
+
+
+class Isotropic(Pattern):
+    """No beam at all; whatever asks for a beam leaves it out."""
+
+    name = "isotropic"
+    doc = "the same gain in all directions"
+
+    def gain(
+        self,
+        sin_azimuth: Samples,
+        sin_elevation: Samples,
+        numbers: Sequence[Samples | float],
+        xp: ModuleType = np,
+    ) -> Samples:
+        """Return 1."""
+        return 0.0 * sin_azimuth + 1.0
+
+
+PATTERNS.register(Isotropic())
+
+__all__ = ["Isotropic"]

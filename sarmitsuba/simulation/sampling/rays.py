@@ -1,0 +1,73 @@
+"""The rays of a run: its lattices, with finer ones over small parts where these stand at each pulse."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.launch import LaunchGrid
+
+
+class Rays:
+    """Lattices of every ray subset.
+
+    Parameters
+    ----------
+    sampling : plan of the run
+    trace_scene : what is sampled
+    subsets : of the rays, by their numbers in ``SUBSET_SHARES``
+    pass_index : other values shift the lattices and nothing else
+
+    Attributes
+    ----------
+    shortfalls : surface that the lattices made last are too coarse for, mid-aperture
+    """
+
+    def __init__(
+        self, sampling: SamplingPlan, trace_scene: TraceScene, subsets: tuple[int, ...], pass_index: int
+    ) -> None:
+        self.sampling, self.trace_scene = sampling, trace_scene
+        self.draws = [(subset, subset + 2 * pass_index) for subset in subsets]
+        self.plain = [sampling.lattices(draw=draw, subset=subset) for subset, draw in self.draws]
+        self.shortfalls: tuple[Shortfall, ...] = ()
+        self._made: tuple[float | None, list[tuple[LaunchGrid, ...]]] | None = None
+
+    @property
+    def n_subsets(self) -> int:
+        """Number of ray subsets."""
+        return len(self.draws)
+
+    def at(self, pulse: int) -> list[tuple[LaunchGrid, ...]]:
+        """Lattices of every subset for a pulse: the same for all where nothing moves."""
+        movers = self.trace_scene.movers
+        time = None if movers is None else float(self.sampling.scene.radar.track.time[pulse])
+        if self._made is None or self._made[0] != time:
+            scene = self.trace_scene
+            if movers is not None and time is not None:
+                scene = replace(scene, triangles=movers.at(time).corners())
+            self._made = (time, self._refined(scene))
+        return self._made[1]
+
+    def _refined(self, scene: TraceScene) -> list[tuple[LaunchGrid, ...]]:
+        """The plain lattices with finer ones over small parts; the same nodes wherever these stand."""
+        track, seed = self.sampling.scene.radar.track, self.sampling.scene.settings.seed & 0x7FFFFFFF
+        made, short = [], []
+        for (_, draw), grids in zip(self.draws, self.plain, strict=True):
+            rng = np.random.default_rng([seed, draw, 0x50A1])
+            finer: list[LaunchGrid] = []
+            for one in grids:
+                pulses, frame = one.pulses or (0, track.n_pulses), one.frame or self.sampling.window.frame
+                antennas = bounding_antennas(track, pulses)
+                grid, missed = with_small_parts(one, scene, frame, antennas, rng)
+                finer.append(grid)
+                if missed is not None and one.serves(track.center_index):
+                    short.append(missed)
+            made.append(tuple(grid for grid in finer if grid.n_rays))
+        self.shortfalls = tuple(short)
+        return made
+
+
+__all__ = ["Rays"]
