@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
+from numpy.typing import NDArray
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid
@@ -22,7 +23,11 @@ from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
+
+F64 = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
@@ -186,6 +191,93 @@ def focusers() -> Figure:
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
 
 
+def orbits() -> Figure:
+    """Two passes over a scene on the map, and the angles and the altitude of an orbit from the side."""
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    plan, side = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
+    anchor = Anchor.of_degrees(48.1, 11.6, 520.0)
+    time = np.linspace(-150.0, 150.0, 61)
+    aspect = 1.0 / np.cos(anchor.latitude)
+    for name, color in (("ascending", RAY), ("descending", "#d62728")):
+        wanted = OrbitRequest(514e3, np.radians(97.44), np.radians(35.0), ascending=name == "ascending")
+        path = circular_orbit(wanted, anchor, np.zeros(3))
+        track = np.degrees(anchor.to_geodetic(path.states(time)[0])[:, :2])
+        plan.plot(track[:, 1], track[:, 0], color=color, linewidth=1.4, label=f"{name}, satellite")
+        plan.annotate("", track[45, ::-1], track[43, ::-1], arrowprops={"arrowstyle": "-|>", "color": color})
+        # ground seen at zero Doppler between two incidence angles
+        position, velocity = path.states(time)
+        swath = []
+        for look in np.radians([18.0, 42.0]):
+            up = (
+                anchor.to_ecef(position) / np.linalg.norm(anchor.to_ecef(position), axis=1)[:, None]
+            ) @ anchor.axes.T
+            right = np.cross(velocity, up)
+            right /= np.linalg.norm(right, axis=1)[:, None]
+            line = (
+                np.sin(look) * right
+                - np.cos(look) * np.cross(right, velocity) / np.linalg.norm(velocity, axis=1)[:, None]
+            )
+            swath.append(np.degrees(_on_earth(anchor, position, line)[:, :2]))
+        edge = np.concatenate([swath[0], swath[1][::-1]])
+        plan.fill(edge[:, 1], edge[:, 0], color=color, alpha=0.15, label="looks of 18 to 42 deg")
+        here = track[time.size // 2]
+        plan.plot([here[1], 11.6], [here[0], 48.1], color=color, linestyle="--", linewidth=1.2)
+        plan.plot(here[1], here[0], "s", color=color)
+    plan.plot(11.6, 48.1, "o", color=INK)
+    _text(plan, 11.9, 48.4, "scene")
+    plan.set_xlim(0.0, 24.0)
+    plan.set_ylim(42.0, 54.0)
+    plan.set_aspect(aspect)
+    plan.set_xlabel("longitude (deg)", fontsize=9)
+    plan.set_ylabel("latitude (deg)", fontsize=9)
+    plan.legend(fontsize=7, loc="lower right")
+    plan.set_title("514 km, 97.44 deg, look_side right, incidence 35 deg", fontsize=10)
+    _orbit_from_the_side(side)
+    return figure
+
+
+def _orbit_from_the_side(side: Axes) -> None:
+    """Angles and altitude, the Earth drawn smaller than it is."""
+    radius, height, turn = 10.0, 4.2, np.radians(22.0)
+    ground = np.array([np.sin(turn), np.cos(turn)])
+    satellite, aim = np.array([0.0, radius + height]), radius * ground
+    angle = np.linspace(-0.35, 0.75, 100)
+    side.fill_between(radius * np.sin(angle), 4.0, radius * np.cos(angle), color=GROUND)
+    tangent = np.array([np.cos(turn), -np.sin(turn)])
+    _line(side, aim - 2.6 * tangent, aim + 2.6 * tangent, "#2ca02c")
+    _line(side, aim, aim + 3.4 * ground, GHOST, style="--")
+    _line(side, satellite, (0.0, 4.0), GHOST, style="--")
+    _line(side, satellite, aim, RAY)
+    line = np.degrees(np.arctan2(*(aim - satellite)[::-1]))
+    _arc(side, satellite, 270.0, 360.0 + line, 1.4)
+    _arc(side, aim, 90.0 - 22.0, 180.0 + line, 1.5)
+    side.plot(*satellite, "s", color=INK, markersize=9)
+    side.plot(*aim, "o", color=INK)
+    _text(side, 0.35, radius + height + 0.3, "satellite (flies into the page)")
+    _text(side, 0.15, 12.2, "look\nangle")
+    _text(side, 1.4, 13.0, "slant range R", color=RAY)
+    _text(side, 3.65, 11.35, "incidence_angle_deg")
+    _text(side, *(aim + 3.4 * ground + [0.15, 0.0]), "z, up at the anchor")
+    _text(side, *(aim + 2.6 * tangent + [0.2, 0.0]), "the scene's plane z = 0", color="#2ca02c", va="center")
+    _text(side, -0.15, 11.6, "orbit_altitude over\n6378.137 km", ha="right")
+    _arrow(side, (-0.08, radius), (-0.08, radius + height - 0.2), INK)
+    _text(side, -1.6, 8.0, "Earth (WGS-84),\nturning")
+    side.set_xlim(-3.2, 10.5)
+    side.set_ylim(7.0, 15.2)
+    side.set_aspect("equal")
+    side.set_axis_off()
+
+
+def _on_earth(anchor: Anchor, position: F64, line: F64) -> F64:
+    """Geodetic coordinates where lines from positions, both in the file's frame, meet the ellipsoid."""
+    distance = np.full(len(position), 5e5)
+    for _ in range(30):  # the height falls almost linearly along the line
+        point = anchor.to_geodetic(position + distance[:, None] * line)
+        further = anchor.to_geodetic(position + (distance + 10.0)[:, None] * line)
+        distance = distance - point[:, 2] * 10.0 / (further[:, 2] - point[:, 2])
+    return anchor.to_geodetic(position + distance[:, None] * line)
+
+
 def _panels(
     scene: str, variants: dict[str, list[str]], darkest: float = -45.0, *, lying: bool = False
 ) -> Figure:
@@ -245,7 +337,8 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
 
 
 FIGURES = {
-    figure.__name__: figure for figure in (geometry, paths, methods, effects, azimuth_ambiguities, focusers)
+    figure.__name__: figure
+    for figure in (geometry, orbits, paths, methods, effects, azimuth_ambiguities, focusers)
 }
 
 if __name__ == "__main__":

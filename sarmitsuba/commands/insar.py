@@ -6,10 +6,14 @@ The second pass is the first moved by a baseline across the line of sight. Both 
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands import interferogram, render
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import scene_of
+
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
 
 NAME = "insar"
 HELP = "render two passes over a scene and make their interferogram"
@@ -31,8 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render both passes and evaluate them."""
-    import numpy as np
-
     from sarmitsuba.errors import DataError
     from sarmitsuba.interferometry import second_pass
 
@@ -40,21 +42,32 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise DataError("insar: --no-focus and --page belong to render; leave them out")
     out = Path(args.output)
     scene = scene_of(args)
-    relief = float(np.ptp(scene.geometry.vertices[:, 2])) if scene.geometry.n_faces else 0.0
-    offset = second_pass(scene.radar, relief, args.baseline)
+    offset = second_pass(scene.radar, relief_of(scene), args.baseline)
     render.run(_changed(args, out / "first"), console)
     second = _changed(args, out / "second", no_focus=True)
     second.define = [
         *args.define,
-        *((f"sar_antenna.pass_offset_{axis}", repr(v)) for axis, v in offset.items()),
+        *((f"sar_antenna.{name}", repr(value)) for name, value in offset.parameters.items()),
     ]
     render.run(second, console)
     pair = argparse.Namespace(**{**vars(args), "first": str(out / "first"), "second": str(out / "second")})
     return interferogram.run(pair, console)
 
 
+def relief_of(scene: "Scene") -> float:
+    """From the lowest to the highest corner of the geometry in the image, m; of all geometry where there is none."""
+    import numpy as np
+
+    corners, image = scene.geometry.vertices, scene.image
+    if not corners.size:
+        return 0.0
+    reach = 0.5 * float(np.hypot(image.extent_azimuth, image.extent_range))
+    inside = np.linalg.norm(corners[:, :2] - [image.center_x, image.center_y], axis=1) <= reach
+    return float(np.ptp(corners[inside if inside.any() else slice(None), 2]))
+
+
 def _changed(args: argparse.Namespace, output: Path, **changes: object) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), "output": str(output), **changes})
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "run"]
+__all__ = ["HELP", "NAME", "add_arguments", "relief_of", "run"]

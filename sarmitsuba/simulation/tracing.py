@@ -158,7 +158,7 @@ class Tracer:
         batch, flags = self.prepared(grid, position, velocity, pick)
         if isinstance(accumulator, BlockAccumulator) and not flags.motion:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
-            batch = replace(batch, azimuth_axis=None)
+            batch = replace(batch, azimuth_later=True)
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]

@@ -226,8 +226,8 @@ class PulseBatch:
     ----------
     position, velocity : (n, 3) float64, m and m/s, scene frame
     frame : launch planes, one for all pulses or one each
-    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic; without
-        ``azimuth_axis`` alone the azimuth pattern is left to the synthesis of a block
+    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
+    azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
     """
 
     position: F64
@@ -236,6 +236,7 @@ class PulseBatch:
     boresight: F64 | None = None
     azimuth_axis: F64 | None = None
     elevation_axis: F64 | None = None
+    azimuth_later: bool = False
 
     @property
     def n_pulses(self) -> int:

@@ -52,8 +52,9 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
-    pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
-    if pattern is not None:
+    pattern = None
+    if flags.antenna_pattern:
+        pattern = BeamPattern(antenna, pulses, pulse, d if flags.multi_bounce else None)
         weight *= pattern.one_way(d)
     h, v = field.polarisation_basis(d, constants.up)
 
