@@ -231,7 +231,10 @@ def picture(path: Path, pair: Any, found: Any, truth: Truth, per_building: Any, 
     panels[2].set(
         xlabel="mesh (m)",
         ylabel="found (m)",
-        title=f"{by['count']} buildings: median error {by['median_m']:.2f} m, spread {by['spread_m']:.2f} m",
+    )
+    panels[2].set_title(
+        f"{by['count']} buildings: median error {by['median_m']:.2f} m, spread {by['spread_m']:.2f} m",
+        fontsize=10,
     )
     b = record["baseline"]
     figure.suptitle(
