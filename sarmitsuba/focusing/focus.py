@@ -84,10 +84,14 @@ def focus(
         grid = default_grid(raw, request)
     grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
     method = parse_autofocus(autofocus)
+    if method is not None:
+        raw = replace(raw, radar=raw.radar.start_stop())
+    raw = replace(raw, radar=focuser.seen(raw.radar))
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
     plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
+    raw = replace(raw, radar=focuser.seen(raw.radar))
     n_layers = len(raw.layers)
     check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}

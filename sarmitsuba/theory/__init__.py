@@ -43,6 +43,7 @@ from sarmitsuba.theory.link import (
     point_snr,
     uniform_aperture_taper,
 )
+from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
 from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
@@ -100,6 +101,7 @@ __all__ = [
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "chirp_range_shift",
     "circular_orbit_doppler",
     "circular_response",
     "coherence_pdf",
@@ -128,6 +130,7 @@ __all__ = [
     "kirchhoff_sigma0",
     "minimum_antenna_area",
     "mispointed_level",
+    "moving_echo",
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
@@ -151,6 +154,7 @@ __all__ = [
     "sphere_po_amplitude",
     "staggered_line",
     "staggered_lines",
+    "start_stop_azimuth_shift",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",
