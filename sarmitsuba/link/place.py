@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from sarmitsuba.focusing.aperture import (
     direction_gain,
@@ -21,8 +22,8 @@ from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 
-# steps of an impulse response across a cell, and its half length in cells
-_STEPS, _REACH = 64, 4.0
+# step and end of the search for the half power of an impulse response, cells
+_STEP, _REACH = 0.25, 4.0
 
 
 @dataclass(frozen=True)
@@ -179,14 +180,16 @@ def half_power_width(frequency: F64, weights: F64) -> float:
     f, w = frequency[seen], weights[seen]
     f = f - np.average(f, weights=w)
     spread = max(float(np.ptp(f)), 1e-300)
-    x = np.arange(0.0, _REACH, 1.0 / _STEPS) / spread
-    power = np.abs(np.exp(2j * np.pi * np.outer(x, f)) @ w) ** 2 / w.sum() ** 2
-    below = np.flatnonzero(power < 0.5)
-    if below.size == 0:
-        return float("inf")
-    i = int(below[0])
-    share = (power[i - 1] - 0.5) / (power[i - 1] - power[i])
-    return 2.0 * float(x[i - 1] + share * (x[i] - x[i - 1]))
+
+    def above_half(cells: float) -> float:
+        return float(np.abs(np.exp(2j * np.pi / spread * cells * f) @ w) ** 2 / w.sum() ** 2) - 0.5
+
+    last = _STEP
+    while above_half(last) > 0.0:
+        last += _STEP
+        if last > _REACH:
+            return float("inf")
+    return 2.0 * float(brentq(above_half, last - _STEP, last, xtol=1e-6)) / spread
 
 
 __all__ = ["PlaceBudget", "Processing", "half_power_width", "place_budget"]

@@ -180,8 +180,8 @@ def free_bands(
     .. math:: \frac{n}{t_0 - \tau} \le f \le \frac{n + 1}{t_1}, \qquad
               f \notin \left( \frac{m}{t_1 - t_n}, \frac{m}{t_0 - t_n - \tau} \right)
 
-    with the echoes from t_0 to t_1, the pulse's length tau, the nadir's echo from t_n and whole numbers n and m > 0: the
-    white parts of the "diamond" diagram.
+    with the echoes from t_0 to t_1, the pulse's length tau, the nadir's echo from t_n, and whole numbers n and m > 0:
+    the white parts of the "diamond" diagram.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.pulse_timing import pulse_timing
+from sarmitsuba.radar.pulse_intervals import pulse_intervals
 from sarmitsuba.radar.sliding import BeamOverPath
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
@@ -269,7 +269,7 @@ def automatic_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return pulse_timing(given).track(path, prf, n), half
+    return pulse_intervals(given).track(path, prf, n), half
 
 
 def _whole_path(
@@ -299,7 +299,7 @@ def _whole_path(
             f"{where}: a track of {length:g} m needs {n} pulses, more than {MAX_PULSES}; shrink the image, narrow "
             "the beam or fly a shorter arc"
         )
-    return pulse_timing(given).track(path, n * path.speed / length, n)
+    return pulse_intervals(given).track(path, n * path.speed / length, n)
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

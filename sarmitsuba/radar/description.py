@@ -79,8 +79,8 @@ class RadarDescription:
     )
     n_pulses: int = described(
         0,
-        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap with a beam the image's "
-        "azimuth extent beside it, so that every row has its whole aperture",
+        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
+        "with a beam the image's azimuth extent beside it, so that every row has its whole aperture",
         "",
         0,
         10_000_000,
@@ -89,7 +89,7 @@ class RadarDescription:
     azimuth_resolution: float = described(
         0.0,
         "azimuth cell lambda R / (2 L cos(squint)) of the aperture length L; automatic: the slant-range "
-        "cell, or what n_pulses gives",
+        "cell, or what n_pulses gives; mode circular has arc_deg in its place",
         "m",
         0.0,
         1e6,

@@ -1,5 +1,6 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
+from sarmitsuba.theory import polarimetry
 from sarmitsuba.theory.ambiguity import (
     azimuth_ambiguity_ratio,
     azimuth_ghost,
@@ -139,6 +140,7 @@ __all__ = [
     "plate_amplitude",
     "plate_rcs",
     "point_snr",
+    "polarimetry",
     "range_ambiguity_ratio",
     "received_power",
     "rolled_dihedral",

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.ideal import ideal_echoes
+from sarmitsuba.focusing import default_grid
 from sarmitsuba.link import LinkBudget, link_budget
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.validation.noise import empty_echoes, focused_noise, focused_peak
 
-FOUR = tuple(Layer(channel) for channel in ("HH", "HV", "VH", "VV"))
 DRAWS = 4
 
 
@@ -51,27 +48,20 @@ def measured(scene: sarmitsuba.Scene, budget: LinkBudget, window: str, seed: int
     """
     radar = scene.radar
     grid = default_grid(radar, scene.image)
-    shape = (len(FOUR), radar.track.n_pulses, radar.window.n_samples)
-    silence = RawData(np.zeros(shape, np.complex64), FOUR, "compressed", radar)
-    draws = [add_noise(silence, seed=10 * seed + i) for i in range(DRAWS)]
+    draws = [empty_echoes(radar, seed=10 * seed + i) for i in range(DRAWS)]
     row = grid.azimuth.size // 2
     # where the beam is held on the aim point, it fades towards the first and last rows
     rows = slice(None) if np.isfinite(radar.half_aperture) else slice(row - 12, row + 13)
     columns = [0, grid.range.size // 2, grid.range.size - 1]
     slope = np.polyfit(columns, [10.0 * np.log10(place.nesz) for place in budget.places], 2)
     found = []
-    for place, column in zip(budget.places, columns, strict=True):
+    for column in columns:
         around = slice(max(column - 20, 0), column + 21)
         strip = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[around])
-        images = [focus(noise, strip, range_window=window, azimuth_window=window) for noise in draws]
-        power = float(np.mean([np.mean(np.abs(image.data) ** 2) for image in images]))
-        nesz = float(np.mean([image.sigma0(layer.channel).mean() for image in images for layer in FOUR]))
+        power, nesz = np.mean([focused_noise(noise, strip, window) for noise in draws], axis=0)
         fit = np.polyval(slope, np.arange(grid.range.size)[around])
         here = float(np.mean(10.0 ** (0.1 * (fit - np.polyval(slope, column)))))
-        echoes = ideal_echoes(radar, np.array(place.position), rcs=place.rcs)
-        spot = replace(grid, azimuth=grid.azimuth[[row]], range=grid.range[[column]])
-        peak = focus(echoes, spot, range_window=window, azimuth_window=window).data[0, 0, 0]
-        found.append((nesz / here, float(abs(peak) ** 2) / power * here))
+        found.append((nesz / here, focused_peak(radar, grid, row, column, window) / power * here))
     return 10.0 * np.log10(np.array(found))
 
 
