@@ -76,16 +76,9 @@ class Focuser(WithOptions, ABC):
     title: ClassVar[str]
     bistatic: ClassVar[bool] = False
 
-    def seen(self, radar: Radar) -> Radar:
-        """The radar as it takes it: with one place for each pulse where it knows no receiver's.
-
-        An antenna that moves on between transmission and reception is then in the middle.
-        """
-        return radar if self.bistatic else radar.start_stop()
-
     def objection(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it is not to be asked to focus: bistatic data that it does not take, or its :meth:`refusal`."""
-        radar = self.seen(radar)
+        radar = radar.start_stop()
         if radar.receiver is not None and not self.bistatic:
             return "the receiver is apart from the transmitter"
         return self.refusal(radar, grid)
@@ -164,7 +157,7 @@ class Auto(Focuser):
         against = []
         for focuser in FOCUSERS:
             refusal = focuser.objection(radar, grid)
-            error = math.nan if refusal else focuser.error_db(focuser.seen(radar), grid)
+            error = math.nan if refusal else focuser.error_db(radar, grid)
             if refusal:
                 against.append(f"{focuser.name}: {refusal}")
             elif math.isnan(error):

@@ -24,6 +24,7 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
 from sarmitsuba.theory.interferometry import (
     baseline_coherence,
     coherence_pdf,
@@ -44,7 +45,6 @@ from sarmitsuba.theory.link import (
     point_snr,
     uniform_aperture_taper,
 )
-from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
 from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines

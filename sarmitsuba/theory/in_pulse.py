@@ -26,8 +26,8 @@ def moving_echo(
 
     .. math:: c D = |\mathbf p - \mathbf x(t)| + |\mathbf p - \mathbf x(t - D)|
 
-    the received chirp is :math:`e^{j \pi \gamma (t - D)^2} e^{-j 2 \pi f_c D}`, and it is correlated with the chirp that
-    was sent, sample by sample.
+    the received chirp is :math:`e^{j \pi \gamma (t - D)^2} e^{-j 2 \pi f_c D}`, and it is correlated with the chirp
+    that was sent, sample by sample.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def moving_echo(
         u = t - shift
         replica = (np.abs(u) <= 0.5 * pulse_width) * np.exp(-1j * np.pi * rate * u**2)
         out[i] = np.sum(received * replica)
-    return out * (t[1] - t[0]) / pulse_width
+    return np.asarray(out * (t[1] - t[0]) / pulse_width)
 
 
 def chirp_range_shift(
