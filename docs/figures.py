@@ -4,6 +4,7 @@ Run ``python docs/figures.py [NAME ...]``; writes ``docs/images/NAME.png``. With
 takes a few minutes: ``methods`` traces every pulse once.
 """
 
+import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -15,14 +16,23 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
+from numpy.typing import NDArray
 
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_image
+from sarmitsuba.interferometry import height_map, interferogram
+from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.view.interferogram import interferogram_figure
+from sarmitsuba.view.notebook import draw_beam
+
+F64 = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
@@ -148,6 +158,29 @@ def effects() -> Figure:
     )
 
 
+def azimuth_ambiguities() -> Figure:
+    """The tower in stripmap: sampled as it should be, undersampled, and undersampled by a staggered PRF."""
+    beam = {"mode": "stripmap", "pattern": "rectangular", "antenna_length": "2", "antenna_height": "0.2"}
+    common = [f"sar_antenna.{name}={value}" for name, value in beam.items()]
+    common += ["sar_antenna.azimuth_resolution=1.2", "sar_antenna.prf=PRF"]
+    common += ["range_film.image_extent_azimuth=300", "range_film.image_extent_range=70"]
+
+    def options(prf: str, *more: str) -> list[str]:
+        given = [text.replace("PRF", prf) for text in (*common, *more)]
+        return [*(part for text in given for part in ("-D", text)), "--no-error-bars"]
+
+    return _panels(
+        "tower",
+        {
+            "prf 250 Hz": options("250"),
+            "prf 70 Hz": options("70"),
+            "prf 70 Hz, pri_sequence ramp:12:0.8": options("70", "sar_antenna.pri_sequence=ramp:12:0.8"),
+        },
+        -60.0,
+        lying=True,
+    )
+
+
 def focusers() -> Figure:
     """Every focuser on the same echoes of a dozen points on weak clutter."""
     rng = np.random.default_rng(4)
@@ -163,21 +196,191 @@ def focusers() -> Figure:
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
 
 
-def _panels(scene: str, variants: dict[str, list[str]]) -> Figure:
-    figure = Figure(figsize=(13.0, 3.7), layout="constrained")
-    panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
+def interferogram_tower() -> Figure:
+    """The pair that `insar tower` makes: fringes, coherence, heights."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        one = read_image(f"{folder}/out/first/image.h5")
+        two = focus(
+            read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
+        )
+    pair = interferogram(one, two)
+    return interferogram_figure(pair, height_map(pair), title="tower")
+
+
+def modes() -> Figure:
+    """The yard of modes.md in every mode, on one grey scale."""
+    variants = {}
+    for line in re.findall(r"^python -m sarmitsuba render yard.xml (.*)$", _page("modes.md"), re.MULTILINE):
+        options = line.split()
+        variants[options[1].partition("=")[2]] = [*options[: options.index("-o")], "--no-error-bars"]
+    with tempfile.TemporaryDirectory() as folder:
+        return _panels(str(_yard(Path(folder))), variants, window="rectangular", scale=(-35.0, 10.0))
+
+
+def footprints() -> Figure:
+    """The beam on the ground about the tower in every mode."""
+    figure = Figure(figsize=(13.0, 3.4), layout="constrained")
+    common = {"pattern": "rectangular", "antenna_length": "1.5", "elevation_beamwidth_deg": "3"}
+    own = {
+        "stripmap": {"azimuth_resolution": "0.75"},
+        "sliding_spotlight": {"azimuth_resolution": "0.225"},
+        "spotlight": {"azimuth_resolution": "0.2"},
+        "circular": {"azimuth_resolution": "0"},
+    }
+    panels = figure.subplots(1, len(own), sharex=True, sharey=True)
+    for axes, (mode, values) in zip(panels, own.items(), strict=True):
+        parameters = {f"sar_antenna.{k}": v for k, v in {"mode": mode, **common, **values}.items()}
+        scene = load_scene("tower", parameters=parameters)
+        middle = np.array([scene.image.center_x, scene.image.center_y])
+        half = 0.5 * np.array([scene.image.extent_range, scene.image.extent_azimuth])  # it flies north
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + middle
+        axes.add_patch(Polygon(corners, fill=False, color="#d62728"))
+        axes.plot(*middle, "+", color=INK)
+        axes.set_aspect("equal")
+        draw_beam(axes, scene.radar, scene.image.height, whole=True)
+        flown = float(np.linalg.norm(np.diff(scene.radar.track.position, axis=0), axis=1).sum())
+        axes.set_title(f"{mode}, track of {flown / 1e3:.3g} km", fontsize=10)
+        axes.set_xlabel("east (m)")
+    figure.axes[0].set_ylabel("north (m)")
+    return figure
+
+
+def _page(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+def _yard(folder: Path) -> Path:
+    """The scene file that modes.md shows."""
+    found = re.search(r"```xml\n(<scene.*?)```", _page("modes.md"), re.DOTALL)
+    assert found is not None
+    path = folder / "yard.xml"
+    path.write_text(found[1], encoding="utf-8")
+    return path
+
+
+def orbits() -> Figure:
+    """Two passes over a scene on the map, and the angles and the altitude of an orbit from the side."""
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    plan, side = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
+    anchor = Anchor.of_degrees(48.1, 11.6, 520.0)
+    time = np.linspace(-150.0, 150.0, 61)
+    aspect = 1.0 / np.cos(anchor.latitude)
+    for name, color in (("ascending", RAY), ("descending", "#d62728")):
+        wanted = OrbitRequest(514e3, np.radians(97.44), np.radians(35.0), ascending=name == "ascending")
+        path = circular_orbit(wanted, anchor, np.zeros(3))
+        track = np.degrees(anchor.to_geodetic(path.states(time)[0])[:, :2])
+        plan.plot(track[:, 1], track[:, 0], color=color, linewidth=1.4, label=f"{name}, satellite")
+        plan.annotate("", track[45, ::-1], track[43, ::-1], arrowprops={"arrowstyle": "-|>", "color": color})
+        # ground seen at zero Doppler between two incidence angles
+        position, velocity = path.states(time)
+        swath = []
+        for look in np.radians([18.0, 42.0]):
+            up = (
+                anchor.to_ecef(position) / np.linalg.norm(anchor.to_ecef(position), axis=1)[:, None]
+            ) @ anchor.axes.T
+            right = np.cross(velocity, up)
+            right /= np.linalg.norm(right, axis=1)[:, None]
+            line = (
+                np.sin(look) * right
+                - np.cos(look) * np.cross(right, velocity) / np.linalg.norm(velocity, axis=1)[:, None]
+            )
+            swath.append(np.degrees(_on_earth(anchor, position, line)[:, :2]))
+        edge = np.concatenate([swath[0], swath[1][::-1]])
+        plan.fill(edge[:, 1], edge[:, 0], color=color, alpha=0.15, label="looks of 18 to 42 deg")
+        here = track[time.size // 2]
+        plan.plot([here[1], 11.6], [here[0], 48.1], color=color, linestyle="--", linewidth=1.2)
+        plan.plot(here[1], here[0], "s", color=color)
+    plan.plot(11.6, 48.1, "o", color=INK)
+    _text(plan, 11.9, 48.4, "scene")
+    plan.set_xlim(0.0, 24.0)
+    plan.set_ylim(42.0, 54.0)
+    plan.set_aspect(aspect)
+    plan.set_xlabel("longitude (deg)", fontsize=9)
+    plan.set_ylabel("latitude (deg)", fontsize=9)
+    plan.legend(fontsize=7, loc="lower right")
+    plan.set_title("514 km, 97.44 deg, look_side right, incidence 35 deg", fontsize=10)
+    _orbit_from_the_side(side)
+    return figure
+
+
+def _orbit_from_the_side(side: Axes) -> None:
+    """Angles and altitude, the Earth drawn smaller than it is."""
+    radius, height, turn = 10.0, 4.2, np.radians(22.0)
+    ground = np.array([np.sin(turn), np.cos(turn)])
+    satellite, aim = np.array([0.0, radius + height]), radius * ground
+    angle = np.linspace(-0.35, 0.75, 100)
+    side.fill_between(radius * np.sin(angle), 4.0, radius * np.cos(angle), color=GROUND)
+    tangent = np.array([np.cos(turn), -np.sin(turn)])
+    _line(side, aim - 2.6 * tangent, aim + 2.6 * tangent, "#2ca02c")
+    _line(side, aim, aim + 3.4 * ground, GHOST, style="--")
+    _line(side, satellite, (0.0, 4.0), GHOST, style="--")
+    _line(side, satellite, aim, RAY)
+    line = np.degrees(np.arctan2(*(aim - satellite)[::-1]))
+    _arc(side, satellite, 270.0, 360.0 + line, 1.4)
+    _arc(side, aim, 90.0 - 22.0, 180.0 + line, 1.5)
+    side.plot(*satellite, "s", color=INK, markersize=9)
+    side.plot(*aim, "o", color=INK)
+    _text(side, 0.35, radius + height + 0.3, "satellite (flies into the page)")
+    _text(side, 0.15, 12.2, "look\nangle")
+    _text(side, 1.4, 13.0, "slant range R", color=RAY)
+    _text(side, 3.65, 11.35, "incidence_angle_deg")
+    _text(side, *(aim + 3.4 * ground + [0.15, 0.0]), "z, up at the anchor")
+    _text(side, *(aim + 2.6 * tangent + [0.2, 0.0]), "the scene's plane z = 0", color="#2ca02c", va="center")
+    _text(side, -0.15, 11.6, "orbit_altitude over\n6378.137 km", ha="right")
+    _arrow(side, (-0.08, radius), (-0.08, radius + height - 0.2), INK)
+    _text(side, -1.6, 8.0, "Earth (WGS-84),\nturning")
+    side.set_xlim(-3.2, 10.5)
+    side.set_ylim(7.0, 15.2)
+    side.set_aspect("equal")
+    side.set_axis_off()
+
+
+def _on_earth(anchor: Anchor, position: F64, line: F64) -> F64:
+    """Geodetic coordinates where lines from positions, both in the file's frame, meet the ellipsoid."""
+    distance = np.full(len(position), 5e5)
+    for _ in range(30):  # the height falls almost linearly along the line
+        point = anchor.to_geodetic(position + distance[:, None] * line)
+        further = anchor.to_geodetic(position + (distance + 10.0)[:, None] * line)
+        distance = distance - point[:, 2] * 10.0 / (further[:, 2] - point[:, 2])
+    return anchor.to_geodetic(position + distance[:, None] * line)
+
+
+def _panels(
+    scene: str,
+    variants: dict[str, list[str]],
+    window: str = "taylor",
+    scale: tuple[float, float] = (-45.0, 5.0),
+    *,
+    lying: bool = False,
+) -> Figure:
+    """Images beside each other, or lying on their sides one below the other."""
+    figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
+    rows, columns = (len(variants), 1) if lying else (1, len(variants))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
     for axes, (title, options) in zip(panels, variants.items(), strict=True):
-        image = _render(scene, [*options, "--window", "taylor"])
+        image = _render(scene, [*options, "--window", window])
         grid = image.grid
         decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
-        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=-45.0, vmax=5.0, origin="lower", extent=extent)
+        spans = [(grid.range[0], grid.range[-1]), (grid.azimuth[0], grid.azimuth[-1])]
+        if lying:
+            decibels, spans = decibels.T, spans[::-1]
+        extent = (*spans[0], *spans[1])
+        picture = axes.imshow(
+            decibels, cmap="gray", vmin=scale[0], vmax=scale[1], origin="lower", extent=extent
+        )
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("slant range (m)", fontsize=9)
         axes.tick_params(labelsize=8)
         axes.ticklabel_format(useOffset=False)
-    panels[0].set_ylabel("azimuth (m)", fontsize=9)
+        if lying:
+            axes.set_ylabel("slant range (m)", fontsize=9)
+        else:
+            axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
+    if lying:
+        panels[-1].set_xlabel("azimuth (m)", fontsize=9)
+    else:
+        panels[0].set_ylabel("azimuth (m)", fontsize=9)
     figure.colorbar(picture, ax=list(panels), label="sigma0 (dB)", shrink=0.95)
     return figure
 
@@ -208,7 +411,22 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
     axes.text(x, y, text, fontsize=9, **{"color": INK, **options})
 
 
-FIGURES = {figure.__name__: figure for figure in (geometry, paths, methods, effects, focusers)}
+FIGURES = {
+    figure.__name__: figure
+    for figure in (
+        geometry,
+        orbits,
+        paths,
+        methods,
+        effects,
+        azimuth_ambiguities,
+        focusers,
+        interferogram_tower,
+        modes,
+        footprints,
+    )
+}
+
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

@@ -23,15 +23,18 @@ if TYPE_CHECKING:
     )
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.sar_image import ImageGrid, SarImage
+    from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
     from sarmitsuba.loader.build import SceneMesh, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
+    from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
     from sarmitsuba.quality import image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
+    from sarmitsuba.radar.geodesy import Anchor
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
     from sarmitsuba.simulation.render import render
 
 _HOME = {
+    "Anchor": "sarmitsuba.radar.geodesy",
     "BackendError": "sarmitsuba.errors",
     "DataError": "sarmitsuba.errors",
     "ExtensionError": "sarmitsuba.errors",
@@ -70,13 +74,18 @@ _HOME = {
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
+    "cloude_pottier": "sarmitsuba.polarimetry",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
+    "height_map": "sarmitsuba.interferometry",
     "image_quality": "sarmitsuba.quality",
+    "interferogram": "sarmitsuba.interferometry",
     "link_budget": "sarmitsuba.link",
     "load_extension": "sarmitsuba.registry",
     "load_scene": "sarmitsuba.loader.load",
     "monostatic_rcs": "sarmitsuba.simulation.rcs",
+    "pauli_rgb": "sarmitsuba.polarimetry",
+    "polarimetry_report": "sarmitsuba.polarimetry",
     "read_image": "sarmitsuba.io",
     "read_raw": "sarmitsuba.io",
     "refine": "sarmitsuba.simulation.refinement.passes",
@@ -104,6 +113,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "Anchor",
     "BackendError",
     "DataError",
     "ExtensionError",
@@ -129,13 +139,18 @@ __all__ = [
     "Track",
     "__version__",
     "build_scene",
+    "cloude_pottier",
     "explain",
     "focus",
+    "height_map",
     "image_quality",
+    "interferogram",
     "link_budget",
     "load_extension",
     "load_scene",
     "monostatic_rcs",
+    "pauli_rgb",
+    "polarimetry_report",
     "read_image",
     "read_raw",
     "refine",

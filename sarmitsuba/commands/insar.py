@@ -1,18 +1,23 @@
-"""Render an interferometric pair of a scene and evaluate it: two parallel passes, phase, coherence and heights.
+"""Render an interferometric pair of a scene and evaluate it: phase, coherence and heights.
 
-The second pass is the first moved by a baseline across the line of sight. Both runs stay in OUT/first and OUT/second;
-`interferogram OUT/first OUT/second` evaluates them again. See docs/interferometry.md.
+The second pass is the first moved by a baseline across the line of sight; with --one-pass it is a second receiver. Both
+runs stay in OUT/first and OUT/second; `interferogram OUT/first OUT/second` evaluates them again. See
+docs/interferometry.md.
 """
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands import interferogram, render
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import scene_of
 
+if TYPE_CHECKING:
+    from sarmitsuba.scene.scene import Scene
+
 NAME = "insar"
-HELP = "render two passes over a scene and make their interferogram"
+HELP = "render two passes over a scene, or one with two receivers, and make their interferogram"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,13 +31,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="perpendicular baseline, m, positive upwards (default: the scene's relief is 0.6 of the height of "
         "ambiguity, but at most a fifth of the critical baseline)",
     )
+    group.add_argument(
+        "--one-pass",
+        action="store_true",
+        help="one transmission and two receivers, the second beside the first, in place of two passes",
+    )
     interferogram.add_pair_arguments(group)  # type: ignore[arg-type]
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render both passes and evaluate them."""
-    import numpy as np
-
     from sarmitsuba.errors import DataError
     from sarmitsuba.interferometry import second_pass
 
@@ -40,21 +48,32 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise DataError("insar: --no-focus and --page belong to render; leave them out")
     out = Path(args.output)
     scene = scene_of(args)
-    relief = float(np.ptp(scene.geometry.vertices[:, 2])) if scene.geometry.n_faces else 0.0
-    offset = second_pass(scene.radar, relief, args.baseline)
+    offset = second_pass(scene.radar, relief_of(scene), args.baseline, passes=1 if args.one_pass else 2)
     render.run(_changed(args, out / "first"), console)
     second = _changed(args, out / "second", no_focus=True)
     second.define = [
         *args.define,
-        *((f"sar_antenna.pass_offset_{axis}", repr(v)) for axis, v in offset.items()),
+        *((f"sar_antenna.{name}", repr(value)) for name, value in offset.parameters.items()),
     ]
     render.run(second, console)
     pair = argparse.Namespace(**{**vars(args), "first": str(out / "first"), "second": str(out / "second")})
     return interferogram.run(pair, console)
 
 
+def relief_of(scene: "Scene") -> float:
+    """From the lowest to the highest corner of the geometry in the image, m; of all geometry where there is none."""
+    import numpy as np
+
+    corners, image = scene.geometry.vertices, scene.image
+    if not corners.size:
+        return 0.0
+    reach = 0.5 * float(np.hypot(image.extent_azimuth, image.extent_range))
+    inside = np.linalg.norm(corners[:, :2] - [image.center_x, image.center_y], axis=1) <= reach
+    return float(np.ptp(corners[inside if inside.any() else slice(None), 2]))
+
+
 def _changed(args: argparse.Namespace, output: Path, **changes: object) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), "output": str(output), **changes})
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "run"]
+__all__ = ["HELP", "NAME", "add_arguments", "relief_of", "run"]

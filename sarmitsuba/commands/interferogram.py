@@ -82,7 +82,7 @@ def evaluate(
     import numpy as np
 
     from sarmitsuba.commands.output import output_folder
-    from sarmitsuba.interferometry import heights, interferogram, unwrapped_phase
+    from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.interferogram import interferogram_figure
@@ -98,7 +98,7 @@ def evaluate(
     found = None
     if pair.baseline.perpendicular:
         phase = unwrapped_phase(pair) if args.unwrap else None
-        found = heights(pair, phase, lowest=args.lowest_height)
+        found = height_map(pair, phase, lowest=args.lowest_height)
     for line in _table(pair, found):
         console.say(line)
     with output_folder(output) as folder:

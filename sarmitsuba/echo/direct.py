@@ -75,6 +75,15 @@ def box_distance(box: F64, position: F64) -> tuple[F64, F64]:
     return np.linalg.norm(position - nearest, axis=-1), np.linalg.norm(position - farthest, axis=-1)
 
 
+def box_slant_range(box: F64, radar: Radar, pulses: slice) -> tuple[F64, F64]:
+    """Bounds of the slant ranges of a box, two (n_pulses,) float64, m; of two antennas the mean of both bounds."""
+    bounds = [box_distance(box, track.position[pulses]) for track in radar.tracks]
+    if len(bounds) == 1:
+        return bounds[0]
+    (a_near, a_far), (b_near, b_far) = bounds
+    return 0.5 * (a_near + b_near), 0.5 * (a_far + b_far)
+
+
 def plan_direct(
     radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_slant_range: float = 0.0
 ) -> DirectPlan:
@@ -89,7 +98,7 @@ def plan_direct(
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
     """
     cell, window = radar.waveform.range_cell, radar.window
-    near, far = box_distance(np.asarray(box, dtype=np.float64), radar.track.position[start:stop])
+    near, far = box_slant_range(np.asarray(box, dtype=np.float64), radar, slice(start, stop))
     far = far + extra_slant_range
     first = window.start_range[start:stop]
     low = float((first - far).min()) - cell
@@ -145,4 +154,4 @@ def finish(grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar) ->
     return to_window(grid, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, plan.kernel)
 
 
-__all__ = ["DirectPlan", "box_distance", "finish", "plan_direct", "spread_reference"]
+__all__ = ["DirectPlan", "box_distance", "box_slant_range", "finish", "plan_direct", "spread_reference"]

@@ -99,6 +99,10 @@ class ImageGrid:
             flat + self.azimuth[row] * self.along + self.across_distance()[:, None] * self.across
         )
 
+    def geodetic(self) -> NDArray[np.float64]:
+        """(n_azimuth, n_range, 3) float64 WGS-84 latitude and longitude (rad) and height (m) of every pixel."""
+        return self.anchor.to_geodetic(self.positions() + self.offset)
+
     def positions(self) -> NDArray[np.float64]:
         """(n_azimuth, n_range, 3) float64 scene-frame position of every pixel."""
         flat = self.origin * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, self.height])

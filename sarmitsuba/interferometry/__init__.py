@@ -1,7 +1,7 @@
 """Interferometry: what two images of one scene say together."""
 
 from sarmitsuba.interferometry.baseline import Baseline
-from sarmitsuba.interferometry.heights import HeightMap, heights, unwrapped_phase
+from sarmitsuba.interferometry.heights import HeightMap, height_map, unwrapped_phase
 from sarmitsuba.interferometry.interferogram import Interferogram, interferogram
 from sarmitsuba.interferometry.planning import PassOffset, second_pass
 
@@ -10,7 +10,7 @@ __all__ = [
     "HeightMap",
     "Interferogram",
     "PassOffset",
-    "heights",
+    "height_map",
     "interferogram",
     "second_pass",
     "unwrapped_phase",

@@ -62,7 +62,7 @@ class Baseline:
         line = point - first.center
         distance = float(np.linalg.norm(line))
         sight = line / distance
-        forward = first.velocity / np.linalg.norm(first.velocity)
+        forward = first.forward
         normal = np.cross(sight, forward)
         normal *= np.copysign(1.0, normal[2]) / np.linalg.norm(normal)
         flight = np.cross(normal, sight)

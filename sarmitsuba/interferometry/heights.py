@@ -82,7 +82,7 @@ def unwrapped_phase(pair: Interferogram, least_coherence: float = 0.3) -> F64:
     return np.asarray(found - 2.0 * np.pi * turns, dtype=np.float64)
 
 
-def heights(pair: Interferogram, phase: F64 | None = None, *, lowest: float | None = None) -> HeightMap:
+def height_map(pair: Interferogram, phase: F64 | None = None, *, lowest: float | None = None) -> HeightMap:
     r"""Heights and places of every block: the point q of the range, Doppler and phase that it has.
 
     .. math:: R_1(q) = R_1(p), \quad f_{D1}(q) = f_{D1}(p), \quad
@@ -170,4 +170,4 @@ def phase_sigma(coherence: F64, looks: float) -> F64:
     return np.asarray(np.minimum(np.sqrt((1.0 - square) / (2.0 * looks * square)), np.pi / np.sqrt(3.0)))
 
 
-__all__ = ["HeightMap", "heights", "phase_sigma", "unwrapped_phase"]
+__all__ = ["HeightMap", "height_map", "phase_sigma", "unwrapped_phase"]

@@ -194,6 +194,10 @@ def check_pair(first: SarImage, second: SarImage, channel: str) -> None:
             raise DataError(
                 f"interferogram: the {number} image has no channel {channel}, only {', '.join(image.channels)}"
             )
+        if image.metadata.get("focus", {}).get("all_round"):
+            raise DataError(
+                f"interferogram: the {number} image was made from all sides and has no line of sight; take another mode"
+            )
         if image.metadata.get("focus", {}).get("method") == "raster":
             raise DataError(
                 f"interferogram: the {number} image was made by method raster, whose speckle is drawn anew for every "

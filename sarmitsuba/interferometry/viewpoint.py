@@ -11,8 +11,8 @@ from sarmitsuba.radar.flight import Flight
 
 F64 = NDArray[np.float64]
 
-# rounds of Newton's method for the time at which a point is at the beam's squint; each squares the error
-_ROUNDS = 4
+# rounds for the time at which a point is at the beam's squint: the orbit's curvature leaves a tenth of the error each
+_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,13 @@ class Viewpoint:
         time = np.full(points.shape[:-1], path.span[1])
         if self.squint_sine is None:
             return time
-        speed = float(np.linalg.norm(path.velocity))
-        forward = path.velocity / speed
+        tangent = self.squint_sine / np.sqrt(1.0 - self.squint_sine**2)
         for _ in range(_ROUNDS):
-            line = points - path.position(time)
-            x = line @ forward
-            closest = np.linalg.norm(line - x[..., None] * forward, axis=-1)
-            time = time + (x - closest * self.squint_sine / np.sqrt(1.0 - self.squint_sine**2)) / speed
+            line, velocity = points - path.position(time), path.velocity_at(time)
+            speed = np.linalg.norm(velocity, axis=-1)
+            x = np.sum(line * velocity, axis=-1) / speed
+            closest = np.sqrt(np.sum(line**2, axis=-1) - x**2)
+            time = time + (x - closest * tangent) / speed
         return time
 
     def antennas(self, time: F64) -> tuple[F64, F64]:
@@ -80,8 +80,12 @@ class Viewpoint:
 
     def look(self, points: F64) -> "Look":
         """What is seen of points (..., 3), m: the antennas stay where each point's aperture has its middle."""
-        transmitter, receiver = self.antennas(self.time(points))
-        return Look(transmitter, receiver, self.transmitter.velocity)
+        time = self.time(points)
+        transmitter, receiver = self.antennas(time)
+        velocity = (
+            self.transmitter.velocity if self.squint_sine is None else self.transmitter.velocity_at(time)
+        )
+        return Look(transmitter, receiver, velocity / np.linalg.norm(velocity, axis=-1, keepdims=True))
 
     def distance(self, points: F64) -> F64:
         """(...,) m: slant range of points (..., 3), half the way there and back."""
@@ -95,12 +99,12 @@ class Look:
     Parameters
     ----------
     transmitter, receiver : (..., 3) float64, m
-    velocity : (3,) float64, m/s
+    forward : (3,) or (..., 3) float64, unit vector of flight
     """
 
     transmitter: F64
     receiver: F64
-    velocity: F64
+    forward: F64
 
     @property
     def center(self) -> F64:
@@ -121,16 +125,15 @@ class Look:
     def sine(self, points: F64) -> F64:
         """(...,): sine of the direction to points along the flight, from the phase centre; constant at one Doppler."""
         line = points - self.center
-        forward = self.velocity / np.linalg.norm(self.velocity)
-        return np.asarray((line @ forward) / np.linalg.norm(line, axis=-1))
+        return np.asarray(np.sum(line * self.forward, axis=-1) / np.linalg.norm(line, axis=-1))
 
     def sine_gradient(self, points: F64) -> F64:
         """(..., 3): change of `sine` per metre."""
         line = points - self.center
         distance = np.linalg.norm(line, axis=-1, keepdims=True)
-        forward = self.velocity / np.linalg.norm(self.velocity)
         unit = line / distance
-        return np.asarray((forward - (unit @ forward)[..., None] * unit) / distance)
+        sine = np.sum(unit * self.forward, axis=-1, keepdims=True)
+        return np.asarray((self.forward - sine * unit) / distance)
 
 
 __all__ = ["Look", "Viewpoint"]

@@ -13,7 +13,7 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.path import FlightPath
-from sarmitsuba.radar.pulse_timing import pulse_timing
+from sarmitsuba.radar.pulse_intervals import pulse_intervals
 from sarmitsuba.radar.sliding import BeamOverPath
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 from sarmitsuba.radar.track import Track
@@ -24,6 +24,8 @@ F64 = NDArray[np.float64]
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000
 MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
+# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to a straight track: rounding
+_FIXED = 1e-9
 _REPLACED_BY_TRACK = (
     "slant_range",
     "look_angle_deg",
@@ -37,6 +39,9 @@ _REPLACED_BY_TRACK = (
     "n_pulses",
     "azimuth_resolution",
     "orbit_altitude",
+    "orbit_inclination_deg",
+    "orbit_pass",
+    "incidence_angle_deg",
     "state_vectors_file",
 )
 
@@ -192,7 +197,7 @@ class _Wanted:
         """
         if not np.isfinite(half_aperture):
             return self.length()
-        if self.beam.footprint_speed != 1.0:
+        if abs(self.beam.footprint_speed - 1.0) > _FIXED:
             points = self.box.samples() @ self.box.axes + self.box.origin
             return self.beam.track_length(points, half_aperture, self.given.where)
         offset = self.box.samples() + self.geometry.axes @ (self.geometry.aim - self.geometry.center)
@@ -269,7 +274,7 @@ def automatic_track(
             f"{where}: {n} pulses at prf = {prf:g} Hz and speed = {speed:g} m/s make an aperture of "
             f"{n * speed / prf:g} m, more than four slant ranges ({longest:g} m); raise prf or take fewer pulses"
         )
-    return pulse_timing(given).track(path, prf, n), half
+    return pulse_intervals(given).track(path, prf, n), half
 
 
 def _whole_path(
@@ -299,7 +304,7 @@ def _whole_path(
             f"{where}: a track of {length:g} m needs {n} pulses, more than {MAX_PULSES}; shrink the image, narrow "
             "the beam or fly a shorter arc"
         )
-    return pulse_timing(given).track(path, n * path.speed / length, n)
+    return pulse_intervals(given).track(path, n * path.speed / length, n)
 
 
 def _prf_for_pulses(needed: Callable[[float], float], n: int, speed: float, lowest: float) -> float:

@@ -91,7 +91,7 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=at_once)
     if own:
         if not radar.mode_law.instantaneous_doppler:
-            needed += 4.0 * speed / lam * radar.half_aperture
+            needed += 4.0 * speed / lam * radar.half_turn
         share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
     else:
         share = _share_by_place(seen, image, apart)

@@ -69,6 +69,13 @@ class Flight:
         series = np.polynomial.chebyshev.chebval(_scaled(time, self.span[0], self.span[2]), self.coefficients)
         return np.asarray(self.center + np.moveaxis(series, 0, -1))
 
+    def velocity_at(self, time: F64) -> F64:
+        """(..., 3) float64, m/s, at times (...), s; of the polynomial, so that there must be two pulses."""
+        first, _, last = self.span
+        slope = np.polynomial.chebyshev.chebder(self.coefficients) * (2.0 / (last - first))
+        series = np.polynomial.chebyshev.chebval(_scaled(time, first, last), slope)
+        return np.asarray(np.moveaxis(series, 0, -1))
+
     def as_dict(self) -> FlightFacts:
         """JSON-able facts; `from_dict` reads them."""
         return {

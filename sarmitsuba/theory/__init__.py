@@ -1,5 +1,6 @@
 """Closed forms that the simulator is assessed against, gathered under one name."""
 
+from sarmitsuba.theory import polarimetry
 from sarmitsuba.theory.ambiguity import (
     azimuth_ambiguity_ratio,
     azimuth_ghost,
@@ -12,6 +13,7 @@ from sarmitsuba.theory.beam import (
     mispointed_level,
     uniform_aperture_gain,
 )
+from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
@@ -94,6 +96,8 @@ __all__ = [
     "baseline_coherence",
     "beam_cell",
     "beam_taper",
+    "bistatic_po",
+    "bistatic_range",
     "bridge_returns",
     "building_returns",
     "canonical_building",
@@ -101,6 +105,7 @@ __all__ = [
     "circular_response",
     "coherence_pdf",
     "coherent_loss",
+    "corner_line",
     "critical_baseline",
     "cylinder_rcs",
     "dihedral",
@@ -132,6 +137,7 @@ __all__ = [
     "plate_amplitude",
     "plate_rcs",
     "point_snr",
+    "polarimetry",
     "range_ambiguity_ratio",
     "received_power",
     "rolled_dihedral",

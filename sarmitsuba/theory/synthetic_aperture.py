@@ -69,9 +69,8 @@ def half_power_width(wavelength: float, half: float, taper: Taper | None = None)
     weight = weight * (np.ones_like(sine) if taper is None else taper(sine))
 
     def above_half(x: float) -> float:
-        return float(np.sum(weight * np.cos(4.0 * np.pi / wavelength * sine * x)) / weight.sum()) - np.sqrt(
-            0.5
-        )
+        level = np.sum(weight * np.cos(4.0 * np.pi / wavelength * sine * x)) / weight.sum()
+        return float(level - np.sqrt(0.5))
 
     # the half-power point of any taper that falls to its ends lies between a uniform band's and four times that
     cell = wavelength / (4.0 * half)

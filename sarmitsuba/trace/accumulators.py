@@ -198,10 +198,9 @@ class BlockAccumulator(GridAccumulator):
         plan = self.plan
         range0 = contribution.slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
-        rate_reference = (plan.position - plan.reference) @ plan.velocity / plan.reference_range
-        y = (contribution.range_rate - dr.opaque(mi.Float64, rate_reference + plan.range_rate0)) * dr.opaque(
-            mi.Float64, 1.0 / plan.range_rate_step
-        )
+        y = (
+            contribution.range_rate - dr.opaque(mi.Float64, plan.reference_rate + plan.range_rate0)
+        ) * dr.opaque(mi.Float64, 1.0 / plan.range_rate_step)
         inside = self.spread(contribution, range0, (x, y), (plan.kernel, plan.range_rate_kernel))
         lost = contribution.active & (~inside | self.outside(contribution))
         return self.counted(state, contribution, lost)

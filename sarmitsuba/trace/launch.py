@@ -1,6 +1,6 @@
 """Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -228,6 +228,7 @@ class PulseBatch:
     frame : launch planes, one for all pulses or one each
     boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic; without
         ``azimuth_axis`` alone the azimuth pattern is left to the synthesis of a block
+    receiver : state of another antenna that receives; None: the one that transmits does
     """
 
     position: F64
@@ -236,6 +237,13 @@ class PulseBatch:
     boresight: F64 | None = None
     azimuth_axis: F64 | None = None
     elevation_axis: F64 | None = None
+    receiver: "PulseBatch | None" = None
+
+    @property
+    def without_azimuth(self) -> "PulseBatch":
+        """The same with the azimuth pattern left to a block's synthesis."""
+        receiver = None if self.receiver is None else self.receiver.without_azimuth
+        return replace(self, azimuth_axis=None, receiver=receiver)
 
     @property
     def n_pulses(self) -> int:

@@ -18,6 +18,8 @@ TOPICS = {
     "rough": "Rough surfaces",
     "geometry": "Geometry of the image",
     "radiometry": "Radiometry end to end",
+    "antenna": "Antenna, ambiguities and pulse timing",
+    "polarimetry": "Polarimetry",
     "statistics": "Statistics",
     "full_wave": "Against exact solutions: where physical optics ends",
 }

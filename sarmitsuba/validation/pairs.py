@@ -1,14 +1,16 @@
 """Interferometric pairs of small scenes at drawn headings, sides and look angles, with automatic settings."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.noise import add_noise
+from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import SarmitsubaWarning
-from sarmitsuba.focusing import focus
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.interferometry import Interferogram, interferogram, second_pass
 from sarmitsuba.materials.material import Material
@@ -74,7 +76,8 @@ class Setting:
         self, corner: tuple[float, ...], a: tuple[float, ...], b: tuple[float, ...]
     ) -> targets.Mesh:
         """Parallelogram given away from the radar, to the left of that, and up."""
-        return targets.parallelogram(*(np.asarray(v) @ self.axes for v in (corner, a, b)))
+        corners = [np.asarray(v, dtype=np.float64) @ self.axes for v in (corner, a, b)]
+        return targets.parallelogram(corners[0], corners[1], corners[2])
 
     def local(self, points: F64) -> F64:
         """Scene points (..., 3) away from the radar, to the left of that, and up."""
@@ -110,17 +113,30 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Both images of a scene and their radars.
+    """Both passes over a scene.
 
     Parameters
     ----------
-    images, radars : first and second
+    raws, images : first and second, without receiver noise unless `with_noise` made them
     setting : how the scene was seen
     """
 
+    raws: tuple[RawData, RawData]
     images: tuple[SarImage, SarImage]
-    radars: tuple[Radar, Radar]
     setting: Setting
+
+    @property
+    def radars(self) -> tuple[Radar, Radar]:
+        """Of both passes."""
+        return self.raws[0].radar, self.raws[1].radar
+
+    def with_noise(self, ratio: float) -> "Pair":
+        """The same with noise of so many times the image's mean sigma0 in each receiver."""
+        warm = focus(_noisy(self.raws[0], 1.0), self.images[0].grid)
+        temperature = ratio * float(self.images[0].sigma0().mean()) / warm.metadata["focus"]["nesz"]
+        one, two = (_noisy(raw, temperature) for raw in self.raws)
+        grid = self.images[0].grid
+        return Pair((one, two), (focus(one, grid), focus(two, grid)), self.setting)
 
     @property
     def perpendicular(self) -> float:
@@ -143,6 +159,7 @@ def pair_of(
     materials: tuple[Material, ...] = (ROUGH,),
     relief: float = 0.0,
     baseline: float | None = None,
+    window: str = "rectangular",
 ) -> Pair:
     """Simulate both passes over a scene with automatic settings and focus them on the first's grid.
 
@@ -153,15 +170,22 @@ def pair_of(
     extent : of the image, m
     materials : of the meshes
     relief, baseline : as for `sarmitsuba.interferometry.second_pass`
+    window : in azimuth and range
     """
     first = setting.scene(meshes, materials, extent)
     offset = second_pass(first.radar, relief, baseline)
     second = setting.scene(meshes, materials, extent, **offset.parameters)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
-        one = focus(simulate(first), request=first.image)
-        two = focus(simulate(second), one.grid)
-    return Pair((one, two), (first.radar, second.radar), setting)
+        raws = simulate(first), simulate(second)
+    grid = default_grid(first.radar, first.image)
+    one, two = (focus(raw, grid, range_window=window, azimuth_window=window) for raw in raws)
+    return Pair(raws, (one, two), setting)
+
+
+def _noisy(raw: RawData, temperature: float) -> RawData:
+    """Raw data with the noise of a receiver of that temperature, K."""
+    return add_noise(replace(raw, radar=replace(raw.radar, noise_temperature=temperature)))
 
 
 __all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "Setting", "pair_of"]

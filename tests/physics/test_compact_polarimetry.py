@@ -1,20 +1,24 @@
 """Compact polarimetry: circular or slanted transmit is the sum of the linear channels, ray by ray."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.polarisation import COMPACT, LINEAR, isotropic_response
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
-from sarmitsuba.validation.chain import make_scene
-from sarmitsuba.validation.targets import PEC, geometry, parallelogram
+from sarmitsuba.simulation.render import render
+from sarmitsuba.validation.chain import Parameter, make_scene
+from sarmitsuba.validation.targets import PEC, geometry, parallelogram, plate
 
 FREQUENCY = 9.65e9
 ROUGH = Material(
@@ -127,3 +131,59 @@ def test_an_isotropic_point_through_raw_data_and_the_path_table() -> None:
     assert len(table) == 1 and row["HV"] == 0.0
     for name in COMPACT:
         assert row[name] == pytest.approx(combined(linear, name))
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # a scene smaller than its image
+@pytest.mark.parametrize("method", ["hybrid", "image"])
+def test_images_of_compact_channels_are_sums_of_the_linear_ones(method: Literal["hybrid", "image"]) -> None:
+    """Whole chain with automatic settings; the plan may see another set of channels, the rays are the same."""
+    common: dict[str, Parameter] = {
+        "slant_range": 1000.0,
+        "look_angle_deg": 40.0,
+        "heading_deg": 180.0,
+        "azimuth_resolution": 1.0,
+        "bandwidth": 150e6,
+        "image_extent_azimuth": 12.0,
+        "image_extent_range": 12.0,
+    }
+    shape = corner(np.random.default_rng(8))
+
+    def made(channels: tuple[str, ...]) -> SarImage:
+        scene = make_scene(
+            shape,
+            (PEC[0], ROUGH),
+            {**common, "polarisation": ",".join(channels)},
+            settings=TraceSettings(method=method, max_depth=2),
+        )
+        return render(scene)
+
+    quad_image, compact = made(LINEAR), made(("RH", "RV"))
+    quad = np.stack([quad_image.total(c) for c in LINEAR], axis=-1).astype(np.complex128)
+    for channel in ("RH", "RV"):
+        expected = combined(quad, channel)
+        # tol: float32 sums and the packed grid's rounding
+        assert np.abs(compact.total(channel) - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # no speckle, on purpose
+def test_the_raster_shares_power_between_compact_channels() -> None:
+    """Incoherent: RH = (HH + HV) / 2, RV = (HV + VV) / 2 in power, for every pixel without its speckle."""
+    common: dict[str, Parameter] = {
+        "slant_range": 1000.0,
+        "look_angle_deg": 40.0,
+        "azimuth_resolution": 1.0,
+        "bandwidth": 150e6,
+        "image_extent_azimuth": 12.0,
+        "image_extent_range": 12.0,
+        "polarisation": "HH,HV,VH,VV,RH,RV",
+    }
+    scene = make_scene(
+        plate(40.0, 40.0),
+        (ROUGH,),
+        common,
+        settings=TraceSettings(method="raster", max_depth=1, effects={"speckle": "off"}),
+    )
+    power = {name: render(scene).rcs(name) for name in scene.radar.channels}
+    assert power["RH"] == pytest.approx(0.5 * (power["HH"] + power["VH"]), rel=1e-4)
+    assert power["RV"] == pytest.approx(0.5 * (power["HV"] + power["VV"]), rel=1e-4)
+    assert power["HV"].mean() > 0.01 * power["HH"].mean()

@@ -91,9 +91,9 @@ def test_range_ratio_of_a_known_case() -> None:
 def test_uneven_pulses_against_sums_over_them() -> None:
     rng = np.random.default_rng(1)
     n, sigma, turns = 64, 0.05, np.array([0.0, 0.13, 0.5, 1.0])
-    times = np.cumsum(1.0 + sigma * rng.standard_normal((20000, n)), axis=1)
+    times = np.cumsum(1.0 + sigma * rng.standard_normal((6000, n)), axis=1)
     power = np.abs(np.exp(-2j * np.pi * turns[:, None, None] * times).mean(axis=2)) ** 2
-    want, scatter = power.mean(axis=1), power.std(axis=1) / np.sqrt(20000)
+    want, scatter = power.mean(axis=1), power.std(axis=1) / np.sqrt(6000)
     assert np.all(np.abs(theory.jittered_response(turns, sigma, n) - want) < 5.0 * scatter + 1e-12)
     # far from the peaks and for many pulses, the renewal spectrum: a mean over the leakage of 2 / n
     many = 4096

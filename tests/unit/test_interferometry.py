@@ -12,7 +12,7 @@ from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.interferometry import heights, interferogram, unwrapped_phase
+from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
 from sarmitsuba.interferometry.interferogram import independent_looks
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.radar import Radar
@@ -118,7 +118,7 @@ def test_a_point_of_any_height_is_found_where_it_is(seed: int, passes: int) -> N
     one, two, point, first, moved = pair(seed, passes)
     both = interferogram(one, two, (1, 1))
     peak = np.unravel_index(int(np.argmax(both.powers[0])), both.grid.shape)
-    found = heights(both, lowest=-0.5 * both.baseline.height_of_ambiguity)
+    found = height_map(both, lowest=-0.5 * both.baseline.height_of_ambiguity)
     missed = found.points[peak] - point
     antenna = both.views[0].look(point[None])
     sight = antenna.gradient(point[None])[0]
@@ -220,7 +220,7 @@ def test_the_phase_scatters_as_theory_says(coherence: float) -> None:
     expected = theory.expected_coherence(coherence, both.independent_looks)
     # tol: four standard errors; 0.01 because samples within a block are correlated, not independent
     assert abs(mean - expected) < 4.0 * sigma + 0.01
-    found = heights(both)
+    found = height_map(both)
     assert (
         np.median(found.sigma)
         == pytest.approx(
@@ -260,7 +260,7 @@ def test_a_ramp_is_unwrapped() -> None:
     # tol: the phase's own scatter of 0.1 rad; none is a turn away
     assert np.abs(away).max() < 1.0 and np.abs(away).mean() < 0.1
     assert np.isnan(unwrapped_phase(interferogram(*white_pair(0.5), (4, 4)), 0.6)).any()
-    place = heights(both, found)
+    place = height_map(both, found)
     assert np.ptp(place.z) == pytest.approx(np.ptp(found) / abs(both.vertical_wavenumber()).mean(), rel=0.05)
 
 
@@ -329,7 +329,7 @@ def test_what_makes_no_interferogram_is_refused_in_one_line() -> None:
     with pytest.raises(DataError, match="looks of 0 x 4 pixels in an image of 32 x 32"):
         interferogram(one, two, (0, 4))
     with pytest.raises(DataError, match="heights need a perpendicular baseline"):
-        heights(interferogram(one, one))
+        height_map(interferogram(one, one))
     with pytest.raises(DataError, match=r"no block has a coherence of 1\.1"):
         unwrapped_phase(interferogram(one, two), 1.1)
 

@@ -15,7 +15,7 @@ from sarmitsuba.radar.attitude import PointingError
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.path import StraightPath
-from sarmitsuba.radar.pulse_timing import PulseTiming
+from sarmitsuba.radar.pulse_intervals import PulseIntervals
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import Method, TraceSettings
@@ -102,17 +102,17 @@ def test_parameters_without_effect_are_refused(values: dict[str, object], said: 
 
 
 def test_times_of_pulses() -> None:
-    even = PulseTiming().times(250.0, 9)
+    even = PulseIntervals().times(250.0, 9)
     np.testing.assert_allclose(even, (np.arange(9) - 4.0) / 250.0, atol=1e-15)
-    turns = PulseTiming(sequence=(0.8, 1.0, 1.2)).times(100.0, 10)
+    turns = PulseIntervals(sequence=(0.8, 1.0, 1.2)).times(100.0, 10)
     np.testing.assert_allclose(np.diff(turns), np.tile([0.008, 0.010, 0.012], 3), atol=1e-15)
     assert turns[0] == -turns[-1]
-    random = np.diff(PulseTiming(jitter=0.1, seed=4).times(100.0, 20001)) * 100.0
+    random = np.diff(PulseIntervals(jitter=0.1, seed=4).times(100.0, 20001)) * 100.0
     assert random.mean() == pytest.approx(1.0, abs=5 * 0.1 / np.sqrt(20000))  # tol: 5 sigma
     assert random.std() == pytest.approx(0.1, rel=5 / np.sqrt(40000))  # tol: 5 sigma
     assert abs(np.corrcoef(random[1:], random[:-1])[0, 1]) < 5 / np.sqrt(20000)  # independent
     path = StraightPath(np.array([1.0, 2.0, 3.0]), np.array([0.0, 50.0, 0.0]))
-    track = PulseTiming(sequence=(0.5, 1.5)).track(path, 100.0, 5)
+    track = PulseIntervals(sequence=(0.5, 1.5)).track(path, 100.0, 5)
     np.testing.assert_allclose(track.position[:, 1], 2.0 + 50.0 * track.time)
     ramp = point_scene(pri_sequence="ramp:20:0.4").radar.track.time
     assert np.diff(ramp)[[0, 19]] * 150.0 == pytest.approx([1.2, 0.8])

@@ -9,9 +9,14 @@ import sarmitsuba
 
 FUNCTIONS = {
     "build_scene": ("meshes", "points", "radar"),
+    "cloude_pottier": ("coherency",),
     "explain": ("scene",),
     "focus": ("raw", "grid"),
+    "height_map": ("pair", "phase", "lowest"),
     "image_quality": ("image", "points", "areas"),
+    "pauli_rgb": ("coherency",),
+    "polarimetry_report": ("image", "looks"),
+    "interferogram": ("first", "second", "looks"),
     "read_image": ("path",),
     "read_raw": ("path",),
     "refine": ("scene",),

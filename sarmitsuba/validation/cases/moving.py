@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.image.sar_image import SarImage
@@ -22,6 +23,7 @@ from sarmitsuba.validation.comparison import Case, Comparison
 
 F64 = NDArray[np.float64]
 RANGE, SPEED, CELL, FREQUENCY = 5e3, 150.0, 1.0, 9.65e9
+WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 # m, edges of the corner and of the wall
 EDGE, WALL = 0.5, 2.0
 # s, between the looks of the along-track interferogram
@@ -190,7 +192,7 @@ def displacement(quick: bool = False) -> Case:
         x_label="range speed (m/s)",
         y_label="displacement along the track (m)",
         comparisons=tuple(comparisons),
-        note=f"X band, {RANGE / 1e3:g} km, {SPEED:g} m/s, cell {CELL:g} m; heading, side and look angle drawn at random.",
+        note=f"X band, {RANGE / 1e3:g} km, {SPEED:g} m/s, cell {CELL:g} m; heading, side and look angle drawn.",
     )
 
 
@@ -223,7 +225,7 @@ def smear(quick: bool = False) -> Case:
                 np.asarray(motion.velocity),
                 np.asarray(motion.acceleration),
             )
-            phase = theory.quadratic_phase(change, view.time, bandwidth_wavelength())
+            phase = theory.quadratic_phase(change, view.time, WAVELENGTH)
             want.append(float(theory.smear_loss_db(phase)))
         comparisons.append(
             Comparison(
@@ -243,18 +245,13 @@ def smear(quick: bool = False) -> Case:
         name="moving_smear",
         topic="geometry",
         title="What moves along the track or accelerates smears",
-        formula="(C^2(s) + S^2(s)) / s^2, s^2 = 2 phi / pi, phi = pi D T^2 / (2 lambda), D = (|v-w|^2 - v^2) / R + a.d",
+        formula="(C^2(s) + S^2(s)) / s^2, s^2 = 2 phi / pi, phi = pi D T^2 / 2 lambda, D = (|v-w|^2 - v^2) / R + a.d",
         source=SOURCE + "; Carrara et al., Spotlight SAR (1995), ch. 5",
         x_label="azimuth speed over 3.6 m/s, acceleration over 0.4 m/s^2",
         y_label="loss of the peak (dB)",
         comparisons=tuple(comparisons),
         note="Uniform aperture; the middle of the response is the peak up to a quadratic phase of pi.",
     )
-
-
-def bandwidth_wavelength() -> float:
-    """Wavelength of the cases, m."""
-    return 299792458.0 / FREQUENCY
 
 
 def along_track(quick: bool = False) -> Case:
@@ -273,7 +270,7 @@ def along_track(quick: bool = False) -> Case:
         early, late = (_look(scene, lag) for lag in (0.0, LAG))
         at = np.unravel_index(int(np.argmax(np.abs(early))), early.shape)
         got.append(float(np.degrees(np.angle(late[at] * np.conj(early[at])))))
-    want = np.degrees(theory.along_track_phase(speeds, LAG, bandwidth_wavelength()))
+    want = np.degrees(theory.along_track_phase(speeds, LAG, WAVELENGTH))
     difference = (np.asarray(got) - want + 180.0) % 360.0 - 180.0
     return Case(
         name="along_track_phase",

@@ -204,7 +204,7 @@ def pattern_width(antenna_length: float, wavelength: float) -> float:
 def orbit_points(quick: bool = False) -> Case:
     """Place and width of points under drawn passes, by automatic settings."""
     comparisons = []
-    n_seeds = 1 if quick else 6
+    n_seeds = 1 if quick else 4
     for mode in ("spotlight", "stripmap"):
         place, width = [], []
         for m, mission in enumerate(MISSIONS[:2] if quick else MISSIONS):

@@ -17,7 +17,7 @@ _LONGEST_SEQUENCE = 100_000
 
 
 @dataclass(frozen=True)
-class PulseTiming:
+class PulseIntervals:
     r"""Intervals between pulses over their mean 1 / prf.
 
     .. math:: T_i = \frac{c_{i \bmod M}}{f_p} (1 + \sigma e_i)
@@ -56,8 +56,8 @@ class PulseTiming:
         return Track(time, *path.states(time))
 
 
-def pulse_timing(given: RadarInput) -> PulseTiming:
-    """The pulse timing of a description.
+def pulse_intervals(given: RadarInput) -> PulseIntervals:
+    """The intervals between pulses of a description.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def pulse_timing(given: RadarInput) -> PulseTiming:
         raise RadarError(
             f"{where}: prf_jitter_seed has no effect without prf_jitter; set prf_jitter above 0 or leave it out"
         )
-    return PulseTiming(_sequence(s.pri_sequence, where), s.prf_jitter, s.prf_jitter_seed)
+    return PulseIntervals(_sequence(s.pri_sequence, where), s.prf_jitter, s.prf_jitter_seed)
 
 
 def _sequence(text: str, where: str) -> tuple[float, ...]:
@@ -96,4 +96,4 @@ def _sequence(text: str, where: str) -> tuple[float, ...]:
     return tuple(float(step) for step in steps / steps.mean())
 
 
-__all__ = ["PulseTiming", "pulse_timing"]
+__all__ = ["PulseIntervals", "pulse_intervals"]

@@ -1,0 +1,98 @@
+"""Decompose an image of several polarisations.
+
+Of HH, HV, VH, VV: the colour composite of the Pauli basis, entropy, anisotropy and alpha (Cloude and Pottier) as maps
+and in their plane. Of RH, RV (LH, LV): the m-chi and m-delta composites. See docs/polarimetry.md.
+"""
+
+import argparse
+from pathlib import Path
+
+from sarmitsuba.commands.console import Console
+from sarmitsuba.commands.image_arguments import image_file
+
+NAME = "polarimetry"
+HELP = "Pauli colours, entropy, anisotropy, alpha of quad-pol images; m-chi, m-delta of compact ones"
+
+TABLE = "polarimetry.json"
+PAULI, MAPS, PLANE, M_CHI, M_DELTA = (
+    "pauli.png",
+    "h_a_alpha.png",
+    "h_alpha_plane.png",
+    "m_chi.png",
+    "m_delta.png",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument(
+        "image", metavar="OUT", help="folder that `render` or `focus` wrote, or an image file (image.h5)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help=f"folder for {TABLE} and the pictures (default: the folder of the image)",
+    )
+    parser.add_argument(
+        "--looks",
+        nargs=2,
+        type=int,
+        metavar=("AZIMUTH", "RANGE"),
+        help="pixels of a block that is averaged (default: those of 5 x 5 resolution cells, for the Pauli colours of "
+        "one)",
+    )
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Decompose."""
+    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.polarimetry import (
+        automatic_looks,
+        coherency,
+        colours,
+        m_chi,
+        m_delta,
+        pauli_rgb,
+        polarimetry_report,
+        quad_pol,
+    )
+    from sarmitsuba.view.polarimetry import composite_figure, maps_figure, plane_figure
+    from sarmitsuba.view.quicklook import save
+
+    source = image_file(Path(args.image))
+    image = read_image(source)
+    report = polarimetry_report(image, tuple(args.looks) if args.looks else None)
+    console.say(report.as_table())
+    figures = {}
+    if report.decomposition is not None:
+        # colours need no looks to mean something: as sharp as the image is
+        block = tuple(args.looks) if args.looks else automatic_looks(image, 1.0)
+        figures[PAULI] = composite_figure(
+            image,
+            pauli_rgb(coherency(quad_pol(image), block)),
+            block,
+            "Pauli basis",
+            "red |HH - VV|, green 2 |HV|, blue |HH + VV|",
+        )
+        figures[MAPS] = maps_figure(image, report)
+        figures[PLANE] = plane_figure(report.decomposition)
+    if report.stokes is not None:
+        legend = "red even bounces, green unpolarised, blue odd bounces"
+        for name, title, powers in (
+            (M_CHI, "m-chi", m_chi(report.stokes)),
+            (M_DELTA, "m-delta", m_delta(report.stokes)),
+        ):
+            figures[name] = composite_figure(image, colours(powers), report.looks, title, legend)
+    with output_folder(args.output or str(source.parent)) as folder:
+        with folder.writing(TABLE) as path:
+            parameters.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
+        for name, figure in figures.items():
+            with folder.writing(name) as path:
+                save(figure, path)
+            console.say(str(path))
+    return 0
+
+
+__all__ = ["HELP", "NAME", "add_arguments", "run"]

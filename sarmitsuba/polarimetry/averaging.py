@@ -1,0 +1,45 @@
+"""Averages over looks: blocks of pixels, or a window that slides over them."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import block_means
+
+C128 = NDArray[np.complex128]
+
+
+def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], sliding: bool) -> C128:
+    """Means of (n_azimuth, n_range) complex values over ``looks`` pixels (azimuth, range).
+
+    Parameters
+    ----------
+    values : (n_azimuth, n_range) complex
+    looks : pixels of a block or of the window
+    sliding : a window about every pixel (boxcar; mirrored at the rim) in place of blocks, whose rest at the far ends is
+        dropped
+
+    Raises
+    ------
+    DataError
+        ``looks`` are below 1 or above the image's size.
+    """
+    check_looks(values.shape, looks)
+    parts = []
+    for part in (values.real, values.imag):
+        wide = np.asarray(part, dtype=np.float64)
+        parts.append(uniform_filter(wide, looks, mode="reflect") if sliding else block_means(wide, looks))
+    return np.asarray(parts[0] + 1j * parts[1])
+
+
+def check_looks(shape: tuple[int, ...], looks: tuple[int, int]) -> None:
+    """Raise a DataError where blocks of ``looks`` do not fit an image of ``shape``."""
+    if not all(1 <= n <= size for n, size in zip(looks, shape, strict=True)):
+        raise DataError(
+            f"polarimetry: looks of {looks[0]} x {looks[1]} pixels of an image of {shape[0]} x {shape[1]}; give 1 or "
+            "more, up to its size"
+        )
+
+
+__all__ = ["averaged", "check_looks"]

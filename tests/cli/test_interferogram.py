@@ -1,0 +1,67 @@
+"""The commands `insar` and `interferogram`, on the smallest scene."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sarmitsuba import cli
+from sarmitsuba.io import read_image, read_raw
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: Any) -> Path:
+    out = Path(tmp_path_factory.mktemp("insar"))
+    assert cli.main(["insar", "point", "-o", str(out / "out"), "--baseline", "40", "--looks", "2", "2"]) == 0
+    return out / "out"
+
+
+def test_a_pair_is_rendered_and_evaluated(pair: Path) -> None:
+    record = json.loads((pair / "interferogram.json").read_text(encoding="utf-8"))
+    assert record["baseline"]["perpendicular_m"] == pytest.approx(40.0, rel=1e-6)
+    assert record["baseline"]["passes"] == 2 and record["looks"] == [2, 2]
+    assert (pair / "interferogram.png").stat().st_size > 5000
+    with np.load(pair / "heights.npz") as arrays:
+        assert arrays["points"].shape == (*record["shape"], 3)
+    # the second pass flies beside the first, and its image was not made: its data are focused on the first's grid
+    one, two = (read_raw(pair / name / "raw.h5").radar.track for name in ("first", "second"))
+    moved = two.center_position - one.center_position
+    assert np.linalg.norm(moved) == pytest.approx(40.0, rel=1e-6)
+    assert not (pair / "second" / "image.h5").exists()
+
+
+def test_runs_that_are_there_are_evaluated_again(pair: Path, tmp_path: Path, capsys: Any) -> None:
+    runs = [str(pair / "first"), str(pair / "second")]
+    options = ["-o", str(tmp_path), "--looks", "2", "2", "--common-band", "--unwrap"]
+    assert cli.main(["interferogram", *runs, *options]) == 0
+    said = capsys.readouterr().out
+    assert "two passes, VV" in said and "perpendicular 40 m" in said and "focused on the grid" in said
+    record = json.loads((tmp_path / "interferogram.json").read_text(encoding="utf-8"))
+    assert record["band"] == "common" and record["unwrapped"] is True
+    with np.load(tmp_path / "heights.npz") as arrays:
+        middle = tuple(n // 2 for n in record["shape"])
+        assert arrays["coherence"][middle] > 0.95  # the point itself, whose main lobe is cut a little
+        # tol: half a pixel of slant range
+        assert abs(arrays["points"][middle][2]) < 0.3
+
+
+def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any) -> None:
+    image = pair / "first" / "image.h5"
+    assert read_image(image).grid.kind == "slant"
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    assert cli.main(["interferogram", str(image), str(bare), "-o", str(tmp_path / "o")]) == 2
+    assert "there is no image in it" in capsys.readouterr().err
+    shutil.copy(pair / "second" / "raw.h5", bare / "raw.h5")
+    assert cli.main(["focus", str(bare / "raw.h5"), "-o", str(bare), "--quiet"]) == 0
+    (bare / "raw.h5").unlink()
+    assert cli.main(["interferogram", str(image), str(bare), "-o", str(tmp_path / "o")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "stands on another grid than the first, and there are no raw data" in line
+    assert cli.main(["interferogram", str(image), str(image), "-o", str(tmp_path / "same")]) == 0
+    assert not (tmp_path / "same" / "heights.npz").exists()  # no baseline, no heights
+    assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--no-focus"]) == 2
+    assert "--no-focus and --page belong to render" in capsys.readouterr().err
