@@ -192,20 +192,22 @@ def test_who_takes_the_place_of_transmission_is_behind() -> None:
 
 
 @pytest.mark.parametrize("squint", [-8.0, 8.0])
-def test_a_long_chirp_seen_squinted_lies_aside(squint: float) -> None:
-    """Along the line of sight, whose direction the Doppler frequency keeps."""
+def test_a_long_chirp_seen_squinted(squint: float) -> None:
+    """Whoever does not know sees the point aside along the line of sight, whose direction the Doppler keeps."""
     scene = flown("drone", squint_angle_deg=squint)
     wave = scene.radar.waveform
     line = scene.points[0].position - scene.radar.track.center_position
     sine = float(line @ scene.radar.track.along / np.linalg.norm(line))
     shift = theory.chirp_range_shift(-15.0 * sine, CARRIER, wave.bandwidth, wave.pulse_width)
     assert abs(shift) > 0.1
-    along, across, _ = focused(simulate(scene), scene)
-    # tol: a hundredth of the range cell of 1 m: the sine changes over the aperture by a tenth of itself
+    raw = simulate(scene)
+    along, across, turn = focused(raw, scene)
+    # tol: a hundredth of the range cell of 1 m: what the point's direction differs from the boresight's by
+    assert abs(along) < 0.01 and abs(across) < 0.01 and abs(turn) < 5e-3
+    along, across, _ = focused(replace(raw, radar=replace(raw.radar, receiver=None, delay=None)), scene)
+    # tol: the same; the sine changes over the aperture by a tenth of itself
     assert along == pytest.approx(shift * sine, abs=0.01)
     assert across == pytest.approx(shift * np.sqrt(1.0 - sine**2), abs=0.01)
-    still = focused(simulate(flown("drone", squint_angle_deg=squint, switch="off")), scene)
-    assert abs(still[0]) < 0.005 and abs(still[1]) < 0.005
 
 
 def test_it_is_on_where_it_matters() -> None:
@@ -244,7 +246,7 @@ def test_a_follower_moves_on_too() -> None:
     moved = np.linalg.norm(radar.receiver.position - before.position, axis=1)
     # tol: the delay is that of the way over the aim point
     np.testing.assert_allclose(moved, 7500.0 * 2.0 * 700e3 / LIGHT, rtol=1e-3)
-    assert not radar.receives_itself and radar.start_stop() is radar
+    assert not radar.receives_itself and radar.start_stop().receiver is radar.receiver
     others = [one.name for one in FOCUSERS if not one.bistatic]
     assert others and all(
         "apart" in one.objection(radar, focus_grid(scene)) for one in FOCUSERS if not one.bistatic
