@@ -19,15 +19,17 @@ from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
 
 from sarmitsuba.cli import main
-from sarmitsuba.focusing import default_grid
+from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import read_image
+from sarmitsuba.interferometry import height_map, interferogram
+from sarmitsuba.io import read_image, read_raw
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
+from sarmitsuba.view.interferogram import interferogram_figure
 from sarmitsuba.view.notebook import draw_beam
 
 F64 = NDArray[np.float64]
@@ -156,6 +158,29 @@ def effects() -> Figure:
     )
 
 
+def azimuth_ambiguities() -> Figure:
+    """The tower in stripmap: sampled as it should be, undersampled, and undersampled by a staggered PRF."""
+    beam = {"mode": "stripmap", "pattern": "rectangular", "antenna_length": "2", "antenna_height": "0.2"}
+    common = [f"sar_antenna.{name}={value}" for name, value in beam.items()]
+    common += ["sar_antenna.azimuth_resolution=1.2", "sar_antenna.prf=PRF"]
+    common += ["range_film.image_extent_azimuth=300", "range_film.image_extent_range=70"]
+
+    def options(prf: str, *more: str) -> list[str]:
+        given = [text.replace("PRF", prf) for text in (*common, *more)]
+        return [*(part for text in given for part in ("-D", text)), "--no-error-bars"]
+
+    return _panels(
+        "tower",
+        {
+            "prf 250 Hz": options("250"),
+            "prf 70 Hz": options("70"),
+            "prf 70 Hz, pri_sequence ramp:12:0.8": options("70", "sar_antenna.pri_sequence=ramp:12:0.8"),
+        },
+        scale=(-60.0, 5.0),
+        lying=True,
+    )
+
+
 def focusers() -> Figure:
     """Every focuser on the same echoes of a dozen points on weak clutter."""
     rng = np.random.default_rng(4)
@@ -169,6 +194,18 @@ def focusers() -> Figure:
     raw = replace(echoes[0], data=echoes[0].data + echoes[1].data)
     grid = default_grid(raw, {"grid": "slant", "extent_azimuth": 60.0, "extent_range": 60.0})
     return focusers_figure(compare_focusers(raw, grid, window="taylor"))
+
+
+def interferogram_tower() -> Figure:
+    """The pair that `insar tower` makes: fringes, coherence, heights."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        one = read_image(f"{folder}/out/first/image.h5")
+        two = focus(
+            read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
+        )
+    pair = interferogram(one, two)
+    return interferogram_figure(pair, height_map(pair), title="tower")
 
 
 def modes() -> Figure:
@@ -314,23 +351,36 @@ def _panels(
     variants: dict[str, list[str]],
     window: str = "taylor",
     scale: tuple[float, float] = (-45.0, 5.0),
+    *,
+    lying: bool = False,
 ) -> Figure:
-    figure = Figure(figsize=(13.0, 3.7), layout="constrained")
-    panels = figure.subplots(1, len(variants), sharex=True, sharey=True)
+    """Images beside each other, or lying on their sides one below the other."""
+    figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
+    rows, columns = (len(variants), 1) if lying else (1, len(variants))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
     for axes, (title, options) in zip(panels, variants.items(), strict=True):
         image = _render(scene, [*options, "--window", window])
         grid = image.grid
         decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
-        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        spans = [(grid.range[0], grid.range[-1]), (grid.azimuth[0], grid.azimuth[-1])]
+        if lying:
+            decibels, spans = decibels.T, spans[::-1]
+        extent = (*spans[0], *spans[1])
         picture = axes.imshow(
             decibels, cmap="gray", vmin=scale[0], vmax=scale[1], origin="lower", extent=extent
         )
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
         axes.tick_params(labelsize=8)
         axes.ticklabel_format(useOffset=False)
-    panels[0].set_ylabel("azimuth (m)", fontsize=9)
+        if lying:
+            axes.set_ylabel("slant range (m)", fontsize=9)
+        else:
+            axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
+    if lying:
+        panels[-1].set_xlabel("azimuth (m)", fontsize=9)
+    else:
+        panels[0].set_ylabel("azimuth (m)", fontsize=9)
     figure.colorbar(picture, ax=list(panels), label="sigma0 (dB)", shrink=0.95)
     return figure
 
@@ -363,8 +413,20 @@ def _text(axes: Axes, x: float, y: float, text: str, **options: str) -> None:
 
 FIGURES = {
     figure.__name__: figure
-    for figure in (geometry, orbits, paths, methods, effects, focusers, modes, footprints)
+    for figure in (
+        geometry,
+        orbits,
+        paths,
+        methods,
+        effects,
+        azimuth_ambiguities,
+        focusers,
+        interferogram_tower,
+        modes,
+        footprints,
+    )
 }
+
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

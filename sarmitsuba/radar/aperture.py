@@ -39,6 +39,9 @@ _REPLACED_BY_TRACK = (
     "n_pulses",
     "azimuth_resolution",
     "orbit_altitude",
+    "orbit_inclination_deg",
+    "orbit_pass",
+    "incidence_angle_deg",
     "state_vectors_file",
 )
 
