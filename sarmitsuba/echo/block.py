@@ -344,8 +344,8 @@ def azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
 
     Notes
     -----
-    Ignores the elevation within the azimuth pattern, and that out and back along a mirror chain take two directions:
-    the pattern is taken at their mean.
+    Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
+    pattern is that at their mean; the rays carry what both have over it.
     """
     pulses = slice(plan.start, plan.stop)
     position, velocity = radar.track.position[pulses], radar.track.velocity[pulses]
