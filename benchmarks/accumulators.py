@@ -142,7 +142,7 @@ def run_block(
     t0 = time.perf_counter()
     plan = block.plan_block(radar, start, stop, np.zeros(3), box, width, extra_slant_range=extra)
     accumulator = BlockAccumulator(plan, 1, 1, 0, radar.waveform.wavelength)
-    paths.add(accumulator, plan.position[None], plan.velocity[None])
+    paths.add(accumulator, plan.state.position, plan.state.velocity)
     t1 = time.perf_counter()
     profiles = block.synthesise(accumulator.grid(), plan, radar)[0]
     return t1 - t0, time.perf_counter() - t1, profiles

@@ -41,7 +41,7 @@ def one_batch(job: Tracer, block: BlockPlan, grid: LaunchGrid) -> float:
     accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
     job.timer = StageTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
-    job.launch(grid, block.position[None], block.velocity[None], pick, accumulator, block.n_pulses)
+    job.launch(grid, block.state.position, block.state.velocity, pick, accumulator, block.n_pulses)
     return job.timer.seconds["trace"]
 
 

@@ -1,7 +1,8 @@
-"""Render an interferometric pair of a scene and evaluate it: two parallel passes, phase, coherence and heights.
+"""Render an interferometric pair of a scene and evaluate it: phase, coherence and heights.
 
-The second pass is the first moved by a baseline across the line of sight. Both runs stay in OUT/first and OUT/second;
-`interferogram OUT/first OUT/second` evaluates them again. See docs/interferometry.md.
+The second pass is the first moved by a baseline across the line of sight; with --one-pass it is a second receiver. Both
+runs stay in OUT/first and OUT/second; `interferogram OUT/first OUT/second` evaluates them again. See
+docs/interferometry.md.
 """
 
 import argparse
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 
 NAME = "insar"
-HELP = "render two passes over a scene and make their interferogram"
+HELP = "render two passes over a scene, or one with two receivers, and make their interferogram"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="perpendicular baseline, m, positive upwards (default: the scene's relief is 0.6 of the height of "
         "ambiguity, but at most a fifth of the critical baseline)",
     )
+    group.add_argument(
+        "--one-pass",
+        action="store_true",
+        help="one transmission and two receivers, the second beside the first, in place of two passes",
+    )
     interferogram.add_pair_arguments(group)  # type: ignore[arg-type]
 
 
@@ -42,7 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         raise DataError("insar: --no-focus and --page belong to render; leave them out")
     out = Path(args.output)
     scene = scene_of(args)
-    offset = second_pass(scene.radar, relief_of(scene), args.baseline)
+    offset = second_pass(scene.radar, relief_of(scene), args.baseline, passes=1 if args.one_pass else 2)
     render.run(_changed(args, out / "first"), console)
     second = _changed(args, out / "second", no_focus=True)
     second.define = [

@@ -83,7 +83,8 @@ def expected_names(
     if raw:
         names += formats.names(raw=True)
     if image:
-        names += [*formats.names(raw=False), *(picture_name(channels, c) for c in channels)]
+        names += [name for entry in formats.image for name in entry.names("image", channels)]
+        names += [picture_name(channels, c) for c in channels]
         names += [PICTURE_ORDERS] if orders else []
     return tuple(names)
 
@@ -238,6 +239,11 @@ def radar_record(radar: Radar) -> dict[str, object]:
         "speed_m_per_s": float(np.linalg.norm(track.velocity[track.center_index])),
         "center_position_m": track.center_position,
         "aim_point_m": radar.aim_point,
+        "anchor": {
+            "latitude_deg": float(np.degrees(radar.anchor.latitude)),
+            "longitude_deg": float(np.degrees(radar.anchor.longitude)),
+            "height_m": radar.anchor.height,
+        },
         "slant_range_m": float(np.linalg.norm(radar.aim_point - track.center_position)),
         "near_range_m": float(window.start_range.min()),
         "far_range_m": float(window.start_range.max() + window.extent),

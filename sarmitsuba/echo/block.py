@@ -8,10 +8,11 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.block_beam import step_within_beam
-from sarmitsuba.echo.curvature import Curvature, fit_curvature, key_state, sample_paths
+from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
+from sarmitsuba.echo.curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
@@ -30,11 +31,11 @@ _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buf
 class BlockPlan:
     r"""Grid and geometry of one block of pulses ``start:stop`` about the key pulse ``key``.
 
-    A path of slant range h and amplitude a (constant within the block) is added once. With the antenna at
-    ``position`` (of the key pulse) and the velocity ``velocity``::
+    A path of slant range h and amplitude a (constant within the block) is added once. With the antennas in their
+    ``state`` of the key pulse::
 
-        R0 = h - |reference - position|                            (float64)
-        range_rate = dh/dt - d|reference - antenna|/dt              (both with ``velocity``)
+        R0 = h - reference_range                                   (float64)
+        range_rate = dh/dt - reference_rate
         x = (R0 - range0) / range_step,  y = (range_rate - range_rate0) / range_rate_step
         grid[layer, i, j] += a exp(-j 4 pi fc R0 / c) phi(x - i) phi(y - j)
 
@@ -45,11 +46,9 @@ class BlockPlan:
     Parameters
     ----------
     key, start, stop : pulse indices; ``start <= key < stop``
-    position, velocity : (3,) float64, m and m/s, scene frame; the antenna's at the key time. The velocity is
-        the slope of the best line through the block's positions: use it, not the track's own, for ``range_rate``
+    state : the antennas at the key time; its velocities, not the tracks' own, are those of ``range_rate``
     reference : (3,) float64, m, scene frame; P_ref
-    reference_range : |reference - position|, m
-    tau : (K,) float64, s, pulse times less the key pulse's
+    reference_range, reference_rate : slant range of ``reference`` at the key time, m, and its change, m/s
     range0, range_step, n_range : slant range of cell 0, cell (m) and number of cells along range
     range_rate0, range_rate_step, n_range_rate : the same along the range rate, m/s
     width, range_rate_width : of the spreading kernels
@@ -59,16 +58,15 @@ class BlockPlan:
     curvature : what ``R0 + range_rate tau`` leaves out of the slant range
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two spreading kernels, dB
+    in_pulse : motion of the antenna within the pulse, of the key pulse; None: it stands still
     """
 
-    key: int
     start: int
     stop: int
-    position: F64
-    velocity: F64
+    state: KeyState
     reference: F64
     reference_range: float
-    tau: F64
+    reference_rate: float
     range0: float
     n_range: int
     range_rate0: float
@@ -82,6 +80,17 @@ class BlockPlan:
     curvature: Curvature
     geometry_error_db: float
     kernel_error_db: float
+    in_pulse: InPulse | None = None
+
+    @property
+    def key(self) -> int:
+        """Number of the key pulse."""
+        return self.state.key
+
+    @property
+    def tau(self) -> F64:
+        """(K,) float64, s, pulse times less the key pulse's."""
+        return self.state.tau
 
     @property
     def range_step(self) -> float:
@@ -150,18 +159,20 @@ def plan_block(
     box = np.asarray(box, dtype=np.float64)
     range_rate_width = width if range_rate_width is None else range_rate_width
     cell, window, fc = radar.waveform.range_cell, radar.window, radar.waveform.center_frequency
-    key, position, velocity, tau = key_state(radar, start, stop)
-    centers, partners = sample_paths(box, position, extra_slant_range)
+    state = key_state(radar, start, stop)
+    centers, partners = sample_paths(box, state.position[0], extra_slant_range)
+    if len(state.position) > 1:  # either antenna may be the one that sees the image behind the mirror
+        centers, partners = np.concatenate([centers, partners]), np.concatenate([partners, centers])
     fit = fit_curvature(radar, start, stop, reference, centers, partners)
 
     # range axis: exact bounds of the box; range-rate axis: those of the samples and 2 % more
-    reference_range = float(np.linalg.norm(reference - position))
-    near, far = (float(d[0]) for d in box_distance(box, position[None]))
+    reference_range = state.slant_range(reference)
+    near, far = (float(d.mean()) for d in box_distance(box, state.position))
     far += extra_slant_range
-    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(velocity)) + extra_range_rate
+    slack = 0.02 * np.ptp(fit.range_rate) + 1e-9 * float(np.linalg.norm(state.velocity[0])) + extra_range_rate
     range_rate_low, range_rate_high = float(fit.range_rate.min() - slack), float(fit.range_rate.max() + slack)
     kernel, range_rate_kernel = spreading_kernel(width), spreading_kernel(range_rate_width)
-    reach = float(np.abs(tau).max())
+    reach = float(np.abs(state.tau).max())
     s_max = 4.0 * np.pi * (fc + 0.5 * radar.waveform.bandwidth) / SPEED_OF_LIGHT * reach
     range_rate_step = 0.5 * np.pi / s_max if s_max > 0.0 else max(range_rate_high - range_rate_low, 1.0)
     range_rate_step = min(range_rate_step, step_within_beam(radar, start, stop, range_rate_kernel, s_max))
@@ -171,7 +182,8 @@ def plan_block(
 
     # the window against the block's contributions, both relative to the reference range of each pulse
     walk = max(abs(range_rate_low), abs(range_rate_high)) * reach + 2.0 * cell
-    reference_track = np.linalg.norm(reference - radar.track.position[start:stop], axis=-1)
+    walk += widest_shift(radar, box, slice(start, stop))
+    reference_track = radar.slant_range(reference, slice(start, stop))
     first = window.start_range[start:stop] - reference_track
     low = float(first.min()) - (far - reference_range) - walk
     high = float(first.max()) + window.extent - (near - reference_range) + walk
@@ -182,14 +194,12 @@ def plan_block(
     n_inner = min(int(scipy.fft.next_fast_len(n_range + 2 * guard)), fine.n_fine)
     error = float(np.sqrt(fit.error.max()))
     return BlockPlan(
-        key=key,
         start=start,
         stop=stop,
-        position=position,
-        velocity=velocity,
+        state=state,
         reference=reference,
         reference_range=reference_range,
-        tau=tau,
+        reference_rate=state.rate(reference),
         range0=near - reference_range - (kernel.margin + 0.5) * fine.range_step,
         n_range=n_range,
         range_rate0=range_rate_low - (range_rate_kernel.margin + 0.5) * range_rate_step,
@@ -203,6 +213,7 @@ def plan_block(
         curvature=fit.curvature,
         geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
         kernel_error_db=_kernel_error_db(width, range_rate_width),
+        in_pulse=InPulse.of(radar, slice(state.key, state.key + 1)),
     )
 
 
@@ -332,43 +343,6 @@ def spread_reference(
     return grid.astype(np.complex64)
 
 
-def azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
-    r"""Two-way azimuth pattern of every pulse over the grid's range rates, (n_range_rate, K) float64.
-
-    The range rate is the sine of a path's angle off the zero-Doppler plane times the speed, so it tells where in the
-    beam the path is, pulse by pulse: along the unit vector
-
-    .. math:: u = -\frac{\dot R}{v} \hat v + \sqrt{1 - (\dot R / v)^2}\, \hat b_\perp
-
-    with :math:`\hat b_\perp` the boresight's direction across the velocity.
-
-    Notes
-    -----
-    Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
-    pattern is that at their mean; the rays carry what both have over it.
-    """
-    pulses = slice(plan.start, plan.stop)
-    position, velocity = radar.track.position[pulses], radar.track.velocity[pulses]
-    speed = np.linalg.norm(velocity, axis=1)
-    ahead = velocity / speed[:, None]
-    leg = plan.reference - position
-    reference_rate = -np.einsum("ki,ki->k", leg, velocity) / np.linalg.norm(leg, axis=1)
-    rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
-    sine = np.clip(-(rate[:, None] + reference_rate) / speed, -1.0, 1.0)
-    boresight = radar.pointing.boresight[pulses]
-    across = boresight - np.einsum("ki,ki->k", boresight, ahead)[:, None] * ahead
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    cosine = np.sqrt(1.0 - sine * sine)
-
-    def component(axis: F64) -> F64:
-        along, beside = np.einsum("ki,ki->k", ahead, axis), np.einsum("ki,ki->k", across, axis)
-        return np.asarray(sine * along + cosine * beside)
-
-    azimuth = component(radar.pointing.azimuth_axis[pulses])
-    gain = radar.antenna.two_way_amplitude(azimuth, np.zeros_like(azimuth))
-    return np.asarray(np.where(component(boresight) > 0.0, gain, 0.0))
-
-
 def synthesise(
     grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, *, beam: bool = False
 ) -> C64:
@@ -393,11 +367,11 @@ def synthesise(
     if len(grid) > group:
         parts = [synthesise(grid[i : i + group], plan, radar, beam=beam) for i in range(0, len(grid), group)]
         return np.concatenate(parts)
-    spectrum = _pulses_from_range_rates(grid, plan, radar, azimuth_gain(plan, radar) if beam else None)
+    spectrum = _pulses_from_range_rates(grid, plan, radar, _azimuth_gain(plan, radar) if beam else None)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
     bins = first + plan.range_step * np.arange(plan.n_inner)
-    reference = np.linalg.norm(plan.reference - radar.track.position[plan.start : plan.stop], axis=-1)
+    reference = radar.slant_range(plan.reference, slice(plan.start, plan.stop))
     reference_phase = np.mod(wavenumber * reference, 2.0 * np.pi)
     bend = plan.curvature.of_range(bins)
     # the shift by the curvature across the band, to first order: p(r - a) = p - a dp/dr
@@ -407,6 +381,19 @@ def synthesise(
     inner *= unit_phasor(-wavenumber * bend - reference_phase[:, None])
     offset = radar.window.start_range[plan.start : plan.stop] - reference - first
     return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
+
+
+def _azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
+    """Two-way azimuth pattern over the grid's range rates, (n_range_rate, K) float64."""
+    rate = plan.range_rate0 + plan.range_rate_step * np.arange(plan.n_range_rate)
+    return azimuth_gain(
+        radar, slice(plan.start, plan.stop), plan.reference, np.asarray(rate, dtype=np.float64)
+    )
+
+
+def _reference_rate(plan: BlockPlan, radar: Radar) -> F64:
+    """Range rate of the reference at every pulse of the block, (K,) m/s."""
+    return radar.range_rate(plan.reference, slice(plan.start, plan.stop))
 
 
 def _pulses_from_range_rates(
@@ -425,7 +412,9 @@ def _pulses_from_range_rates(
     # the part of the curvature by range is read where the path is at t, so its slope comes off here
     bend = plan.curvature.of_range_rate(range_rate).T - plan.curvature.slope * range_rate[:, None] * plan.tau
     drift = range_rate[:, None] * plan.tau + bend  # m, (n_range_rate, K)
-    walk = per_bin * (drift - middle * plan.tau)  # rad per bin
+    # m, by how much a path appears shifted in range because its range changes during the pulse
+    shift = radar.range_per_rate * (range_rate[:, None] + _reference_rate(plan, radar))
+    walk = per_bin * (drift - middle * plan.tau + shift)  # rad per bin
     # what the range rate is multiplied with at each pulse: its time, where the track keeps to its line
     lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0]) if plan.n_range_rate > 1 else plan.tau
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
@@ -437,7 +426,7 @@ def _pulses_from_range_rates(
     def batch(m0: int) -> None:
         m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
         center = int(m[len(m) // 2])
-        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift)]
+        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift - center * per_bin * shift)]
         if gain is not None:
             terms[0] *= gain.astype(np.float32)
         for step in steps:
@@ -480,8 +469,12 @@ def _pulse_weight(
     # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)
     nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
-    cycles = per_bin * plan.range_rate_step * lever / (2.0 * np.pi)
-    at_nodes = plan.range_rate_kernel.inverse_transform((carrier_bins + center + nodes)[:, None] * cycles)
+    per_lever = per_bin * plan.range_rate_step / (2.0 * np.pi)
+    cycles = per_lever * lever
+    at_nodes = plan.range_rate_kernel.inverse_transform(
+        (carrier_bins + center + nodes)[:, None] * cycles
+        + (center + nodes)[:, None] * (per_lever * radar.range_per_rate)
+    )
     u = (m - center)[:, None] / nodes[2]
     parabola = np.concatenate([0.5 * u * (u - 1.0), 1.0 - u * u, 0.5 * u * (u + 1.0)], axis=1)
     mean_walk = phase_ramp(-per_bin * middle * plan.tau, int(m[0]) - center, len(m))

@@ -1,9 +1,14 @@
-"""How fine a grid over range rates must be for the azimuth pattern to act on it."""
+"""The azimuth pattern of every pulse on a grid over range rates, and how fine that must be for it."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.echo.gridding import SpreadingKernel
+from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+
+F64 = NDArray[np.float64]
 
 # error of the azimuth pattern at the ends of a block, dB; 5 dB less in the mean over its pulses
 _BEAM_DB = -48.0
@@ -31,4 +36,59 @@ def step_within_beam(radar: Radar, start: int, stop: int, kernel: SpreadingKerne
     return float(np.sqrt(10.0 ** (_BEAM_DB / 20.0) / (change * second_moment)))
 
 
-__all__ = ["step_within_beam"]
+def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -> F64:
+    r"""Two-way azimuth pattern of pulses over range rates, (n_range_rate, n_pulses) float64.
+
+    The range rate is the sine of a path's angle off the zero-Doppler plane times the speed, so it tells where in the
+    beam the path is, pulse by pulse: along the unit vector
+
+    .. math:: u = -\frac{\dot R}{v} \hat v + \sqrt{1 - (\dot R / v)^2}\, \hat b_\perp
+
+    with :math:`\hat b_\perp` the boresight's direction across the velocity. Of two antennas each has the root of its
+    own pattern, at its own speed and boresight.
+
+    Parameters
+    ----------
+    radar : with its antennas
+    pulses : of a block
+    reference : (3,) m, scene frame
+    range_rate : (n,) m/s, less that of ``reference``
+
+    Notes
+    -----
+    Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
+    pattern is that at their mean; the rays carry what both have over it. Of two antennas it ignores that the rates of their legs, less those of
+    ``reference``, differ by about the angle between the antennas times the scene's angular size.
+    """
+    gains = [
+        _leg_gain(radar, track, pointing, pulses, reference, range_rate)
+        for track, pointing in zip(radar.tracks, radar.pointings, strict=True)
+    ]
+    return gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
+
+
+def _leg_gain(
+    radar: Radar, track: Track, pointing: Pointing, pulses: slice, reference: F64, rate: F64
+) -> F64:
+    """Pattern of one antenna, squared as for both ways."""
+    position, velocity = track.position[pulses], track.velocity[pulses]
+    speed = np.linalg.norm(velocity, axis=1)
+    ahead = velocity / speed[:, None]
+    leg = reference - position
+    reference_rate = -np.einsum("ki,ki->k", leg, velocity) / np.linalg.norm(leg, axis=1)
+    sine = np.clip(-(rate[:, None] + reference_rate) / speed, -1.0, 1.0)
+    boresight = pointing.boresight[pulses]
+    across = boresight - np.einsum("ki,ki->k", boresight, ahead)[:, None] * ahead
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    cosine = np.sqrt(1.0 - sine * sine)
+
+    def component(axis: F64) -> F64:
+        along, beside = np.einsum("ki,ki->k", ahead, axis), np.einsum("ki,ki->k", across, axis)
+        return np.asarray(sine * along + cosine * beside)
+
+    azimuth = component(pointing.azimuth_axis[pulses])
+    gain = radar.antenna.two_way_amplitude(azimuth, np.zeros_like(azimuth))
+    return np.asarray(np.where(component(boresight) > 0.0, gain, 0.0))
+
+
+__all__ = ["azimuth_gain", "step_within_beam"]

@@ -55,24 +55,52 @@ class Curvature:
         return np.asarray(self.by_range[1] / self.range_scale)
 
 
-def key_state(radar: Radar, start: int, stop: int) -> tuple[int, F64, F64, F64]:
-    """Key pulse, its position, the best line's velocity and the times about it.
+@dataclass(frozen=True, eq=False)
+class KeyState:
+    """The antennas at a block's key pulse: one, or the transmitter and the receiver.
+
+    Parameters
+    ----------
+    key : number of the pulse
+    position, velocity : (n_antennas, 3) float64, m and m/s, scene frame; the velocity is the slope of the best line
+        through the block's positions
+    tau : (K,) float64, s, when that line passes every pulse, from the key pulse
+    """
+
+    key: int
+    position: F64
+    velocity: F64
+    tau: F64
+
+    def slant_range(self, point: F64) -> float:
+        """Half the way over a point (3,), m."""
+        return float(np.linalg.norm(point - self.position, axis=-1).mean())
+
+    def rate(self, point: F64) -> float:
+        """Its change, m/s."""
+        legs = self.position - point
+        return float((np.einsum("ai,ai->a", legs, self.velocity) / np.linalg.norm(legs, axis=-1)).mean())
+
+
+def key_state(radar: Radar, start: int, stop: int) -> KeyState:
+    """State at a block's key pulse, from the best line through its pulses.
 
     The times are those at which that line passes every pulse: an antenna that stands still or hurries is where it is,
     whatever the clock says. What the line leaves is then small, as the grid over range rates needs it.
     """
-    key = start + (stop - start) // 2
-    track = radar.track
-    position = track.position[key]
-    tau = track.time[start:stop] - track.time[key]
+    key, tracks = start + (stop - start) // 2, radar.tracks
+    positions = np.concatenate([track.position[start:stop] for track in tracks], axis=1)
+    position, time = positions[key - start], radar.track.time
+    tau = time[start:stop] - time[key]
     if stop - start < 2:
-        return key, position, track.velocity[key], tau
-    centered = tau - tau.mean()
-    velocity = centered @ (track.position[start:stop] - position) / (centered @ centered)
-    square = float(velocity @ velocity)
-    if square > 0.0:
-        tau = (track.position[start:stop] - position) @ velocity / square
-    return key, position, np.asarray(velocity), tau
+        velocity = np.concatenate([track.velocity[key] for track in tracks])
+    else:
+        centered = tau - tau.mean()
+        velocity = centered @ (positions - position) / (centered @ centered)
+        square = float(velocity @ velocity)
+        if square > 0.0:
+            tau = (positions - position) @ velocity / square
+    return KeyState(key, position.reshape(-1, 3), np.asarray(velocity).reshape(-1, 3), tau)
 
 
 def sample_paths(box: F64, antenna: F64, extra: float) -> tuple[F64, F64]:
@@ -117,23 +145,27 @@ class CurvatureFit:
 
 def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b: F64) -> CurvatureFit:
     """Fit the curvature to the exact slant ranges of sample paths; a, b (n_samples, 3)."""
-    _, position, velocity, tau = key_state(radar, start, stop)
-    track = radar.track.position[start:stop]
+    state = key_state(radar, start, stop)
+    tau = state.tau
+    # the way out is the transmitter's, the way back the receiver's, where there are two
+    out, back = 0, len(radar.tracks) - 1
 
-    def distance(p: F64) -> F64:
+    def distance(p: F64, antenna: int) -> F64:
+        track = radar.tracks[antenna].position[start:stop]
         leg = [
             p[:, None, i] - track[:, i] for i in range(3)
         ]  # summed over three axes, norm() takes four times as long
         return np.asarray(np.sqrt(leg[0] * leg[0] + leg[1] * leg[1] + leg[2] * leg[2]))
 
-    def slope(p: F64) -> F64:
-        d = position - p
-        return np.asarray(d @ velocity / np.linalg.norm(d, axis=-1))
+    def slope(p: F64, antenna: int) -> F64:
+        d = state.position[antenna] - p
+        return np.asarray(d @ state.velocity[antenna] / np.linalg.norm(d, axis=-1))
 
-    key = start + (stop - start) // 2
-    offset = 0.5 * (distance(a) + distance(b)) - distance(reference[None])
-    range0 = offset[:, key - start]
-    range_rate = 0.5 * (slope(a) + slope(b)) - slope(reference[None])
+    there = reference[None]
+    offset = 0.5 * (distance(a, out) + distance(b, back))
+    offset -= 0.5 * (distance(there, out) + distance(there, back))
+    range0 = offset[:, state.key - start]
+    range_rate = 0.5 * (slope(a, out) + slope(b, back)) - 0.5 * (slope(there, out) + slope(there, back))
     residual = offset - range0[:, None] - range_rate[:, None] * tau
 
     def center_scale(v: F64, least: float) -> tuple[float, float]:
@@ -163,4 +195,4 @@ def fit_curvature(radar: Radar, start: int, stop: int, reference: F64, a: F64, b
     )
 
 
-__all__ = ["Curvature", "CurvatureFit", "fit_curvature", "key_state", "sample_paths"]
+__all__ = ["Curvature", "CurvatureFit", "KeyState", "fit_curvature", "key_state", "sample_paths"]

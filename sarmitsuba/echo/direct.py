@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -29,6 +30,7 @@ class DirectPlan:
     n_range : cells per pulse
     width : of the spreading kernel
     fine : how the grid becomes the window's samples
+    in_pulse : motion of the antenna within the pulses; None: it stands still
     """
 
     start: int
@@ -37,6 +39,7 @@ class DirectPlan:
     n_range: int
     width: int
     fine: FineGrid
+    in_pulse: InPulse | None = None
 
     @property
     def range_step(self) -> float:
@@ -75,6 +78,15 @@ def box_distance(box: F64, position: F64) -> tuple[F64, F64]:
     return np.linalg.norm(position - nearest, axis=-1), np.linalg.norm(position - farthest, axis=-1)
 
 
+def box_slant_range(box: F64, radar: Radar, pulses: slice) -> tuple[F64, F64]:
+    """Bounds of the slant ranges of a box, two (n_pulses,) float64, m; of two antennas the mean of both bounds."""
+    bounds = [box_distance(box, track.position[pulses]) for track in radar.tracks]
+    if len(bounds) == 1:
+        return bounds[0]
+    (a_near, a_far), (b_near, b_far) = bounds
+    return 0.5 * (a_near + b_near), 0.5 * (a_far + b_far)
+
+
 def plan_direct(
     radar: Radar, start: int, stop: int, box: F64, width: int = 4, extra_slant_range: float = 0.0
 ) -> DirectPlan:
@@ -89,8 +101,9 @@ def plan_direct(
     extra_slant_range : half of what multiple reflections add to the way to the box at most, m
     """
     cell, window = radar.waveform.range_cell, radar.window
-    near, far = box_distance(np.asarray(box, dtype=np.float64), radar.track.position[start:stop])
-    far = far + extra_slant_range
+    near, far = box_slant_range(np.asarray(box, dtype=np.float64), radar, slice(start, stop))
+    shift = widest_shift(radar, np.asarray(box, dtype=np.float64), slice(start, stop))
+    near, far = near - shift, far + extra_slant_range + shift
     first = window.start_range[start:stop]
     low = float((first - far).min()) - cell
     high = float((first - near).max()) + window.extent + cell
@@ -98,7 +111,8 @@ def plan_direct(
     n_least = int(np.ceil((far - near).max() / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
     fine = fine_grid(cell, window.sample_spacing, low, high, n_least)
     n_range = int(np.ceil((far - near).max() / fine.range_step)) + 2 * kernel.margin + 2
-    return DirectPlan(start, stop, near - (kernel.margin + 0.5) * fine.range_step, n_range, width, fine)
+    range0 = near - (kernel.margin + 0.5) * fine.range_step
+    return DirectPlan(start, stop, range0, n_range, width, fine, InPulse.of(radar, slice(start, stop)))
 
 
 def spread_reference(
@@ -145,4 +159,4 @@ def finish(grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar) ->
     return to_window(grid, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, plan.kernel)
 
 
-__all__ = ["DirectPlan", "box_distance", "finish", "plan_direct", "spread_reference"]
+__all__ = ["DirectPlan", "box_distance", "box_slant_range", "finish", "plan_direct", "spread_reference"]

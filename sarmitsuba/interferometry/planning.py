@@ -1,6 +1,7 @@
-"""Where the second pass of a pair flies: a baseline across the line of sight that suits the scene."""
+"""Where a pair's second antenna flies: a baseline across the line of sight that suits the scene."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -13,32 +14,38 @@ RELIEF_SHARE, LEAST_COHERENCE = 0.6, 0.8
 
 @dataclass(frozen=True)
 class PassOffset:
-    """Offset of a parallel pass: the parameters ``pass_offset_across`` and ``pass_offset_up`` of ``sar_antenna``.
+    """Offset of a parallel pass, or of a second receiver.
 
     Parameters
     ----------
     across, up : m, to the right of the track and upwards
+    passes : 2, or 1 where both images come from one transmission
     """
 
     across: float
     up: float
+    passes: Literal[1, 2] = 2
 
     @property
     def parameters(self) -> dict[str, float]:
-        """By name, as scene files and ``RadarDescription`` have them."""
-        return {"pass_offset_across": self.across, "pass_offset_up": self.up}
+        """Of ``sar_antenna``, as scene files and ``RadarDescription`` have them."""
+        what = "pass_offset" if self.passes == 2 else "receiver_offset"
+        return {f"{what}_across": self.across, f"{what}_up": self.up}
 
 
-def second_pass(radar: Radar, relief: float, baseline: float | None = None) -> PassOffset:
+def second_pass(
+    radar: Radar, relief: float, baseline: float | None = None, passes: Literal[1, 2] = 2
+) -> PassOffset:
     r"""Offset along the normal of line of sight and flight, at the aim point.
 
-    .. math:: B_\perp = \min\left(\frac{0.6\, \lambda R \sin\theta}{2 \Delta z}, 0.2\, B_{crit}\right)
+    .. math:: B_\perp = \min\left(\frac{0.6\, \lambda R \sin\theta}{p\, \Delta z}, 0.2\, B_{crit}\right)
 
     Parameters
     ----------
     radar : of the first pass
     relief : Delta z, m; from the lowest to the highest place of the scene; 0 for level ground
     baseline : perpendicular, m, positive upwards, in place of the automatic one
+    passes : p: 2, or 1 with one transmission and two receivers
     """
     along = radar.track.along
     sight = radar.aim_point - radar.track.center_position
@@ -48,11 +55,11 @@ def second_pass(radar: Radar, relief: float, baseline: float | None = None) -> P
     if baseline is None:
         drop = sight - (sight @ along) * along
         incidence = float(np.arccos(-drop[2] / np.linalg.norm(drop)))
-        turn = 0.5 * radar.waveform.wavelength * distance
+        turn = radar.waveform.wavelength * distance / passes
         baseline = (1.0 - LEAST_COHERENCE) * turn * np.tan(incidence) / radar.waveform.range_cell
         if relief > 0.0:
             baseline = min(baseline, RELIEF_SHARE * turn * np.sin(incidence) / relief)
-    return PassOffset(float(baseline * (normal @ right_of(along))), float(baseline * normal[2]))
+    return PassOffset(float(baseline * (normal @ right_of(along))), float(baseline * normal[2]), passes)
 
 
 __all__ = ["LEAST_COHERENCE", "RELIEF_SHARE", "PassOffset", "second_pass"]

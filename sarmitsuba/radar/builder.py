@@ -1,6 +1,7 @@
 """From the description of radar and film to a radar that sees the scene."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.aperture import (
     automatic_track,
     geometry_from_angles,
@@ -29,6 +31,7 @@ from sarmitsuba.radar.parallel_pass import parallel_pass
 from sarmitsuba.radar.plausibility import doubtful_angles, doubtful_pixels, doubtful_track
 from sarmitsuba.radar.polarisation import read_channels
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
+from sarmitsuba.radar.receiver import receiver_track
 from sarmitsuba.radar.recorded import recorded_track
 from sarmitsuba.radar.swath import Box, receive_window
 from sarmitsuba.radar.track import Track
@@ -89,6 +92,11 @@ def build_radar(
     prf_derived = track is None and not s.prf
     anchor = Anchor.of_degrees(s.latitude_deg, s.longitude_deg, s.height)
     orbit = None if track is not None else orbit_of(given, anchor, aim, shift)
+    if orbit is not None and MODES[s.mode].path_parameters:
+        raise RadarError(
+            f"{given.where}: mode = {s.mode} flies a path of its own, not an orbit; leave the orbit out "
+            "or take another mode"
+        )
     if track is not None:
         geometry = geometry_of_track(given, track, aim)
     else:
@@ -104,6 +112,8 @@ def build_radar(
         track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
+    receiver = receiver_track(given, track, aim, shift)
+    tracks = [track] if receiver is None else [track, receiver]
     nominal, error = MODES[s.mode].pointing(track, geometry, s.mode_parameters), pointing_error(given)
     radar = Radar(
         mode=s.mode,
@@ -111,7 +121,7 @@ def build_radar(
         waveform=waveform,
         antenna=antenna,
         pointing=nominal if error.is_none else error.flown(nominal, track.time),
-        window=_window(given, track, geometry, box, waveform),
+        window=_window(given, tracks, geometry, box, waveform),
         channels=channels,
         look_side="right" if geometry.across @ right_of(geometry.along) > 0 else "left",
         aim_point=aim,
@@ -123,6 +133,8 @@ def build_radar(
         recorded=recorded_track(given, track, shift),
         anchor=anchor,
         recorded_pointing=None if error.is_none else nominal,
+        receiver=receiver,
+        receiver_pointing=None if receiver is None else _follower_pointing(given, receiver, geometry),
     )
     seen = check_coverage(radar, scene, box, given.where, given.film_where)
     doubts += doubtful_pixels(image, radar, given.film_where)
@@ -156,6 +168,13 @@ def _film(given: RadarInput) -> FilmDescription:
     return replace(given.film, image_grid="ground")
 
 
+def _follower_pointing(given: RadarInput, receiver: Track, geometry: AimGeometry) -> Pointing:
+    """Of a receiver apart: steered by the same law, from its own track at the same aim point."""
+    s = given.sensor
+    follower = replace(geometry, center=receiver.center_position)
+    return MODES[s.mode].pointing(receiver, follower, s.mode_parameters)
+
+
 def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageRequest, offset: F64) -> None:
     pulse = int(np.argmin(track.position[:, 2]))
     lowest = float(track.position[pulse, 2])
@@ -173,7 +192,7 @@ def _check_height(given: RadarInput, track: Track, scene: Box, image: ImageReque
 
 
 def _window(
-    given: RadarInput, track: Track, geometry: AimGeometry, box: Box, waveform: Waveform
+    given: RadarInput, tracks: Sequence[Track], geometry: AimGeometry, box: Box, waveform: Waveform
 ) -> ReceiveWindow:
     film, where = given.film, given.film_where
     rate = film.sampling_rate or SAMPLING_MARGIN * waveform.bandwidth
@@ -199,10 +218,12 @@ def _window(
             f"{where}: the window near_range = {near:g} m to far_range = {far:g} m (0 = automatic) cuts the "
             f"image, whose slant ranges are {low[0]:.6g} m to {high[0]:.6g} m; widen it or give 0"
         )
-    window = receive_window(track.position, geometry.center, box, waveform.range_cell, spacing, near, far)
-    if window.n_samples * track.n_pulses > MAX_SAMPLES:
+    positions = [track.position for track in tracks]
+    window = receive_window(positions, geometry.center, box, waveform.range_cell, spacing, near, far)
+    n_pulses = tracks[0].n_pulses
+    if window.n_samples * n_pulses > MAX_SAMPLES:
         raise RadarError(
-            f"{where}: {track.n_pulses} pulses of {window.n_samples} samples are more than {MAX_SAMPLES} "
+            f"{where}: {n_pulses} pulses of {window.n_samples} samples are more than {MAX_SAMPLES} "
             "samples; shrink the image, the window or the aperture"
         )
     return window

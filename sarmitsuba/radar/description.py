@@ -20,7 +20,7 @@ from sarmitsuba.radar.track import Track
 
 @dataclass(frozen=True, kw_only=True)
 class RadarDescription:
-    """A monostatic side-looking radar as a person describes it; what each field means stands beside it.
+    """A side-looking radar as a person describes it; what each field means stands beside it.
 
     Lengths in m, times in s, frequencies in Hz, angles in degrees and ratios in dB as the names say. 0 leaves a
     parameter to the program where its documentation says *automatic*.
@@ -79,8 +79,8 @@ class RadarDescription:
     )
     n_pulses: int = described(
         0,
-        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight with "
-        "a beam the image's azimuth extent beside it, so that every row has its whole aperture",
+        "pulses of the track; automatic: the aperture of azimuth_resolution, and in stripmap and sliding spotlight "
+        "with a beam the image's azimuth extent beside it, so that every row has its whole aperture",
         "",
         0,
         10_000_000,
@@ -212,6 +212,20 @@ class RadarDescription:
     pass_offset_up: float = described(
         0.0, "a parallel pass: the whole track is moved upwards, the beam on the same place", "m", -1e6, 1e6
     )
+    receiver_offset_along: float = described(
+        0.0,
+        "where another antenna receives: its place from the transmitter's, along the track; constant over the track",
+        "m",
+        -1e6,
+        1e6,
+    )
+    receiver_offset_across: float = described(0.0, "the same to the right of the track", "m", -1e6, 1e6)
+    receiver_offset_up: float = described(0.0, "the same upwards", "m", -1e6, 1e6)
+    receiver_track_file: str = described(
+        "",
+        "CSV as track_file, of the same pulses: where another antenna is when it receives their echoes; in place of "
+        "receiver_offset_along, receiver_offset_across and receiver_offset_up",
+    )
     center_frequency: float = described(9.6e9, "carrier frequency", "Hz", 1e6, 1e12)
     bandwidth: float = described(300e6, "bandwidth swept by the pulse", "Hz", 1000.0, 1e12)
     pulse_width: float = described(2e-06, "length of the transmitted pulse", "s", 1e-10, 1.0)
@@ -298,7 +312,8 @@ _GEOMETRY_HINT = "the geometry is given by slant_range, look_angle_deg, heading_
 SENSOR = ParamTable(
     plugin="sar_antenna",
     element="sensor",
-    doc="Monostatic side-looking radar: track, beam, waveform, polarisation, power; may hold a `range_film`.",
+    doc="Side-looking radar: track, beam, waveform, polarisation, power, and a receiver apart where there is one; may "
+    "hold a `range_film`.",
     error=RadarError,
     hints={
         "to_world": _GEOMETRY_HINT,

@@ -78,7 +78,8 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
             )
         path = Path(s.recorded_track_file)
         track = Track.from_csv(path if path.is_absolute() else given.folder / path)
-        return _checked(s.recorded_track_file, replace(track, position=track.position - offset), flown)
+        track = replace(track, position=track.position - offset)
+        return of_same_pulses(s.recorded_track_file, track, flown, "recorded")
     if errors & set(_JITTER_PARTS) and s.track_jitter == 0.0:
         raise RadarError(
             f"{given.where}: {sorted(errors & set(_JITTER_PARTS))[0]} has no effect without track_jitter; set "
@@ -101,19 +102,20 @@ def recorded_track(given: RadarInput, flown: Track, offset: F64) -> Track | None
     return model.recorded(flown)
 
 
-def _checked(name: str, track: Track, flown: Track) -> Track:
+def of_same_pulses(name: str, track: Track, flown: Track, what: str) -> Track:
+    """The track, if it has the pulse times of the one flown; else a RadarError that begins with ``name``."""
     if track.n_pulses != flown.n_pulses:
         raise RadarError(
-            f"{name}: {track.n_pulses} pulses are recorded and {flown.n_pulses} flown; give one line per pulse"
+            f"{name}: {track.n_pulses} pulses are {what} and {flown.n_pulses} flown; give one line per pulse"
         )
     span = float(flown.time[-1] - flown.time[0])
     late = float(np.abs((track.time - track.time[0]) - (flown.time - flown.time[0])).max())
     if late > 1e-6 * max(span, 1e-9) + 1e-9:
         raise RadarError(
-            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; record the "
-            "same pulses"
+            f"{name}: its pulse times differ by up to {late:.3g} s from those of the track flown; give "
+            "the same pulses"
         )
     return track
 
 
-__all__ = ["TrackError", "recorded_track"]
+__all__ = ["TrackError", "of_same_pulses", "recorded_track"]

@@ -1,5 +1,6 @@
 """What the radar has to hold: the image's box, its slant ranges and Doppler bandwidth, the receive window."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +97,7 @@ def beam_bandwidth(antenna: Antenna, speed: float, wavelength: float, half_apert
 
 
 def receive_window(
-    position: F64,
+    positions: Sequence[F64],
     center: F64,
     box: Box,
     range_cell: float,
@@ -111,14 +112,14 @@ def receive_window(
 
     Parameters
     ----------
-    position : (n_pulses, 3) float64, m, scene frame
+    positions : (n_pulses, 3) float64, m, scene frame, of every antenna: of one, or of transmitter and receiver
     center : (3,) mid-aperture position
     box : what has to be held; its height is added at both ends for multiple bounces
     range_cell, sample_spacing : m
     near_range, far_range : given limits at mid-aperture, m; 0 = automatic
     """
-    near, far = box.slant_ranges(position)
-    to_aim = np.linalg.norm(position - box.origin, axis=1)
+    ranges = [(*box.slant_ranges(p), np.linalg.norm(p - box.origin, axis=1)) for p in positions]
+    near, far, to_aim = ranges[0] if len(ranges) == 1 else np.mean(ranges, axis=0)
     follow = np.zeros_like(to_aim)
     if np.ptp(to_aim) > 0.25 * float((far - near).max()):
         mid = float(np.linalg.norm(center - box.origin))

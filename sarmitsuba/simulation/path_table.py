@@ -12,23 +12,24 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.points import point_returns, sightlines
+from sarmitsuba.simulation.points import point_history, point_returns, sightlines
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
-from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.simulation.tracing import Tracer, receiver_state
 from sarmitsuba.trace.kernel import trace
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.trace.state import RETRO
+from sarmitsuba.trace.state import RETRO, REVERSED
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 # by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
-# own chain of mirrors, and from an ideal point
-KINDS = ("coherent", "diffuse", "retro", "point")
+# own chain of mirrors, from an ideal point, and from a diffuse scatterer home through mirrors to a receiver apart
+KINDS = ("coherent", "diffuse", "retro", "point", "reversed")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
@@ -45,7 +46,7 @@ class PathTable:
     pulse : (n,) int32 number of the pulse
     kind : (n,) uint8 place in ``KINDS``
     order : (n,) int32 number of bounces, from 1
-    length : (n,) float64, m, from the antenna to the antenna
+    length : (n,) float64, m, from the antenna to the antenna, or to the receiver apart
     range_rate : (n,) float64, m/s, of half the length
     amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
     points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
@@ -230,9 +231,7 @@ def _gate(scene: Scene, point: F64, cells: float) -> Gate:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise RadarError(f"near has the shape {point.shape}; give one finite point (3,), m, scene frame")
     track = scene.radar.track
-    way = track.position - point
-    distance = np.linalg.norm(way, axis=1)
-    rate = np.einsum("ni,ni->n", way, track.velocity) / distance
+    distance, rate = point_history(scene.radar, PointTarget("near", point), slice(None))
     # a step along the track turns the line of sight, and with it the rate, by so much
     per_metre = (np.einsum("ni,ni->n", track.velocity, track.velocity) - rate**2) / distance
     speed = np.linalg.norm(track.velocity, axis=1)
@@ -244,7 +243,8 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
     """Paths of one lattice from one pulse."""
     radar = run.scene.radar
     pick = slice(pulse, pulse + 1)
-    batch, flags = tracer.prepared(grid, radar.track.position[pick], radar.track.velocity[pick], pick)
+    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
+    batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
     room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
     while True:
@@ -265,10 +265,11 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     step = np.arange(1, most + 1)
     # back through the chain behind the turn
     bounce = np.where(step <= turn[:, None], step, 2 * turn[:, None] - step)
+    bounce = np.where((kind == REVERSED)[:, None], order[:, None] + 1 - step, bounce)
     there = step <= order[:, None]
     bounce = np.where(there, bounce, 1) - 1
     points = rows.hit_point[bounce, lane[:, None]]
-    points[np.arange(lane.size), turn - 1] = rows.lengths[:, 2:]
+    points[np.arange(lane.size), np.where(kind == REVERSED, 0, turn - 1)] = rows.lengths[:, 2:]
     points[~there] = np.nan
     row = rows.hit_face[bounce, lane[:, None]]
     assert not (there & (row == NO_FACE)).any()
@@ -293,14 +294,13 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
 def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     """Paths of the ideal points that a pulse sees."""
     scene, pick = run.scene, slice(pulse, pulse + 1)
-    track, channels = scene.radar.track, scene.radar.channels
+    channels = scene.radar.channels
     rows = []
     for point in scene.points:
         distance, amplitude = point_returns(scene, run.plan.flags, point, pick)
-        amplitude = amplitude * sightlines([point], run.trace_scene, track, pick)[0]
-        position = point.position_at(track.time[pulse])
-        velocity = track.velocity[pulse] - point.motion.velocity_at(track.time[pulse])
-        rate = float((track.position[pulse] - position) @ velocity / distance[0])
+        amplitude = amplitude * sightlines([point], run.trace_scene, scene.radar.tracks, pick)[0]
+        position = point.position_at(scene.radar.track.time[pulse])
+        rate = float(point_history(scene.radar, point, pick)[1][0])
         outside = gate is not None and (
             abs(distance[0] - gate.slant_range[pulse]) > gate.half_range[pulse]
             or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]

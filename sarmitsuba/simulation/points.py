@@ -7,9 +7,12 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.in_pulse import InPulse, carrier_range
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -30,7 +33,9 @@ def add_points(
 ) -> int:
     r"""Add every point target's exact band-limited echo to range-compressed data.
 
-    .. math:: K \sqrt{\sigma} e^{j \phi} g_t / R^2 \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
+    .. math:: K \sqrt{\sigma} e^{j \phi} g_t / (R_t R_r) \, \mathrm{sinc}((r - R) / \Delta r) e^{-j 4 \pi f_c R / c}
+
+    with :math:`R = (R_t + R_r) / 2` half the way from the transmitter to the receiver, mostly one antenna.
 
     Parameters
     ----------
@@ -58,16 +63,22 @@ def add_points(
         if layer.order in (0, 1) and isotropic_response(layer.channel)
     }
     sample = np.arange(window.n_samples) * window.sample_spacing
+    moving = InPulse.of(radar, slice(None))
     added = 0
     step = max(1, _BATCH // window.n_samples)
     for start in range(0, track.n_pulses, step):
         pick = slice(start, start + step)
-        seen = sightlines(scene.points, trace_scene, track, pick)
+        seen = sightlines(scene.points, trace_scene, radar.tracks, pick)
         for point, sight in zip(scene.points, seen, strict=True):
             distance, amplitude = point_returns(scene, flags, point, pick)
             amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
-            offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
+            place = distance
+            if moving is not None:
+                rate = point_history(radar, point, pick)[1]
+                distance = carrier_range(distance, rate, moving.range_per_rate, moving.reference[pick])
+                place = distance + moving.range_per_rate * rate
+            offset = (window.start_range[pick, None] + sample - place[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
             for i, factor in factors.items():
@@ -78,36 +89,66 @@ def add_points(
 def point_returns(
     scene: Scene, flags: KernelFlags, point: PointTarget, pick: slice
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (m) and co-polar amplitude (sqrt(W)) of a point that the pulses ``pick`` see, two (n,) float64."""
+    """Slant range (m) and co-polar amplitude (sqrt(W)) of a point that the pulses ``pick`` see, two (n,) float64."""
     radar = scene.radar
-    leg = point.position_at(radar.track.time[pick]) - radar.track.position[pick]
-    distance = np.linalg.norm(leg, axis=1)
-    amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / distance**2
+    position = point.position_at(radar.track.time[pick])
+    legs = [position - track.position[pick] for track in radar.tracks]
+    distances = [np.linalg.norm(leg, axis=1) for leg in legs]
+    amplitude = radar.amplitude_constant * np.sqrt(point.rcs) / (distances[0] * distances[-1])
     if flags.antenna_pattern:
-        u = leg / distance[:, None]
-        p = radar.pointing
-        amplitude *= radar.antenna.two_way_amplitude(
-            np.sum(u * p.azimuth_axis[pick], axis=1), np.sum(u * p.elevation_axis[pick], axis=1)
-        ) * (np.sum(u * p.boresight[pick], axis=1) > 0)
-    return distance, amplitude
+        gains = [
+            _two_way_gain(radar.antenna, p, pick, leg / distance[:, None])
+            for p, leg, distance in zip(radar.pointings, legs, distances, strict=True)
+        ]
+        amplitude *= gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
+    return radar.slant_range(position, pick), amplitude
+
+
+def _two_way_gain(
+    antenna: Antenna, pointing: Pointing, pick: slice, u: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Gain of one antenna for both ways in the directions u (n, 3), zero behind the aperture."""
+    gain = antenna.two_way_amplitude(
+        np.sum(u * pointing.azimuth_axis[pick], axis=1), np.sum(u * pointing.elevation_axis[pick], axis=1)
+    )
+    return np.asarray(gain * (np.sum(u * pointing.boresight[pick], axis=1) > 0))
+
+
+def point_history(
+    radar: Radar, point: PointTarget, pick: slice
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slant range (m) of a point in the pulses ``pick`` and its change (m/s), two (n,) float64."""
+    time = radar.track.time[pick]
+    position, own = point.position_at(time), point.motion.velocity_at(time)
+    rates = []
+    for track in radar.tracks:
+        way = track.position[pick] - position
+        rate = np.einsum("ni,ni->n", way, track.velocity[pick] - own) / np.linalg.norm(way, axis=1)
+        rates.append(rate)
+    rate = rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1])
+    return radar.slant_range(position, pick), rate
 
 
 def sightlines(
-    points: Sequence[PointTarget], trace_scene: TraceScene | None, track: Track, pick: slice
+    points: Sequence[PointTarget], trace_scene: TraceScene | None, tracks: Sequence[Track], pick: slice
 ) -> NDArray[np.float64]:
-    """1 where a point sees the antenna at a pulse of ``pick``, else 0: (n_points, n) float64."""
-    time, antenna = track.time[pick], track.position[pick]
+    """1 where a point sees every antenna at a pulse of ``pick``, else 0: (n_points, n) float64."""
+    time = tracks[0].time[pick]
     position = np.array([point.position_at(time) for point in points])
+    seen = np.ones(position.shape[:2])
     if trace_scene is None:
-        return np.ones(position.shape[:2])
-    leg = position - antenna
-    distance = np.linalg.norm(leg, axis=2)
-    if trace_scene.movers is None:
-        ways = zip(position, leg, distance, strict=True)
-        return np.array([visible(trace_scene, *way) for way in ways]).reshape(distance.shape)
-    ways = zip(np.swapaxes(position, 0, 1), np.swapaxes(leg, 0, 1), distance.T, strict=True)
-    seen = [visible(trace_scene.at(float(t)), *way) for t, way in zip(time, ways, strict=True)]
-    return np.array(seen).reshape(distance.T.shape).T
+        return seen
+    for track in tracks:
+        leg = position - track.position[pick]
+        distance = np.linalg.norm(leg, axis=2)
+        if trace_scene.movers is None:
+            ways = zip(position, leg, distance, strict=True)
+            seen *= np.array([visible(trace_scene, *way) for way in ways]).reshape(seen.shape)
+            continue
+        ways = zip(np.swapaxes(position, 0, 1), np.swapaxes(leg, 0, 1), distance.T, strict=True)
+        each = [visible(trace_scene.at(float(t)), *way) for t, way in zip(time, ways, strict=True)]
+        seen *= np.array(each).reshape(seen.T.shape).T
+    return seen
 
 
 def visible(
@@ -185,6 +226,7 @@ __all__ = [
     "ON_SURFACE",
     "add_points",
     "off_planes",
+    "point_history",
     "point_returns",
     "sightlines",
     "touched_facets",

@@ -10,6 +10,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.block import BlockPlan, synthesise
 from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -19,6 +20,8 @@ from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 
+# position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
+State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
 # bytes of one accumulator grid; bounds the pulses of a direct batch
@@ -59,7 +62,7 @@ class Tracer:
             cell=sampling.scatterer_cell,
             seed=sampling.scene.settings.seed,
             amplitude=radar.amplitude_constant,
-            reference_range=float(np.linalg.norm(center - antenna)),
+            reference_range=_reference_range(radar, center),
             up=polarisation_up(radar, center, antenna),
         )
 
@@ -88,10 +91,13 @@ class Tracer:
             self.largest_grid,
         )
         self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
-        position, velocity = plan.position[None], plan.velocity[None]
+        position, velocity = plan.state.position, plan.state.velocity
+        receiver = (position[1:], velocity[1:]) if len(position) > 1 else None
         pick = slice(plan.key, plan.key + 1)
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-        stats = self.launch_all(rays, position, velocity, pick, accumulator, plan.n_pulses)
+        stats = self.launch_all(
+            rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
+        )
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
         beam = self.flags.antenna_pattern and not self.flags.motion
         profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
@@ -117,8 +123,9 @@ class Tracer:
         self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         pick = slice(start, stop)
         accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+        position, velocity = radar.track.position[pick], radar.track.velocity[pick]
         stats = self.launch_all(
-            rays, radar.track.position[pick], radar.track.velocity[pick], pick, accumulator, 1
+            rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
         )
         data[:, pick] = finish(accumulator.grid(), plan, radar)
         self.timer.lap("synthesise")
@@ -132,10 +139,12 @@ class Tracer:
         pick: slice,
         accumulator: GridAccumulator,
         pulses_each: int,
+        *,
+        receiver: State | None = None,
     ) -> TraceStatistics:
         """Run one kernel for each lattice that serves the first of the pulses, all into the same grid."""
         each = [
-            self.launch(grid, position, velocity, pick, accumulator, pulses_each)
+            self.launch(grid, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
             for grid in rays
             if grid.serves(pick.start)
         ]
@@ -152,13 +161,15 @@ class Tracer:
         pick: slice,
         accumulator: GridAccumulator,
         pulses_each: int,
+        *,
+        receiver: State | None = None,
     ) -> TraceStatistics:
-        """Record and run one kernel."""
+        """Record and run one kernel; ``receiver``: position and velocity of an antenna apart that receives."""
         radar = self.sampling.scene.radar
-        batch, flags = self.prepared(grid, position, velocity, pick)
+        batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
         if isinstance(accumulator, BlockAccumulator) and not flags.motion:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
-            batch = replace(batch, azimuth_later=True)
+            batch = batch.with_azimuth_later
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
@@ -181,18 +192,32 @@ class Tracer:
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         pick: slice,
+        *,
+        receiver: State | None = None,
     ) -> tuple[PulseBatch, KernelFlags]:
         """Antenna state of a launch and the effects of the returns that the grid's rays are for."""
         flags = self.flags
         frame = grid.frame or self.sampling.window.frame
         batch = pulse_batch(
-            self.sampling.scene.radar, pick, position, velocity, frame, patterned=flags.antenna_pattern
+            self.sampling.scene.radar,
+            pick,
+            position,
+            velocity,
+            frame,
+            patterned=flags.antenna_pattern,
+            receiver=receiver,
         )
         if grid.purpose == "coherent":
             flags = replace(flags, diffuse=False)
         elif grid.purpose == "diffuse":
             flags = replace(flags, coherent=False)
         return batch, flags
+
+
+def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
+    """Distance that stands for both legs at a point (3,): of two antennas the geometric mean, m."""
+    legs = [float(np.linalg.norm(center - track.center_position)) for track in radar.tracks]
+    return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
 
 
 def pulse_batch(
@@ -203,17 +228,28 @@ def pulse_batch(
     frame: LaunchFrame,
     *,
     patterned: bool,
+    receiver: State | None = None,
 ) -> PulseBatch:
     """Antenna state of a launch; ``pick``: pulses whose pointing holds, where the antenna is ``patterned``."""
-    pointing = radar.pointing
-    return PulseBatch(
-        position=position,
-        velocity=velocity,
-        frame=frame,
-        boresight=pointing.boresight[pick] if patterned else None,
-        azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
-        elevation_axis=pointing.elevation_axis[pick] if patterned else None,
-    )
+
+    def of(state: State, pointing: Pointing) -> PulseBatch:
+        return PulseBatch(
+            position=state[0],
+            velocity=state[1],
+            frame=frame,
+            boresight=pointing.boresight[pick] if patterned else None,
+            azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
+            elevation_axis=pointing.elevation_axis[pick] if patterned else None,
+        )
+
+    batch = of((position, velocity), radar.pointing)
+    return batch if receiver is None else replace(batch, receiver=of(receiver, radar.pointings[-1]))
+
+
+def receiver_state(radar: Radar, pick: slice) -> State | None:
+    """Position and velocity of a receiver apart in these pulses; None where there is none."""
+    receiver = radar.receiver
+    return None if receiver is None else (receiver.position[pick], receiver.velocity[pick])
 
 
 def polarisation_up(
@@ -228,4 +264,12 @@ def polarisation_up(
     return (float(up[0]), float(up[1]), float(up[2]))
 
 
-__all__ = ["MAX_GRID_BYTES", "MAX_LANES", "Tracer", "polarisation_up", "pulse_batch"]
+__all__ = [
+    "MAX_GRID_BYTES",
+    "MAX_LANES",
+    "State",
+    "Tracer",
+    "polarisation_up",
+    "pulse_batch",
+    "receiver_state",
+]

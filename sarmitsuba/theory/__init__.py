@@ -13,6 +13,7 @@ from sarmitsuba.theory.beam import (
     mispointed_level,
     uniform_aperture_gain,
 )
+from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
@@ -23,6 +24,7 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
 from sarmitsuba.theory.interferometry import (
     baseline_coherence,
     coherence_pdf,
@@ -95,13 +97,17 @@ __all__ = [
     "baseline_coherence",
     "beam_cell",
     "beam_taper",
+    "bistatic_po",
+    "bistatic_range",
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "chirp_range_shift",
     "circular_orbit_doppler",
     "circular_response",
     "coherence_pdf",
     "coherent_loss",
+    "corner_line",
     "critical_baseline",
     "cylinder_rcs",
     "dihedral",
@@ -125,6 +131,7 @@ __all__ = [
     "kirchhoff_sigma0",
     "minimum_antenna_area",
     "mispointed_level",
+    "moving_echo",
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
@@ -149,6 +156,7 @@ __all__ = [
     "sphere_po_amplitude",
     "staggered_line",
     "staggered_lines",
+    "start_stop_azimuth_shift",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

@@ -70,7 +70,7 @@ def half_power_width(wavelength: float, half: float, taper: Taper | None = None)
 
     def above_half(x: float) -> float:
         level = np.sum(weight * np.cos(4.0 * np.pi / wavelength * sine * x)) / weight.sum()
-        return float(level) - 0.5**0.5
+        return float(level - np.sqrt(0.5))
 
     # the half-power point of any taper that falls to its ends lies between a uniform band's and four times that
     cell = wavelength / (4.0 * half)

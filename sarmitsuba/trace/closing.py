@@ -13,6 +13,7 @@ from sarmitsuba.trace.state import (
     COHERENT,
     DIFFUSE,
     RETRO,
+    REVERSED,
     Contribution,
     Footprint,
     Hit,
@@ -157,10 +158,14 @@ def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Slot:
-    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain."""
+    """A diffuse return: of a node of the lattice, straight home or back along the ray's own chain.
+
+    Or ``other_way`` round: out to the node and home through the chain; None where that is no return of its own.
+    """
 
     node: Node
     back: mi.Bool
+    other_way: mi.Bool | None
 
     @property
     def there(self) -> mi.Bool:
@@ -177,6 +182,8 @@ class DiffuseReturns:
     lattice : scatterers in the patch of the facet
     straight : per channel, values of the fixed tensors on the way home
     retro : the same back along the ray's own chain; None where there are no such paths
+    reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
+        where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
     """
 
@@ -187,22 +194,28 @@ class DiffuseReturns:
     lattice: ScattererLattice
     straight: list[list[mi.Complex2f]]
     retro: list[list[mi.Complex2f]] | None
+    reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
 
     def first(self) -> Slot:
         """The first return there is."""
         node, back = self.lattice.first(), mi.Bool(False)
-        return Slot(node, back if self.retro is None else ~self.hit.sees)
+        other_way = None if self.reverse is None else mi.Bool(False)
+        return Slot(node, back if self.retro is None else ~self.hit.sees, other_way)
 
     def after(self, slot: Slot, same: mi.Bool) -> Slot:
         """The next one, back along the chain or of the next node; in ``same`` lanes the slot itself."""
-        stays, back = same, slot.back
+        stays, back, other_way = same, slot.back, slot.other_way
         if self.retro is not None:
             # what the antenna sees from behind a mirror has two returns
             turns = ~same & ~slot.back & ~self.hit.first
-            stays, back = same | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
-        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back)
+            if other_way is not None:
+                # and three where the straight one differs from the same way round
+                reverses, turns = turns & ~other_way, turns & other_way
+                stays, other_way = same | reverses, dr.select(same, other_way, reverses)
+            stays, back = stays | turns, dr.select(same, slot.back, turns | ~self.hit.sees)
+        return Slot(self.lattice.after(slot.node, dr.select(stays, mi.Int32(0), 1)), back, other_way)
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
@@ -235,7 +248,55 @@ class DiffuseReturns:
             range_rate=rate_out,
             amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
-        return selected(slot.back, retro, straight)
+        if self.reverse is None or slot.other_way is None:
+            return selected(slot.back, retro, straight)
+        home, rate_home = self._through_chain(centre)
+        retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
+        return selected(
+            slot.other_way,
+            self._reversed(straight, self.reverse, random, home, rate_home),
+            selected(slot.back, retro, straight),
+        )
+
+    def _reversed(
+        self,
+        straight: Contribution,
+        reverse: list[list[mi.Complex2f]],
+        random: list[mi.Complex2f],
+        home: mi.Float64,
+        rate_home: mi.Float64,
+    ) -> Contribution:
+        """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
+
+        Parameters
+        ----------
+        straight : return the one way
+        reverse : per channel, values of the fixed tensors the other way
+        random : of the scatterer
+        home, rate_home : m and m/s, of the way home through the chain
+
+        Notes
+        -----
+        Ignores that gains and visibility of the two antennas change places: they are those of the straight return.
+        """
+        leg = straight.point - self.lane.transmitter
+        length = dr.norm(leg)
+        rate = dr.dot(leg, seen_from(self.hit, self.lane.transmitter_velocity)) / length
+        return replace(
+            straight,
+            kind=mi.UInt32(REVERSED),
+            slant_range=0.5 * (length + home),
+            range_rate=0.5 * (rate_home - rate),
+            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
+        )
+
+    def _through_chain(self, centre: mi.Vector3d) -> tuple[mi.Float64, mi.Float64]:
+        """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
+        receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
+        assert receiver is not None and velocity is not None
+        leg = centre - receiver
+        length = dr.norm(leg)
+        return length, -dr.dot(leg, seen_from(self.hit, velocity)) / length
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -256,20 +317,27 @@ def close_diffuse(
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
     flags, constants = kernel.flags, kernel.constants
-    both_ways = flags.diffuse_double and flags.multi_bounce
+    both_ways = kernel.both_ways
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    # only behind a mirror do the two directions differ
+    # only behind a mirror, or with two antennas, do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
+    if kernel.bistatic:
+        backscatter = mi.Bool(False)
     matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
-    straight, retro = [], None
+    straight: list[list[mi.Complex2f]] = []
+    retro = None
+    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
     for channel in flags.closed:
         sent, received = channel[0], channel[1]
         terms = matrix.between(receive.basis[received], fields[sent])
         if both_ways:
             # behind mirrors the reversed path comes home with the same length: the transposed channel
-            reverse = matrix.between(receive.basis[sent], fields[received])
-            none = mi.Complex2f(0.0)
-            terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, reverse, strict=True)]
+            swapped = matrix.between(receive.basis[sent], fields[received])
+            if reverse is not None:
+                reverse.append(swapped)
+            else:
+                none = mi.Complex2f(0.0)
+                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
         straight.append(terms)
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
@@ -294,6 +362,7 @@ def close_diffuse(
         lattice=lattice,
         straight=_recorded(flags, straight),
         retro=None if retro is None else _recorded(flags, retro),
+        reverse=None if reverse is None else _recorded(flags, reverse),
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
     )

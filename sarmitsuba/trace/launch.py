@@ -1,6 +1,6 @@
 """Where rays start: a turned square lattice in a plane fixed to the scene, across the line of sight."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -228,6 +228,7 @@ class PulseBatch:
     frame : launch planes, one for all pulses or one each
     boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
     azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
+    receiver : state of another antenna that receives; None: the one that transmits does
     """
 
     position: F64
@@ -237,6 +238,13 @@ class PulseBatch:
     azimuth_axis: F64 | None = None
     elevation_axis: F64 | None = None
     azimuth_later: bool = False
+    receiver: "PulseBatch | None" = None
+
+    @property
+    def with_azimuth_later(self) -> "PulseBatch":
+        """The same with the azimuth pattern left to a block's synthesis."""
+        receiver = None if self.receiver is None else self.receiver.with_azimuth_later
+        return replace(self, azimuth_later=True, receiver=receiver)
 
     @property
     def n_pulses(self) -> int:

@@ -19,7 +19,7 @@ from sarmitsuba.tubes import curvature, polygon, tube
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
     from sarmitsuba.trace.geometry import TraceScene
-    from sarmitsuba.trace.launch import LaunchGrid, Purpose
+    from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
 
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
@@ -37,9 +37,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         dr.gather(v64, vector_rows(rows), plane)
         for rows in (pulses.frame.center, pulses.frame.axis_x, pulses.frame.axis_y)
     )
-    position, velocity = (
-        dr.gather(v64, vector_rows(rows), pulse) for rows in (pulses.position, pulses.velocity)
-    )
+    position, velocity = _antenna_of(pulses, pulse)
 
     start = center + axis_x * f64(gx) + axis_y * f64(gy)
     leg = start - position
@@ -53,15 +51,24 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
     pattern = None
+    first_leg = d if flags.multi_bounce else None
     if flags.antenna_pattern:
-        pattern = BeamPattern(antenna, pulses, pulse, d if flags.multi_bounce else None)
+        pattern = BeamPattern(antenna, pulses, pulse, first_leg)
         weight *= pattern.one_way(d)
+    receiver, receiver_velocity = position, velocity
+    if pulses.receiver is not None:
+        receiver, receiver_velocity = _antenna_of(pulses.receiver, pulse)
+        # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
+        pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
+    apart = kernel.bistatic and kernel.both_ways
     h, v = field.polarisation_basis(d, constants.up)
 
     lane = Lane(
         pulse=pulse,
-        antenna=position,
-        velocity=velocity,
+        antenna=receiver,
+        velocity=receiver_velocity,
+        transmitter=position,
+        transmitter_velocity=velocity,
         tube_area=dr.norm(dr.cross(edge_a, edge_b)),
         inverse_start=inverse_start,
         tube_rate_a=dr.dot(edge_a, v32(velocity)) * inverse_start,
@@ -77,6 +84,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         direction=d64,
         virtual_antenna=position,
         virtual_velocity=velocity,
+        virtual_receiver=receiver if apart else None,
+        virtual_receiver_velocity=receiver_velocity if apart else None,
         edge_a=edge_a,
         edge_b=edge_b,
         spread=TubeSpread(edge_a * inverse_start, edge_b * inverse_start, distance)
@@ -96,6 +105,14 @@ def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float
     row = dr.gather(mi.UInt32, device_array(mi.UInt32, grid.level), ray)
     spacing, low, high, _ = dr.gather(mi.Vector4d, device_array(mi.Float64, table), row)
     return spacing, (mi.Float(low), mi.Float(high))
+
+
+def _antenna_of(pulses: PulseBatch, pulse: mi.UInt32) -> tuple[mi.Vector3d, mi.Vector3d]:
+    """Position and velocity of each lane's pulse."""
+    return (
+        dr.gather(mi.Vector3d, vector_rows(pulses.position), pulse),
+        dr.gather(mi.Vector3d, vector_rows(pulses.velocity), pulse),
+    )
 
 
 def _lattice_edges(
@@ -160,11 +177,13 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     to_antenna = mi.Vector3f(to_antenna64)
     departure = _departure(mi.Vector3f(landed), n, d, clearance)
     sees = active & (dr.dot(to_antenna, n) > 1e-7)
-    if kernel.flags.visibility and kernel.flags.multi_bounce:
-        # no farther than the antenna, which may hang within the scene
+    if kernel.flags.visibility and (kernel.flags.multi_bounce or kernel.bistatic):
+        # the antenna that a ray comes from sees its first hit; no farther than the antenna, which may hang within
+        # the scene
+        known = mi.Bool(False) if kernel.bistatic else first
         shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
-        blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~first)
-        sees &= first | ~blocked
+        blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~known)
+        sees &= known | ~blocked
     material = info.x & MATERIAL_MASK
     return Hit(
         active=active,
@@ -349,8 +368,13 @@ def reflect(
         fields = tuple((re * kept, im * kept) for re, im in fields)
     antenna, d64 = ray.virtual_antenna, hit.direction64
     velocity = towards = ray.virtual_velocity
+    receiver, receiver_velocity = ray.virtual_receiver, ray.virtual_receiver_velocity
     if hit.movement is not None:  # the image of what rests in a mirror moves twice as fast as the mirror
         towards = velocity - hit.movement.velocity
+    if receiver is not None and receiver_velocity is not None:
+        receiver = receiver - n64 * (2.0 * dr.dot(receiver - hit.p, n64))
+        relative = receiver_velocity if hit.movement is None else receiver_velocity - hit.movement.velocity
+        receiver_velocity = receiver_velocity - n64 * (2.0 * dr.dot(relative, n64))
     return RayState(
         active=hit.active & (hit.order < kernel.constants.max_depth),
         hits=hit.order,
@@ -358,6 +382,8 @@ def reflect(
         direction=d64 - n64 * (2.0 * dr.dot(d64, n64)),
         virtual_antenna=antenna - n64 * (2.0 * dr.dot(antenna - hit.p, n64)),
         virtual_velocity=velocity - n64 * (2.0 * dr.dot(towards, n64)),
+        virtual_receiver=receiver,
+        virtual_receiver_velocity=receiver_velocity,
         edge_a=edge_a,
         edge_b=edge_b,
         spread=spread,

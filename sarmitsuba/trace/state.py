@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
+# a diffuse path the other way round, to a receiver apart; 3 is an ideal point's, which no ray finds
+REVERSED = 4
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,16 @@ class Kernel:
         """True where mirrors bend, so that tubes spread otherwise than from a point."""
         return self.flags.multi_bounce and self.scene.curvature_table is not None
 
+    @property
+    def both_ways(self) -> bool:
+        """True where diffuse paths go back through their chains of mirrors too."""
+        return self.flags.diffuse and self.flags.diffuse_double and self.flags.multi_bounce
+
+    @property
+    def bistatic(self) -> bool:
+        """True where another antenna receives."""
+        return self.pulses.receiver is not None
+
 
 @dataclass(frozen=True, eq=False)
 class Lane:
@@ -116,18 +128,21 @@ class Lane:
     Parameters
     ----------
     pulse : number of the pulse in the batch
-    antenna, velocity : of that pulse, m and m/s, scene frame
+    antenna, velocity : that receives that pulse, m and m/s, scene frame
+    transmitter, transmitter_velocity : that transmits it, likewise
     tube_area : m^2, cross-section of the tube at the launch plane
     inverse_start : 1/m, of the distance from the antenna to the launch plane
     tube_rate_a, tube_rate_b : m/s, change of the outgoing leg's range rate over the tube's two edges
     nudge : m, step beside a ray that slipped through a vertex
     needs : m; only faces that need rays at least so far apart and closer than the second are this ray's
-    pattern : of the antenna, None for an isotropic one
+    pattern : of the antenna that receives, None for an isotropic one
     """
 
     pulse: mi.UInt32
     antenna: mi.Vector3d
     velocity: mi.Vector3d
+    transmitter: mi.Vector3d
+    transmitter_velocity: mi.Vector3d
     tube_area: mi.Float
     inverse_start: mi.Float
     tube_rate_a: mi.Float
@@ -156,8 +171,10 @@ class RayState:
     hits : so far
     origin : m, scene frame
     direction : float64, mirrored exactly like the antenna
-    virtual_antenna, virtual_velocity : antenna and its velocity, mirrored through the chain so far, whose mirrors may
-        move
+    virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
+        mirrors may move
+    virtual_receiver, virtual_receiver_velocity : another antenna that receives, likewise; None where there is none, or
+        no path goes back through a chain
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend
@@ -171,6 +188,8 @@ class RayState:
     direction: mi.Vector3d
     virtual_antenna: mi.Vector3d
     virtual_velocity: mi.Vector3d
+    virtual_receiver: mi.Vector3d | None
+    virtual_receiver_velocity: mi.Vector3d | None
     edge_a: mi.Vector3f
     edge_b: mi.Vector3f
     spread: TubeSpread | None
@@ -267,7 +286,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE`` or ``RETRO``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO`` or ``REVERSED``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -291,6 +310,7 @@ __all__ = [
     "COHERENT",
     "DIFFUSE",
     "RETRO",
+    "REVERSED",
     "Constants",
     "Contribution",
     "Footprint",

@@ -210,6 +210,7 @@ def test_files_are_in_the_frame_of_the_scene_file(tmp_path: Path, method: str, g
         assert np.linalg.norm(brightest(out / name) - point) < 0.4
     record = json.loads((out / "parameters.json").read_text())
     np.testing.assert_allclose(record["radar"]["aim_point_m"], FAR, rtol=0, atol=1e-8)  # tol: float64
+    assert record["radar"]["anchor"] == {"latitude_deg": 0.0, "longitude_deg": 0.0, "height_m": 0.0}
     asked = record["image_request"]
     np.testing.assert_allclose([asked["center_x"], asked["center_y"], asked["height"]], FAR, atol=1e-8)
     if method == "image":

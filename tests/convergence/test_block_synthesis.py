@@ -15,9 +15,9 @@ def _path_lengths(track, plan, a, b):
     """Half lengths of two-legged paths at the block's pulses, R0 and rate as the contract defines them."""
 
     def legs(p):
-        d = plan.position - p
+        d = plan.state.position[0] - p
         r = np.linalg.norm(d, axis=-1)
-        return r, d @ plan.velocity / r
+        return r, d @ plan.state.velocity[0] / r
 
     (ra, va), (rb, vb) = legs(a), legs(b)
     _, reference_rate = legs(plan.reference)
@@ -35,7 +35,9 @@ def _run(s, exact, error_db, start, length, width=4, n_paths=200, extra=0.0, cur
     if (
         extra > 0.0
     ):  # half of the paths: image points behind the first point hit; some fold both ways, some one
-        sight = (a - plan.position) / np.linalg.norm(a - plan.position, axis=-1, keepdims=True)
+        sight = (a - plan.state.position[0]) / np.linalg.norm(
+            a - plan.state.position[0], axis=-1, keepdims=True
+        )
         behind = extra * rng.uniform(size=(n_paths, 1)) * (rng.uniform(size=(n_paths, 1)) < 0.5)
         both = rng.uniform(size=(n_paths, 1)) < 0.5
         partner = np.clip(a + behind * rng.uniform(-1, 1, a.shape), s.box[0], s.box[1])

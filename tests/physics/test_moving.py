@@ -58,7 +58,7 @@ class Drawn:
         c, s = np.cos(turn), np.sin(turn)
         self.top = np.flatnonzero((vertices[self.faces][..., 2] > 0.0).all(axis=1))
         turned = (
-            (vertices + [0.0, 0.0, 1.0])
+            (vertices + np.array([0.0, 0.0, 1.0]))
             * [2.2, 0.9, 0.75]
             @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         )

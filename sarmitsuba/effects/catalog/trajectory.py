@@ -25,10 +25,12 @@ class Trajectory(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        track = context.scene.radar.track
-        if track.is_straight:
+        tracks = [track for track in context.scene.radar.tracks if not track.is_straight]
+        if not tracks:
             return Assessment(False, "straight uniform track", -np.inf)
-        departure = float(np.sqrt(np.mean(np.sum((track.position - _fit(track)) ** 2, axis=1))))
+        departure = max(
+            float(np.sqrt(np.mean(np.sum((track.position - _fit(track)) ** 2, axis=1)))) for track in tracks
+        )
         phase = 2.0 * context.wavenumber * departure
         return Assessment(
             True, f"{length(departure)} rms off a straight line", 20.0 * float(np.log10(min(phase, 2.0)))
@@ -37,13 +39,23 @@ class Trajectory(Effect):
     def without(self, scene: Scene) -> Scene:
         """The straight line through the track by least squares, uniform in time."""
         track = scene.radar.track
-        if track.is_straight:
+        if all(one.is_straight for one in scene.radar.tracks):
             return scene
-        position = _fit(track)
-        time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
-        velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)
-        straight = Track(time, position, np.broadcast_to(velocity, position.shape).copy())
-        return replace(scene, radar=replace(scene.radar, track=straight, recorded=None))
+        receiver = scene.radar.receiver
+        radar = replace(
+            scene.radar,
+            track=_straightened(track),
+            recorded=None,
+            receiver=receiver and _straightened(receiver),
+        )
+        return replace(scene, radar=radar)
+
+
+def _straightened(track: Track) -> Track:
+    position = _fit(track)
+    time = np.linspace(track.time[0], track.time[-1], track.n_pulses)
+    velocity = (position[-1] - position[0]) / max(float(time[-1] - time[0]), 1e-12)
+    return Track(time, position, np.broadcast_to(velocity, position.shape).copy())
 
 
 def _fit(track: Track) -> NDArray[np.float64]:

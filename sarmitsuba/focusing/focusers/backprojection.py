@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import ClassVar
 
@@ -13,7 +13,7 @@ from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import flight, matched_weights
+from sarmitsuba.focusing.aperture import direction_gain, flight, look_directions, matched_weights
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     PULSE_STRIDE,
@@ -263,11 +263,38 @@ def backproject_numpy(
 _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -124.0}
 
 
+# most by which the two beams' amplitudes may differ, of the transmitter's at its peak
+_BEAMS_APART = 0.1
+
+
 def bistatic_refusal(radar: Radar) -> str:
     """Why the sum cannot be made for a receiver apart from the transmitter; empty when it can, or there is none."""
     if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
         return ""
-    return "a receiver apart from the transmitter has no pattern or Doppler band; give an isotropic antenna"
+    if radar.receives_itself:
+        return ""
+    if radar.receiver_pointing is None:
+        return (
+            "a receiver apart from the transmitter has no pattern or Doppler band; give an isotropic antenna"
+        )
+    other = replace(
+        radar,
+        track=radar.receiver,
+        pointing=radar.receiver_pointing,
+        receiver=None,
+        receiver_pointing=None,
+        delay=None,
+    )
+    sent, received = (
+        direction_gain(one, slice(None), look_directions(one, radar.aim_point)) for one in (radar, other)
+    )
+    apart = float(np.abs(received - sent).max() / max(float(sent.max()), 1e-300))
+    if apart <= _BEAMS_APART:
+        return ""
+    return (
+        f"the beams of transmitter and receiver differ by {100.0 * apart:.0f} % at the aim point, and pulses are "
+        "weighed by the transmitter's; bring the receiver nearer or give an isotropic antenna"
+    )
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
+from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
@@ -40,7 +41,7 @@ CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 
 FRAME = "the scene file's own: x east, y north, z up, metres; its origin on the Earth is in the group anchor"
 
 # fields of a radar that stand elsewhere
-_ELSEWHERE = ("track", "offset", "recorded", "receiver", "anchor")
+_ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
@@ -117,7 +118,12 @@ def write_raw(path: Path | str, raw: RawData) -> None:
         groups.write_fields(file.create_group("anchor"), radar.anchor)
         groups.write_fields(file.create_group("track"), radar.track)
         if radar.receiver is not None:
-            groups.write_fields(file.create_group("receiver_track"), radar.receiver)
+            group = file.create_group("receiver_track")
+            groups.write_fields(group, radar.receiver)
+            if radar.delay is not None:
+                groups.write_number(group, "delay", radar.delay)
+        if radar.receiver_pointing is not None:
+            groups.write_fields(file.create_group("receiver_pointing"), radar.receiver_pointing)
         if raw.flown is not None:
             flown = replace(raw.flown, position=raw.flown.position + raw.radar.offset)
             groups.write_fields(file.create_group("flown_track"), flown)
@@ -170,13 +176,20 @@ def read_raw(path: Path | str) -> RawData:
             groups.read_fields(groups.group_of(file, name), Track) if groups.has(file, name) else None
             for name in ("receiver_track", "flown_track")
         )
+        aside = "receiver_pointing"
         anchor = groups.read_fields(groups.group_of(file, "anchor"), Anchor)
         known = {
             "track": track,
             "offset": np.zeros(3),
             "recorded": None,
             "receiver": receiver,
+            "delay": groups.numbers(file["receiver_track"], "delay")
+            if receiver is not None and groups.has(file["receiver_track"], "delay")
+            else None,
             "anchor": anchor,
+            aside: groups.read_fields(groups.group_of(file, aside), Pointing)
+            if groups.has(file, aside)
+            else None,
         }
         radar = groups.read_fields(groups.group_of(file, "radar"), Radar, **known)
         pulses = (track.n_pulses, 3)
@@ -184,6 +197,8 @@ def read_raw(path: Path | str) -> RawData:
         _check_shape("radar/window", {"start_range": pulses[:1]}, radar.window)
         axes = {"boresight": pulses, "azimuth_axis": pulses, "elevation_axis": pulses}
         _check_shape("radar/pointing", axes, radar.pointing)
+        if radar.receiver_pointing is not None:
+            _check_shape(aside, axes, radar.receiver_pointing)
         data, layers = _read_planes(file, _ECHOES)
         (domain,) = groups.texts_of(groups.group_of(file, _ECHOES.root), "domain")
         if domain not in ("compressed", "chirped") or (

@@ -1,5 +1,7 @@
 """What shapes that move ask of the sampling: light where they go, room for their range rates, short blocks."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,12 +130,9 @@ def _phase_error(plan: BlockPlan, radar: Radar, point: F64, motion: Motion) -> f
     pulses = slice(plan.start, plan.stop)
     place = point + motion.displacement(track.time[pulses])
     key = plan.key - plan.start
-    exact = np.linalg.norm(place - track.position[pulses], axis=1)
-    exact -= np.linalg.norm(plan.reference - track.position[pulses], axis=1)
-    velocity = plan.velocity - motion.velocity_at(track.time[plan.key])
-    leg, leg_reference = plan.position - place[key], plan.position - plan.reference
-    rate = leg @ velocity / np.linalg.norm(leg)
-    rate -= leg_reference @ plan.velocity / np.linalg.norm(leg_reference)
+    exact = radar.slant_range(place, pulses) - radar.slant_range(plan.reference, pulses)
+    at_key = replace(plan.state, velocity=plan.state.velocity - motion.velocity_at(track.time[plan.key]))
+    rate = at_key.rate(place[key]) - plan.reference_rate
     offset = exact[key : key + 1]
     bend = plan.curvature.of_range(offset)[:, 0] + plan.curvature.of_range_rate(np.array([rate]))[:, 0]
     left = exact - offset - rate * plan.tau - bend

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import choose_block_length
-from sarmitsuba.echo.direct import box_distance
+from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
@@ -232,9 +232,9 @@ class SamplingPlan:
     @cached_property
     def extra_slant_range(self) -> float:
         """What multiple reflections may add to a slant range and still be inside the receive window, m."""
-        window, track = self.scene.radar.window, self.scene.radar.track
+        window = self.scene.radar.window
         end = float(window.start_range.max()) + window.extent
-        far = float(box_distance(self.phase_box, track.position)[1].min())
+        far = float(box_slant_range(self.phase_box, self.scene.radar, slice(None))[1].min())
         return max(0.0, end - far)
 
     @cached_property

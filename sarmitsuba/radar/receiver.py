@@ -1,0 +1,75 @@
+"""A receiver apart from the transmitter: on the same aircraft, or following on one of its own."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.description import RadarInput
+from sarmitsuba.radar.mode import right_of
+from sarmitsuba.radar.recorded import of_same_pulses
+from sarmitsuba.radar.track import Track
+
+F64 = NDArray[np.float64]
+
+_OFFSETS = ("receiver_offset_along", "receiver_offset_across", "receiver_offset_up")
+# rad, between the lines of sight to the aim point: what is tested
+LARGEST_ANGLE = float(np.radians(30.0))
+
+
+def receiver_track(given: RadarInput, track: Track, aim: F64, offset: F64) -> Track | None:
+    r"""Track of the receiver in the scene frame; None where the transmitter's antenna receives.
+
+    .. math:: \mathbf r(t) = \mathbf x(t) + b_a \hat a + b_r \hat r + b_u \hat z
+
+    with :math:`\hat a` the horizontal direction of flight at mid-aperture and :math:`\hat r` to its right.
+
+    Parameters
+    ----------
+    given : the description
+    track : of the transmitter, scene frame
+    aim : (3,) m, scene frame; aim point
+    offset : (3,) float64, m; scene frame = file frame - offset
+
+    Raises
+    ------
+    RadarError
+        The file cannot be read or does not fit the transmitter's pulses, parameters contradict each other, or the
+        receiver looks from too far aside.
+    """
+    s = given.sensor
+    if s.receiver_track_file:
+        beside = sorted(given.sensor_given & set(_OFFSETS))
+        if beside:
+            raise RadarError(
+                f"{given.where}: {beside[0]} has no effect beside receiver_track_file; leave one of them out"
+            )
+        path = Path(s.receiver_track_file)
+        own = Track.from_csv(path if path.is_absolute() else given.folder / path)
+        own = replace(own, position=own.position - offset)
+        receiver = of_same_pulses(s.receiver_track_file, own, track, "received")
+    else:
+        baseline = np.array([s.receiver_offset_along, s.receiver_offset_across, s.receiver_offset_up])
+        if not baseline.any():
+            return None
+        axes = np.array([track.along, right_of(track.along), [0.0, 0.0, 1.0]])
+        receiver = replace(track, position=track.position + baseline @ axes)
+    angle = float(bistatic_angle(track, receiver, aim).max())
+    if angle > LARGEST_ANGLE:
+        raise RadarError(
+            f"{given.where}: the receiver looks at the aim point from {np.degrees(angle):.3g} deg beside the "
+            f"transmitter, more than {np.degrees(LARGEST_ANGLE):.0f} deg; bring it nearer"
+        )
+    return receiver
+
+
+def bistatic_angle(track: Track, receiver: Track, point: F64) -> F64:
+    """Angle (n_pulses,), rad, between the lines of sight of two tracks to a point (3,), m."""
+    a, b = (one.position - point for one in (track, receiver))
+    sine = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.arctan2(sine, np.einsum("ni,ni->n", a, b)))
+
+
+__all__ = ["LARGEST_ANGLE", "bistatic_angle", "receiver_track"]
