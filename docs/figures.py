@@ -176,7 +176,7 @@ def azimuth_ambiguities() -> Figure:
             "prf 70 Hz": options("70"),
             "prf 70 Hz, pri_sequence ramp:12:0.8": options("70", "sar_antenna.pri_sequence=ramp:12:0.8"),
         },
-        -60.0,
+        scale=(-60.0, 5.0),
         lying=True,
     )
 
