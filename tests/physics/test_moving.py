@@ -116,8 +116,8 @@ def test_every_pulse_is_that_of_the_scene_rebuilt_there(seed: int) -> None:
     moving = simulate(drawn.scene(method="raw")).total()
     for i, time in enumerate(drawn.time):
         rebuilt = simulate(drawn.scene(method="raw", place=drawn.motion.displacement(time))).total()
-        # tol: float32 vertices of both sets; the rays' window is the one for all pulses here, and each its own there
-        assert error_db(moving[i], rebuilt[i]) < -60.0
+        # tol: float32: a ray that grazes an edge may pass it on the other side; asked for: -40 dB
+        assert error_db(moving[i], rebuilt[i]) < -50.0
         if i != 1:
             assert error_db(moving[1], rebuilt[i]) > -3.0  # where it stood in the middle is another scene
 
