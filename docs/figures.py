@@ -33,7 +33,7 @@ F64 = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
-INK, RAY, GHOST, GROUND = "#202020", "#1f77b4", "#999999", "#d9cfc1"
+INK, RAY, GHOST, GROUND, MARK = "#202020", "#1f77b4", "#999999", "#d9cfc1", "#d62728"
 
 
 def geometry() -> Figure:
@@ -202,8 +202,9 @@ def moving() -> Figure:
                 ("car_east", (-6.0, 16.0), -35.4),
                 ("car_west", (20.0, 20.0), 26.5),
             ):
-                _arrow(axes, place, (place[0], place[1] + 0.9 * ahead), RAY)
-                axes.text(place[0] + 2.0, place[1] + 0.5 * ahead, name, fontsize=9, color=RAY)
+                _arrow(axes, place, (place[0], place[1] + 0.9 * ahead), MARK, 2.0)
+                box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+                axes.text(place[0] + 2.5, place[1] + 0.5 * ahead, name, fontsize=9, color=MARK, bbox=box)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
 
