@@ -12,6 +12,7 @@ from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
 from sarmitsuba.echo.curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
@@ -57,6 +58,7 @@ class BlockPlan:
     curvature : what ``R0 + range_rate tau`` leaves out of the slant range
     geometry_error_db : worst over the box's sample points of the rms phase error over the block, dB
     kernel_error_db : rms error of the two spreading kernels, dB
+    in_pulse : motion of the antenna within the pulse, of the key pulse; None: it stands still
     """
 
     start: int
@@ -78,6 +80,7 @@ class BlockPlan:
     curvature: Curvature
     geometry_error_db: float
     kernel_error_db: float
+    in_pulse: InPulse | None = None
 
     @property
     def key(self) -> int:
@@ -179,6 +182,7 @@ def plan_block(
 
     # the window against the block's contributions, both relative to the reference range of each pulse
     walk = max(abs(range_rate_low), abs(range_rate_high)) * reach + 2.0 * cell
+    walk += widest_shift(radar, box, slice(start, stop))
     reference_track = radar.slant_range(reference, slice(start, stop))
     first = window.start_range[start:stop] - reference_track
     low = float(first.min()) - (far - reference_range) - walk
@@ -209,6 +213,7 @@ def plan_block(
         curvature=fit.curvature,
         geometry_error_db=20.0 * float(np.log10(max(error, 1e-10))),
         kernel_error_db=_kernel_error_db(width, range_rate_width),
+        in_pulse=InPulse.of(radar, slice(state.key, state.key + 1)),
     )
 
 
@@ -386,6 +391,11 @@ def _azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:
     )
 
 
+def _reference_rate(plan: BlockPlan, radar: Radar) -> F64:
+    """Range rate of the reference at every pulse of the block, (K,) m/s."""
+    return radar.range_rate(plan.reference, slice(plan.start, plan.stop))
+
+
 def _pulses_from_range_rates(
     grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, gain: F64 | None
 ) -> C64:
@@ -402,7 +412,9 @@ def _pulses_from_range_rates(
     # the part of the curvature by range is read where the path is at t, so its slope comes off here
     bend = plan.curvature.of_range_rate(range_rate).T - plan.curvature.slope * range_rate[:, None] * plan.tau
     drift = range_rate[:, None] * plan.tau + bend  # m, (n_range_rate, K)
-    walk = per_bin * (drift - middle * plan.tau)  # rad per bin
+    # m, by how much a path appears shifted in range because its range changes during the pulse
+    shift = radar.range_per_rate * (range_rate[:, None] + _reference_rate(plan, radar))
+    walk = per_bin * (drift - middle * plan.tau + shift)  # rad per bin
     # what the range rate is multiplied with at each pulse: its time, where the track keeps to its line
     lever = (drift[-1] - drift[0]) / (range_rate[-1] - range_rate[0]) if plan.n_range_rate > 1 else plan.tau
     # Within a batch of frequencies exp(-j q walk) is a short Taylor series in q, so that the matrices of all
@@ -414,7 +426,7 @@ def _pulses_from_range_rates(
     def batch(m0: int) -> None:
         m = np.arange(m0, min(m0 + 2 * half + 1, count + 1))
         center = int(m[len(m) // 2])
-        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift)]
+        terms = [unit_phasor(-(wavenumber + center * per_bin) * drift - center * per_bin * shift)]
         if gain is not None:
             terms[0] *= gain.astype(np.float32)
         for step in steps:
@@ -457,8 +469,12 @@ def _pulse_weight(
     # cycles per range-rate cell: nearly the same for all m, so three Chebyshev points and a parabola
     span = max(float(np.abs(m - center).max()), 1.0)
     nodes = np.array([-0.8660254, 0.0, 0.8660254]) * span
-    cycles = per_bin * plan.range_rate_step * lever / (2.0 * np.pi)
-    at_nodes = plan.range_rate_kernel.inverse_transform((carrier_bins + center + nodes)[:, None] * cycles)
+    per_lever = per_bin * plan.range_rate_step / (2.0 * np.pi)
+    cycles = per_lever * lever
+    at_nodes = plan.range_rate_kernel.inverse_transform(
+        (carrier_bins + center + nodes)[:, None] * cycles
+        + (center + nodes)[:, None] * (per_lever * radar.range_per_rate)
+    )
     u = (m - center)[:, None] / nodes[2]
     parabola = np.concatenate([0.5 * u * (u - 1.0), 1.0 - u * u, 0.5 * u * (u + 1.0)], axis=1)
     mean_walk = phase_ramp(-per_bin * middle * plan.tau, int(m[0]) - center, len(m))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
+from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -29,6 +30,7 @@ class DirectPlan:
     n_range : cells per pulse
     width : of the spreading kernel
     fine : how the grid becomes the window's samples
+    in_pulse : motion of the antenna within the pulses; None: it stands still
     """
 
     start: int
@@ -37,6 +39,7 @@ class DirectPlan:
     n_range: int
     width: int
     fine: FineGrid
+    in_pulse: InPulse | None = None
 
     @property
     def range_step(self) -> float:
@@ -99,7 +102,8 @@ def plan_direct(
     """
     cell, window = radar.waveform.range_cell, radar.window
     near, far = box_slant_range(np.asarray(box, dtype=np.float64), radar, slice(start, stop))
-    far = far + extra_slant_range
+    shift = widest_shift(radar, np.asarray(box, dtype=np.float64), slice(start, stop))
+    near, far = near - shift, far + extra_slant_range + shift
     first = window.start_range[start:stop]
     low = float((first - far).min()) - cell
     high = float((first - near).max()) + window.extent + cell
@@ -107,7 +111,8 @@ def plan_direct(
     n_least = int(np.ceil((far - near).max() / (0.5 * cell) * 1.05)) + 2 * kernel.margin + 2
     fine = fine_grid(cell, window.sample_spacing, low, high, n_least)
     n_range = int(np.ceil((far - near).max() / fine.range_step)) + 2 * kernel.margin + 2
-    return DirectPlan(start, stop, near - (kernel.margin + 0.5) * fine.range_step, n_range, width, fine)
+    range0 = near - (kernel.margin + 0.5) * fine.range_step
+    return DirectPlan(start, stop, range0, n_range, width, fine, InPulse.of(radar, slice(start, stop)))
 
 
 def spread_reference(

@@ -94,6 +94,10 @@ class Effect(ABC):
         """Values of its ``kernel_flags``."""
         return {}
 
+    def within(self, scene: Scene) -> Scene:
+        """The scene that tracing and focusing see when it is on."""
+        return scene
+
     def without(self, scene: Scene) -> Scene:
         """The scene that tracing and focusing see when it is off."""
         return scene

@@ -113,10 +113,10 @@ class EffectsPlan:
 
     def apply(self, scene: Scene) -> Scene:
         """The scene as tracing and focusing must see it: without what is off (beam, cross channels, noise ...)."""
-        off = {d.name for d in self.decisions if not d.on}
+        on = {d.name: d.on for d in self.decisions}
         for effect in effects():
-            if effect.name in off:
-                scene = effect.without(scene)
+            if effect.name in on:
+                scene = effect.within(scene) if on[effect.name] else effect.without(scene)
         return scene
 
     def summary(self) -> str:

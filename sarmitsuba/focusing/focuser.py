@@ -78,6 +78,7 @@ class Focuser(WithOptions, ABC):
 
     def objection(self, radar: Radar, grid: ImageGrid) -> str:
         """Why it is not to be asked to focus: bistatic data that it does not take, or its :meth:`refusal`."""
+        radar = radar.start_stop()
         if radar.receiver is not None and not self.bistatic:
             return "the receiver is apart from the transmitter"
         return self.refusal(radar, grid)

@@ -37,6 +37,7 @@ FACTS: Mapping[str, tuple[str, str]] = {
     "center_frequency": ("Hz", "carrier"),
     "center_x": ("m", "image centre, east"),
     "center_y": ("m", "image centre, north"),
+    "delay": ("s", "from transmission to reception, per pulse, where the antenna moves on meanwhile"),
     "elevation_axis": ("1", "unit vector across the aperture, per pulse"),
     "elevation_cut": ("rad, 1", "angle off boresight and one-way power gain over its peak"),
     "elevation_beamwidth": ("rad", "one-way half-power width"),

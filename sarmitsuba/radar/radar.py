@@ -65,6 +65,8 @@ class Radar:
         pulse arrives, with the pulse times of ``track``, the transmitter's; slant range is half the way from there over
         the point to the receiver (so that both may change places)
     receiver_pointing : of the receiver's antenna, which has the transmitter's pattern; None: as ``pointing``
+    delay : (n_pulses,) float64, s, from transmission to reception, where antennas move on meanwhile: ``receiver`` is
+        then where that of the pulse is so much later; None: all stand still during a pulse
     anchor : where on the Earth the origin of the frame of the user's file lies
     """
 
@@ -86,6 +88,7 @@ class Radar:
     recorded_pointing: Pointing | None = None
     receiver: Track | None = None
     receiver_pointing: Pointing | None = None
+    delay: NDArray[np.float64] | None = None
     anchor: Anchor = field(default_factory=Anchor)
 
     def __post_init__(self) -> None:
@@ -96,6 +99,8 @@ class Radar:
             )
         if self.receiver is None and self.receiver_pointing is not None:
             raise RadarError("radar: receiver_pointing without a receiver; give its track or leave it out")
+        if self.delay is not None and (self.receiver is None or self.delay.shape != self.track.time.shape):
+            raise RadarError("radar: delay is that of the receiver's track, one for each pulse; give both")
 
     def __repr__(self) -> str:
         wave = f"{self.waveform.center_frequency / 1e9:.4g} GHz, {self.waveform.bandwidth / 1e6:.4g} MHz"
@@ -142,7 +147,8 @@ class Radar:
         .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
 
         over the sines s along the flight, about mid-aperture, and the effective velocity, V on a straight track. From
-        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse.
+        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse. The beam is the nominal one,
+        without pointing errors.
         """
         i, n = self.track.center_index, self.track.n_pulses
         pick = np.array([max(i - 1, 0), min(i + 1, n - 1)])
@@ -152,7 +158,8 @@ class Radar:
         forward = self.track.velocity[pick] / speed
         line = self.aim_point - self.track.position[pick]
         aim = np.sum(line * forward, axis=1) / np.linalg.norm(line, axis=1)
-        boresight = np.sum(self.pointing.boresight[pick] * forward, axis=1)
+        told = self.recorded_pointing or self.pointing
+        boresight = np.sum(told.boresight[pick] * forward, axis=1)
         held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
         return held * turning(self.track, self.aim_point, i)
 
@@ -170,6 +177,42 @@ class Radar:
         :math:`\lambda / 4 s_t`. Infinite where all pulses serve every pixel.
         """
         return self.half_aperture / self.footprint_speed if np.isfinite(self.half_aperture) else np.inf
+
+    def range_rate(self, point: NDArray[np.float64], pulses: slice = slice(None)) -> NDArray[np.float64]:
+        """Change of the slant range of a point (3,), m, scene frame, that stands still: (n_pulses,) m/s."""
+        rates = []
+        for track in self.tracks:
+            way = track.position[pulses] - point
+            rates.append(np.einsum("ni,ni->n", way, track.velocity[pulses]) / np.linalg.norm(way, axis=1))
+        return np.asarray(rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1]))
+
+    @property
+    def range_per_rate(self) -> float:
+        r"""How far echoes appear shifted in range, over their range rate: :math:`f_c T_p / B`, s.
+
+        0 where antennas stand still during a pulse.
+        """
+        wave = self.waveform
+        return 0.0 if self.delay is None else wave.center_frequency * wave.pulse_width / wave.bandwidth
+
+    @property
+    def receives_itself(self) -> bool:
+        """Whether the receiver is the transmitting antenna, later."""
+        return self.delay is not None and self.receiver_pointing is None
+
+    def start_stop(self) -> "Radar":
+        r"""The radar that stands still during a pulse where its antenna is halfway between transmission and reception.
+
+        Slant ranges are those of both places to :math:`b^2 \cos^2\psi / 8 R`, for a way b meanwhile and a squint psi:
+        the same for all that is seen. Another radar, and one with two antennas, stays as it is.
+        """
+        if not self.receives_itself or self.receiver is None:
+            return self
+        sent, back = self.track, self.receiver
+        middle = Track(
+            sent.time, 0.5 * (sent.position + back.position), 0.5 * (sent.velocity + back.velocity)
+        )
+        return replace(self, track=middle, receiver=None, delay=None)
 
     @property
     def amplitude_constant(self) -> float:
@@ -205,6 +248,7 @@ class Radar:
             pointing=self.pointing.of_pulses(pick),
             recorded_pointing=self.recorded_pointing and self.recorded_pointing.of_pulses(pick),
             receiver_pointing=self.receiver_pointing and self.receiver_pointing.of_pulses(pick),
+            delay=None if self.delay is None else self.delay[pick],
             window=replace(self.window, start_range=self.window.start_range[pick]),
         )
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, mi
 from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.in_pulse import InPulse, carrier_range
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna, Pointing
@@ -62,6 +63,7 @@ def add_points(
         if layer.order in (0, 1) and isotropic_response(layer.channel)
     }
     sample = np.arange(window.n_samples) * window.sample_spacing
+    moving = InPulse.of(radar, slice(None))
     added = 0
     step = max(1, _BATCH // window.n_samples)
     for start in range(0, track.n_pulses, step):
@@ -71,7 +73,12 @@ def add_points(
             distance, amplitude = point_returns(scene, flags, point, pick)
             amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
-            offset = (window.start_range[pick, None] + sample - distance[:, None]) / radar.waveform.range_cell
+            place = distance
+            if moving is not None:
+                rate = point_history(radar, point, pick)[1]
+                distance = carrier_range(distance, rate, moving.range_per_rate, moving.reference[pick])
+                place = distance + moving.range_per_rate * rate
+            offset = (window.start_range[pick, None] + sample - place[:, None]) / radar.waveform.range_cell
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
             for i, factor in factors.items():

@@ -24,6 +24,7 @@ from sarmitsuba.theory.geometry import (
     foreshortening,
     slant_offset,
 )
+from sarmitsuba.theory.in_pulse import chirp_range_shift, moving_echo, start_stop_azimuth_shift
 from sarmitsuba.theory.interferometry import (
     baseline_coherence,
     coherence_pdf,
@@ -101,6 +102,7 @@ __all__ = [
     "bridge_returns",
     "building_returns",
     "canonical_building",
+    "chirp_range_shift",
     "circular_orbit_doppler",
     "circular_response",
     "coherence_pdf",
@@ -129,6 +131,7 @@ __all__ = [
     "kirchhoff_sigma0",
     "minimum_antenna_area",
     "mispointed_level",
+    "moving_echo",
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
@@ -153,6 +156,7 @@ __all__ = [
     "sphere_po_amplitude",
     "staggered_line",
     "staggered_lines",
+    "start_stop_azimuth_shift",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

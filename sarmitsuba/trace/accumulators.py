@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.echo.in_pulse import carrier_range
 from sarmitsuba.trace.arrays import device_array
 
 if TYPE_CHECKING:
@@ -196,7 +197,12 @@ class BlockAccumulator(GridAccumulator):
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the block's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
-        range0 = contribution.slant_range - dr.opaque(mi.Float64, plan.reference_range)
+        slant_range = contribution.slant_range
+        if plan.in_pulse is not None:  # where it appears is up to each pulse: the synthesis shifts it
+            moving = plan.in_pulse
+            numbers = (dr.opaque(mi.Float64, x) for x in (moving.range_per_rate, float(moving.reference[0])))
+            slant_range = carrier_range(slant_range, contribution.range_rate, *numbers)
+        range0 = slant_range - dr.opaque(mi.Float64, plan.reference_range)
         x = (range0 - dr.opaque(mi.Float64, plan.range0)) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         y = (
             contribution.range_rate - dr.opaque(mi.Float64, plan.reference_rate + plan.range_rate0)
@@ -221,13 +227,21 @@ class DirectAccumulator(GridAccumulator):
         super().__init__(*plan.shape(n_slots), n_channels, max_order, wavelength, least_bytes)
         self.plan = plan
         self.range0 = device_array(mi.Float64, plan.range0)
+        moving = plan.in_pulse
+        self.aim_range = None if moving is None else device_array(mi.Float64, moving.reference)
 
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
         """Spread on the pulse's range grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         plan = self.plan
         slant_range, pulse = contribution.slant_range, contribution.pulse
         range0 = dr.gather(mi.Float64, self.range0, pulse, contribution.active)
-        x = (slant_range - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
+        place = slant_range
+        if plan.in_pulse is not None and self.aim_range is not None:
+            kappa, rate = dr.opaque(mi.Float64, plan.in_pulse.range_per_rate), contribution.range_rate
+            aim_range = dr.gather(mi.Float64, self.aim_range, pulse, contribution.active)
+            slant_range = carrier_range(slant_range, rate, kappa, aim_range)
+            place = slant_range + kappa * rate
+        x = (place - range0) * dr.opaque(mi.Float64, 1.0 / plan.range_step)
         ix, wx, inside = grid_cells(x, plan.kernel, plan.n_range)
         inside &= contribution.active
         phase = phase_factor(slant_range, self.wavelength)

@@ -37,7 +37,18 @@ ENTRIES = [*list_scenes(), *list_radars()]
 
 def test_every_scene_and_radar_is_listed():
     assert {s.name for s in list_scenes()} == WANTED
-    assert {r.name for r in list_radars()} == {"airborne_ku", "airborne_l", "airborne_x", "spaceborne_x"}
+    assert {r.name for r in list_radars()} == {
+        "airborne_ku",
+        "airborne_l",
+        "airborne_l_band",
+        "airborne_x",
+        "airborne_x_pod",
+        "drone_ku",
+        "iceye_spotlight",
+        "sentinel1_stripmap",
+        "spaceborne_x",
+        "terrasar_spotlight",
+    }
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda e: e.name)

@@ -271,6 +271,8 @@ def bistatic_refusal(radar: Radar) -> str:
     """Why the sum cannot be made for a receiver apart from the transmitter; empty when it can, or there is none."""
     if radar.receiver is None or (radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)):
         return ""
+    if radar.receives_itself:
+        return ""
     if radar.receiver_pointing is None:
         return (
             "a receiver apart from the transmitter has no pattern or Doppler band; give an isotropic antenna"
@@ -281,6 +283,7 @@ def bistatic_refusal(radar: Radar) -> str:
         pointing=radar.receiver_pointing,
         receiver=None,
         receiver_pointing=None,
+        delay=None,
     )
     sent, received = (
         direction_gain(one, slice(None), look_directions(one, radar.aim_point)) for one in (radar, other)

@@ -41,7 +41,7 @@ CONVENTION = "time exp(+j w t); a point at slant range R has the phase exp(-j 4 
 FRAME = "the scene file's own: x east, y north, z up, metres; its origin on the Earth is in the group anchor"
 
 # fields of a radar that stand elsewhere
-_ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "anchor")
+_ELSEWHERE = ("track", "offset", "recorded", "receiver", "receiver_pointing", "delay", "anchor")
 _CHUNK_BYTES = 1 << 20  # HDF5's default chunk cache holds one such chunk
 _PATH = re.compile(r"/(?:subsets/([12])/)?(?:(?:image|echoes)/(\w+)|orders/(\w+)/([1-9]\d{0,5}))")
 _SUBSETS = (
@@ -118,7 +118,10 @@ def write_raw(path: Path | str, raw: RawData) -> None:
         groups.write_fields(file.create_group("anchor"), radar.anchor)
         groups.write_fields(file.create_group("track"), radar.track)
         if radar.receiver is not None:
-            groups.write_fields(file.create_group("receiver_track"), radar.receiver)
+            group = file.create_group("receiver_track")
+            groups.write_fields(group, radar.receiver)
+            if radar.delay is not None:
+                groups.write_number(group, "delay", radar.delay)
         if radar.receiver_pointing is not None:
             groups.write_fields(file.create_group("receiver_pointing"), radar.receiver_pointing)
         if raw.flown is not None:
@@ -180,6 +183,9 @@ def read_raw(path: Path | str) -> RawData:
             "offset": np.zeros(3),
             "recorded": None,
             "receiver": receiver,
+            "delay": groups.numbers(file["receiver_track"], "delay")
+            if receiver is not None and groups.has(file["receiver_track"], "delay")
+            else None,
             "anchor": anchor,
             aside: groups.read_fields(groups.group_of(file, aside), Pointing)
             if groups.has(file, aside)

@@ -1,0 +1,70 @@
+r"""What the antenna's motion within the pulse does to an echo of range r and range rate.
+
+The receiver's place is that for echoes of the range :math:`R_0`; others come back :math:`2 (r - R_0) / c` later. And an
+echo whose range changes during the pulse has the Doppler frequency :math:`f_D = -2 \dot r f_c / c`, which a matched
+filter takes for a delay of :math:`-f_D / \gamma`: a chirp of rate :math:`\gamma = B / T_p` shifted in frequency is one
+shifted in time. So the echo appears at the range e with the phase of the range h:
+
+.. math:: e = r + \kappa \dot r, \quad h = r + \frac{\dot r}{c} (e - R_0), \quad \kappa = \frac{f_c T_p}{B}
+
+The phase's part :math:`\kappa \dot r^2 / c` is :math:`\pi f_D^2 / \gamma`, the chirp's own at the shifted instant.
+
+What this ignores: that the chirp itself is stretched by :math:`2 \dot r / c`, which leaves a quadratic phase of at most
+:math:`\pi B T_p \dot r / c` at its ends; that the band is shifted by f_D; and accelerations within the pulse.
+
+References
+----------
+Cumming and Wong, Digital Processing of Synthetic Aperture Radar Data (2005), section 4.2 (start-stop); Prats-Iraola et
+al., "On the processing of very high resolution spaceborne SAR data", IEEE Trans. Geosci. Remote Sens. 52 (2014) 6003,
+section III (stop-and-go: delay and Doppler within the chirp).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.samples import Samples
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InPulse:
+    """Motion within some pulses.
+
+    Parameters
+    ----------
+    range_per_rate : kappa, s
+    reference : (n_pulses,) float64, m; slant range that the receiver's place is for
+    """
+
+    range_per_rate: float
+    reference: F64
+
+    @staticmethod
+    def of(radar: Radar, pulses: slice) -> "InPulse | None":
+        """That of some pulses; None where the antenna stands still during each."""
+        if radar.delay is None:
+            return None
+        return InPulse(radar.range_per_rate, 0.5 * SPEED_OF_LIGHT * radar.delay[pulses])
+
+
+def carrier_range(
+    slant_range: Samples, range_rate: Samples, kappa: Samples | float, reference: Samples
+) -> Samples:
+    """Range h (m) whose phase an echo has, see the module: of NumPy's or Dr.Jit's numbers."""
+    return slant_range + range_rate * (1.0 / SPEED_OF_LIGHT) * (slant_range + kappa * range_rate - reference)
+
+
+def widest_shift(radar: Radar, box: F64, pulses: slice) -> float:
+    """Most that echoes of a box (2, 3) m appear shifted in range, m."""
+    if radar.delay is None:
+        return 0.0
+    corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
+    return radar.range_per_rate * 1.1 * max(float(np.abs(radar.range_rate(p, pulses)).max()) for p in corners)
+
+
+__all__ = ["InPulse", "carrier_range", "widest_shift"]

@@ -1,0 +1,63 @@
+"""Motion of the antenna within the pulse: between transmission and reception, and while the chirp lasts."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.text import length
+from sarmitsuba.radar.in_pulse import moving_in_pulse
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.scene.scene import Scene
+
+
+class MotionInPulse(Effect):
+    r"""On where echoes appear elsewhere, or with another phase, than from an antenna that stands still.
+
+    With the chirp's rate :math:`\gamma = B / T_p`, an echo of range R whose range changes by :math:`\dot R` appears
+    shifted by :math:`\dot R f_c / \gamma`, of a range cell, and has the phase of the range at its own arrival, which is
+    :math:`2 (R - R_0) / c` after that of the aim point's.
+    """
+
+    name = "motion_in_pulse"
+    title = "motion within the pulse"
+    documentation = "motion of the antenna within the pulse: until reception, and Doppler within the chirp"
+    off_when = "neither shifts an echo by more than the tolerance"
+    off_means = "the antenna stands still at every pulse"
+    rank = 138
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        radar = context.scene.radar
+        if context.scene.settings.method in ("image", "raster"):
+            return Assessment(False, f"method {context.scene.settings.method} looks from one place", -np.inf)
+        wave, n = radar.waveform, radar.track.n_pulses
+        few = radar.of_pulses(np.unique(np.linspace(0, n - 1, min(n, 33)).round().astype(int)))
+        kappa = wave.center_frequency * wave.pulse_width / wave.bandwidth
+        rate, beyond = _widest(few, context)
+        shift = kappa * rate
+        # rms over the band of the phase that a shift is, and the phase at the carrier
+        phase = np.hypot(
+            np.pi / np.sqrt(3.0) * shift / wave.range_cell, 4.0 * np.pi / wave.wavelength * beyond
+        )
+        error = 20.0 * float(np.log10(max(min(phase, 2.0), 1e-30)))
+        why = f"echoes shifted by up to {length(shift)} in range, {length(beyond)} of phase"
+        return Assessment(error > context.tolerance_db, why, error)
+
+    def within(self, scene: Scene) -> Scene:
+        """The receiver where the antenna is when the echo arrives."""
+        return replace(scene, radar=moving_in_pulse(scene.radar))
+
+
+def _widest(radar: Radar, context: SceneContext) -> tuple[float, float]:
+    """Greatest range rate that the scene is seen with (m/s), and that over c times the range from the aim point, m."""
+    rate = np.array([radar.range_rate(corner) for corner in context.corners])
+    beyond = np.array([radar.slant_range(corner) for corner in context.corners])
+    beyond = beyond - radar.slant_range(radar.aim_point)
+    return float(np.abs(rate).max()), float(np.abs(rate * beyond).max()) / SPEED_OF_LIGHT
+
+
+EFFECTS.register(MotionInPulse())
