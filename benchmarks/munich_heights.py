@@ -130,7 +130,7 @@ def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) 
 
     scene = load(radar, definitions)
     first = read_image(out / "first" / "image.h5")
-    second = second_image(out, first)
+    second = read_image(out / "second_on_first.h5")
     pair = interferogram(first, second)
     found = height_map(pair, lowest=lowest)
     truth = truth_of(scene, pair)
@@ -169,26 +169,6 @@ def _spread(error: F64) -> dict[str, float]:
     return {"median_m": median, "spread_m": spread, "count": int(error.size)}
 
 
-def second_image(out: Path, first: Any) -> Any:
-    """The second pass on the first's grid, focused once and kept."""
-    from sarmitsuba.focusing import focus
-    from sarmitsuba.interferometry.interferogram import same_grid
-    from sarmitsuba.io import read_image, read_raw, write_image
-
-    kept = out / "second_on_first.h5"
-    raw = out / "second" / "raw.h5"
-    if kept.exists() and kept.stat().st_mtime > raw.stat().st_mtime:
-        image = read_image(kept)
-        if same_grid(first.grid, image.grid):
-            return image
-    facts = first.metadata["focus"]
-    image = focus(
-        read_raw(raw), first.grid, range_window=facts["range_window"], azimuth_window=facts["azimuth_window"]
-    )
-    write_image(image, kept)
-    return image
-
-
 def load(radar: str, definitions: dict[str, str]) -> Any:
     """Munich under that radar."""
     from sarmitsuba.loader.library import resolve_radar
@@ -220,6 +200,8 @@ def picture(path: Path, pair: Any, found: Any, truth: Truth, per_building: Any, 
             values, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top, interpolation="none"
         )
         axes.set(title=title, xlabel=f"{grid.kind} range (m)", ylabel="azimuth (m)")
+        axes.locator_params(axis="x", nbins=5)
+        axes.ticklabel_format(useOffset=False, style="plain")
         figure.colorbar(shown, ax=axes, shrink=0.8)
     if per_building:
         mesh, got, count = np.array(list(per_building.values())).T

@@ -4,6 +4,7 @@ Run ``python docs/figures.py [NAME ...]``; writes ``docs/images/NAME.png``. With
 takes a few minutes: ``methods`` traces every pulse once.
 """
 
+import re
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -24,10 +25,12 @@ from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.interferometry import height_map, interferogram
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.orbit import OrbitRequest, circular_orbit
 from sarmitsuba.view.focusers import focusers_figure
 from sarmitsuba.view.interferogram import interferogram_figure
+from sarmitsuba.view.notebook import draw_beam
 
 F64 = NDArray[np.float64]
 
@@ -173,7 +176,7 @@ def azimuth_ambiguities() -> Figure:
             "prf 70 Hz": options("70"),
             "prf 70 Hz, pri_sequence ramp:12:0.8": options("70", "sar_antenna.pri_sequence=ramp:12:0.8"),
         },
-        -60.0,
+        scale=(-60.0, 5.0),
         lying=True,
     )
 
@@ -203,6 +206,57 @@ def interferogram_tower() -> Figure:
         )
     pair = interferogram(one, two)
     return interferogram_figure(pair, height_map(pair), title="tower")
+
+
+def modes() -> Figure:
+    """The yard of modes.md in every mode, on one grey scale."""
+    variants = {}
+    for line in re.findall(r"^python -m sarmitsuba render yard.xml (.*)$", _page("modes.md"), re.MULTILINE):
+        options = line.split()
+        variants[options[1].partition("=")[2]] = [*options[: options.index("-o")], "--no-error-bars"]
+    with tempfile.TemporaryDirectory() as folder:
+        return _panels(str(_yard(Path(folder))), variants, window="rectangular", scale=(-35.0, 10.0))
+
+
+def footprints() -> Figure:
+    """The beam on the ground about the tower in every mode."""
+    figure = Figure(figsize=(13.0, 3.4), layout="constrained")
+    common = {"pattern": "rectangular", "antenna_length": "1.5", "elevation_beamwidth_deg": "3"}
+    own = {
+        "stripmap": {"azimuth_resolution": "0.75"},
+        "sliding_spotlight": {"azimuth_resolution": "0.225"},
+        "spotlight": {"azimuth_resolution": "0.2"},
+        "circular": {"azimuth_resolution": "0"},
+    }
+    panels = figure.subplots(1, len(own), sharex=True, sharey=True)
+    for axes, (mode, values) in zip(panels, own.items(), strict=True):
+        parameters = {f"sar_antenna.{k}": v for k, v in {"mode": mode, **common, **values}.items()}
+        scene = load_scene("tower", parameters=parameters)
+        middle = np.array([scene.image.center_x, scene.image.center_y])
+        half = 0.5 * np.array([scene.image.extent_range, scene.image.extent_azimuth])  # it flies north
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + middle
+        axes.add_patch(Polygon(corners, fill=False, color="#d62728"))
+        axes.plot(*middle, "+", color=INK)
+        axes.set_aspect("equal")
+        draw_beam(axes, scene.radar, scene.image.height, whole=True)
+        flown = float(np.linalg.norm(np.diff(scene.radar.track.position, axis=0), axis=1).sum())
+        axes.set_title(f"{mode}, track of {flown / 1e3:.3g} km", fontsize=10)
+        axes.set_xlabel("east (m)")
+    figure.axes[0].set_ylabel("north (m)")
+    return figure
+
+
+def _page(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+def _yard(folder: Path) -> Path:
+    """The scene file that modes.md shows."""
+    found = re.search(r"```xml\n(<scene.*?)```", _page("modes.md"), re.DOTALL)
+    assert found is not None
+    path = folder / "yard.xml"
+    path.write_text(found[1], encoding="utf-8")
+    return path
 
 
 def orbits() -> Figure:
@@ -293,7 +347,12 @@ def _on_earth(anchor: Anchor, position: F64, line: F64) -> F64:
 
 
 def _panels(
-    scene: str, variants: dict[str, list[str]], darkest: float = -45.0, *, lying: bool = False
+    scene: str,
+    variants: dict[str, list[str]],
+    window: str = "taylor",
+    scale: tuple[float, float] = (-45.0, 5.0),
+    *,
+    lying: bool = False,
 ) -> Figure:
     """Images beside each other, or lying on their sides one below the other."""
     figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
@@ -301,21 +360,23 @@ def _panels(
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
     for axes, (title, options) in zip(panels, variants.items(), strict=True):
-        image = _render(scene, [*options, "--window", "taylor"])
+        image = _render(scene, [*options, "--window", window])
         grid = image.grid
         decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
         spans = [(grid.range[0], grid.range[-1]), (grid.azimuth[0], grid.azimuth[-1])]
         if lying:
             decibels, spans = decibels.T, spans[::-1]
         extent = (*spans[0], *spans[1])
-        picture = axes.imshow(decibels, cmap="gray", vmin=darkest, vmax=5.0, origin="lower", extent=extent)
+        picture = axes.imshow(
+            decibels, cmap="gray", vmin=scale[0], vmax=scale[1], origin="lower", extent=extent
+        )
         axes.set_title(title, fontsize=10)
         axes.tick_params(labelsize=8)
         axes.ticklabel_format(useOffset=False)
         if lying:
             axes.set_ylabel("slant range (m)", fontsize=9)
         else:
-            axes.set_xlabel("slant range (m)", fontsize=9)
+            axes.set_xlabel(f"{grid.kind} range (m)", fontsize=9)
     if lying:
         panels[-1].set_xlabel("azimuth (m)", fontsize=9)
     else:
@@ -361,6 +422,8 @@ FIGURES = {
         azimuth_ambiguities,
         focusers,
         interferogram_tower,
+        modes,
+        footprints,
     )
 }
 

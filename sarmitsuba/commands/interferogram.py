@@ -5,6 +5,7 @@ track does. See docs/interferometry.md.
 """
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,8 @@ NAME = "interferogram"
 HELP = "phase, coherence, baselines and heights from two runs of one scene"
 
 RECORD, PICTURE, POINTS = "interferogram.json", "interferogram.png", "heights.npz"
+# the second image where its raw data were focused on the first's grid
+SECOND = "second_on_first.h5"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,20 +73,20 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.io import read_image
 
     first = read_image(image_file(Path(args.first)))
-    second = _second(Path(args.second), first, console)
-    evaluate(first, second, args, console, args.output or str(_folder(Path(args.second))))
+    second, made = _second(Path(args.second), first, args.channel, console)
+    _evaluate(first, second, args, console, made)
     return 0
 
 
-def evaluate(
-    first: "SarImage", second: "SarImage", args: argparse.Namespace, console: Console, output: str
+def _evaluate(
+    first: "SarImage", second: "SarImage", args: argparse.Namespace, console: Console, made: bool
 ) -> None:
-    """Print and write what a pair of images on one grid says."""
+    """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
     import numpy as np
 
     from sarmitsuba.commands.output import output_folder
     from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
-    from sarmitsuba.io import parameters
+    from sarmitsuba.io import parameters, write_image
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.interferogram import interferogram_figure
     from sarmitsuba.view.quicklook import save
@@ -101,7 +104,10 @@ def evaluate(
         found = height_map(pair, phase, lowest=args.lowest_height)
     for line in _table(pair, found):
         console.say(line)
-    with output_folder(output) as folder:
+    with output_folder(args.output or str(_folder(Path(args.second)))) as folder:
+        if made:
+            with folder.writing(SECOND) as path:
+                write_image(second, path)
         record = {
             "command": "interferogram",
             "band": "common" if args.common_band else "full",
@@ -120,8 +126,12 @@ def evaluate(
     console.say(str(path))
 
 
-def _second(given: Path, first: "SarImage", console: Console) -> "SarImage":
-    """The second image on the first's grid: the one that is there, or its raw data focused with the first's windows."""
+def _second(given: Path, first: "SarImage", channel: str | None, console: Console) -> tuple["SarImage", bool]:
+    """The second image on the first's grid, and whether it was made here.
+
+    It is the one that is there, or one channel of its raw data focused with the first's windows.
+    """
+    from sarmitsuba.echo.raw import Layer
     from sarmitsuba.errors import DataError
     from sarmitsuba.focusing import focus
     from sarmitsuba.interferometry.interferogram import same_grid
@@ -135,7 +145,7 @@ def _second(given: Path, first: "SarImage", console: Console) -> "SarImage":
     elif any(path.is_file() for path in (folder / "image.h5",)):
         image = read_image(folder / "image.h5")
     if image is not None and same_grid(first.grid, image.grid):
-        return image
+        return image, False
     if raw is None:
         raise DataError(
             f"{given}: its image stands on another grid than the first, and there are no raw data to focus on that "
@@ -143,13 +153,17 @@ def _second(given: Path, first: "SarImage", console: Console) -> "SarImage":
         )
     facts = first.metadata.get("focus", {})
     console.say(f"{raw}: focused on the grid of the first image")
-    return focus(
-        read_raw(raw),
+    data = read_raw(raw)
+    wanted = channel or first.channels[0]
+    one = dataclasses.replace(data, data=data.total(wanted)[None], layers=(Layer(wanted),))
+    image = focus(
+        one,
         first.grid,
         range_window=str(facts.get("range_window", "rectangular")),
         azimuth_window=str(facts.get("azimuth_window", "rectangular")),
         progress=console.progress,
     )
+    return image, True
 
 
 def _folder(given: Path) -> Path:
@@ -181,4 +195,4 @@ def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
     return lines
 
 
-__all__ = ["HELP", "NAME", "add_arguments", "add_pair_arguments", "evaluate", "run"]
+__all__ = ["HELP", "NAME", "SECOND", "add_arguments", "add_pair_arguments", "run"]

@@ -83,7 +83,8 @@ def expected_names(
     if raw:
         names += formats.names(raw=True)
     if image:
-        names += [*formats.names(raw=False), *(picture_name(channels, c) for c in channels)]
+        names += [name for entry in formats.image for name in entry.names("image", channels)]
+        names += [picture_name(channels, c) for c in channels]
         names += [PICTURE_ORDERS] if orders else []
     return tuple(names)
 

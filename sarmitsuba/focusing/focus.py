@@ -22,6 +22,7 @@ from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
@@ -124,6 +125,7 @@ def focus(
         **corrections,
         "center_position": [float(v) for v in raw.radar.track.center_position + raw.radar.offset],
         **flight_facts(raw.radar),
+        **signal_facts(raw.radar),
         "range_compression": raw.metadata.get("range_compression", "none"),
         **_of_the_radar(raw.radar, grid, focused, range_window),
     }

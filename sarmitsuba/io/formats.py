@@ -1,6 +1,6 @@
 """The file formats of raw data and images, found by name or by the file's suffix."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -28,6 +28,7 @@ class FileFormat:
     write_raw, read_raw : of raw data
     write_image, read_image : of images
     folders : ``read_raw`` also takes a folder of such files, which are one recording
+    per_channel : an image of several channels is written to a file per channel, ``NAME_HH.suffix``
     """
 
     name: str
@@ -38,6 +39,12 @@ class FileFormat:
     write_image: Callable[[Path, SarImage], None] | None = None
     read_image: Callable[[Path], SarImage] | None = None
     folders: bool = False
+    per_channel: bool = False
+
+    def names(self, stem: str, channels: Sequence[str]) -> tuple[str, ...]:
+        """Files that an image of these channels is written to."""
+        ends = [f"_{channel}" for channel in channels] if self.per_channel and len(channels) > 1 else [""]
+        return tuple(f"{stem}{end}{self.suffixes[0]}" for end in ends)
 
     def holds(self, content: Content) -> bool:
         """True where it can write or read that content."""

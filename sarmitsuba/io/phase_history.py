@@ -26,7 +26,7 @@ C64 = NDArray[np.complex64]
 _OVERSAMPLING = 1.25
 # largest unevenness of the frequencies, in steps: pi times as much is the phase error at the ends of the swath, rad
 _UNEVEN = 1e-2
-# Such files hold no times: pulses are given those of this speed, m/s. No image depends on it
+# Where a file holds no times pulses are given those of this speed, m/s. No image depends on it
 _NOMINAL_SPEED = 100.0
 # of the unambiguous swath, the part that an image nobody described covers
 _SWATH_SHARE = 0.7
@@ -51,6 +51,7 @@ class PhaseHistory:
     channel : polarisation, transmit first
     source : name for messages
     receiver : (n_pulses, 3) float64, m, of the receiving antenna where that is another
+    time : (n_pulses,) float64, s, strictly increasing, where it is known
     """
 
     samples: NDArray[np.number]
@@ -60,6 +61,7 @@ class PhaseHistory:
     channel: str
     source: str
     receiver: F64 | None = None
+    time: F64 | None = None
 
     def check(self) -> None:
         """Raise a DataError for lengths that differ, numbers that are none, and frequencies out of step."""
@@ -147,6 +149,7 @@ def joined(parts: Sequence[PhaseHistory]) -> PhaseHistory:
         reference_range=np.concatenate([p.reference_range for p in parts]),
         source=f"{first.source} ... {parts[-1].source}",
         receiver=np.concatenate(apart) if apart else None,
+        time=None,
     )
     whole.check()
     return whole
@@ -179,7 +182,8 @@ def raw_of(histories: Sequence[PhaseHistory]) -> RawData:
     Notes
     -----
     Ignores the antenna pattern. What lies beyond the unambiguous swath is folded in already. Pulse times are
-    nominal. The spread R^2 is counted from r_n, that of two antennas from the point that the ranges are referred to.
+    nominal where the history has none. The spread R^2 is counted from r_n, that of two antennas from the point that
+    the ranges are referred to.
     """
     for history in histories:
         history.check()
@@ -256,8 +260,10 @@ def _radar(history: PhaseHistory, channels: tuple[str, ...]) -> Radar:
     swath = SPEED_OF_LIGHT / (2.0 * step)
     n_samples = int(scipy.fft.next_fast_len(int(np.ceil(_OVERSAMPLING * bandwidth / step))))
     n_samples = max(n_samples, n_frequencies)
-    path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(history.position, axis=0), axis=1))])
-    time = path / _NOMINAL_SPEED
+    time = history.time
+    if time is None:
+        path = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(history.position, axis=0), axis=1))])
+        time = path / _NOMINAL_SPEED
     track = Track.from_samples(time, history.position)
     aim = _aim_point(history, swath)
     to_aim = (aim - track.center_position) * np.array([1.0, 1.0, 0.0])

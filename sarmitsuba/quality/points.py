@@ -13,6 +13,7 @@ from sarmitsuba.image.metrics import Chip, CutMetrics, PointTargetMetrics, point
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.quality.carrier import Carrier
 from sarmitsuba.quality.widths import grid_cells, predicted_irw
+from sarmitsuba.radar.polarisation import isotropic_response
 
 F64 = NDArray[np.float64]
 
@@ -80,14 +81,15 @@ class PointQuality:
     predicted_irw: tuple[float, float]
 
 
-def scene_points(image: SarImage) -> tuple[KnownPoint, ...]:
-    """Point scatterers of the scene, as the image's metadata name them."""
+def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoint, ...]:
+    """Point scatterers of the scene, as the image's metadata name them, with what they have in a channel."""
+    response = isotropic_response(channel or image.channels[0])
     return tuple(
         KnownPoint(
             (float(entry["position"][0]), float(entry["position"][1]), float(entry["position"][2])),
             str(entry["name"]),
-            float(entry["rcs"]),
-            float(entry["phase"]),
+            float(entry["rcs"]) * abs(response) ** 2 if response else None,
+            float(entry["phase"]) + float(np.angle(response)) if response else None,
         )
         for entry in image.metadata.get("points", ())
         if isinstance(entry, Mapping)

@@ -134,7 +134,7 @@ def image_quality(
         raise DataError(
             "quality: the list of points is empty; give some, or leave it out for points to be found"
         )
-    known = scene_points(image) if points is None else [_known(point) for point in points]
+    known = scene_points(image, channel) if points is None else [_known(point) for point in points]
     left_out: tuple[str, ...] = ()
     if known:
         measured, left_out = measure_known(image, known, channel)

@@ -24,6 +24,8 @@ F64 = NDArray[np.float64]
 PRF_MARGIN = 1.25  # automatic prf over the Doppler bandwidth
 MAX_PULSES = 10_000_000
 MAX_APERTURE = 4.0  # length over slant range: looks turn by 127 degrees
+# footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to a straight track: rounding
+_FIXED = 1e-9
 _REPLACED_BY_TRACK = (
     "slant_range",
     "look_angle_deg",
@@ -37,6 +39,9 @@ _REPLACED_BY_TRACK = (
     "n_pulses",
     "azimuth_resolution",
     "orbit_altitude",
+    "orbit_inclination_deg",
+    "orbit_pass",
+    "incidence_angle_deg",
     "state_vectors_file",
 )
 
@@ -192,7 +197,7 @@ class _Wanted:
         """
         if not np.isfinite(half_aperture):
             return self.length()
-        if self.beam.footprint_speed != 1.0:
+        if abs(self.beam.footprint_speed - 1.0) > _FIXED:
             points = self.box.samples() @ self.box.axes + self.box.origin
             return self.beam.track_length(points, half_aperture, self.given.where)
         offset = self.box.samples() + self.geometry.axes @ (self.geometry.aim - self.geometry.center)

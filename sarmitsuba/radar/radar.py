@@ -147,7 +147,8 @@ class Radar:
         .. math:: A = \left(1 - \frac{d s_{boresight}}{d s_{aim}}\right) \frac{V_{eff}^2}{V^2}
 
         over the sines s along the flight, about mid-aperture, and the effective velocity, V on a straight track. From
-        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse.
+        an orbit it is about 0.9 for a beam fixed to the satellite. 1 for one pulse. The beam is the nominal one,
+        without pointing errors.
         """
         i, n = self.track.center_index, self.track.n_pulses
         pick = np.array([max(i - 1, 0), min(i + 1, n - 1)])
@@ -157,7 +158,8 @@ class Radar:
         forward = self.track.velocity[pick] / speed
         line = self.aim_point - self.track.position[pick]
         aim = np.sum(line * forward, axis=1) / np.linalg.norm(line, axis=1)
-        boresight = np.sum(self.pointing.boresight[pick] * forward, axis=1)
+        told = self.recorded_pointing or self.pointing
+        boresight = np.sum(told.boresight[pick] * forward, axis=1)
         held = 1.0 - float(boresight[1] - boresight[0]) / float(aim[1] - aim[0])
         return held * turning(self.track, self.aim_point, i)
 

@@ -14,6 +14,7 @@ from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
@@ -273,6 +274,7 @@ class Imager:
             **cells.facts,
             "center_position": [float(v) for v in radar.track.center_position + radar.offset],
             **flight_facts(radar),
+            **signal_facts(radar),
         }
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's

@@ -169,7 +169,7 @@ class Tracer:
         batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
         if isinstance(accumulator, BlockAccumulator) and not flags.motion:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
-            batch = batch.without_azimuth
+            batch = batch.with_azimuth_later
         counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]

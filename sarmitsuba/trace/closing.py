@@ -39,7 +39,7 @@ class Receiver:
 def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
     """How the antenna receives what comes from a hit."""
     h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
-    gain = lane.pattern.one_way(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
+    gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     return Receiver({"H": h, "V": v}, gain)
 
 

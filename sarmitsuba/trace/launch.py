@@ -226,8 +226,8 @@ class PulseBatch:
     ----------
     position, velocity : (n, 3) float64, m and m/s, scene frame
     frame : launch planes, one for all pulses or one each
-    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic; without
-        ``azimuth_axis`` alone the azimuth pattern is left to the synthesis of a block
+    boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
+    azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
     receiver : state of another antenna that receives; None: the one that transmits does
     """
 
@@ -237,13 +237,14 @@ class PulseBatch:
     boresight: F64 | None = None
     azimuth_axis: F64 | None = None
     elevation_axis: F64 | None = None
+    azimuth_later: bool = False
     receiver: "PulseBatch | None" = None
 
     @property
-    def without_azimuth(self) -> "PulseBatch":
+    def with_azimuth_later(self) -> "PulseBatch":
         """The same with the azimuth pattern left to a block's synthesis."""
-        receiver = None if self.receiver is None else self.receiver.without_azimuth
-        return replace(self, azimuth_axis=None, receiver=receiver)
+        receiver = None if self.receiver is None else self.receiver.with_azimuth_later
+        return replace(self, azimuth_later=True, receiver=receiver)
 
     @property
     def n_pulses(self) -> int:

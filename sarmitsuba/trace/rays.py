@@ -50,13 +50,15 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     edge_a, edge_b = _lattice_edges(spacing, constants.turn, axis_x, axis_y, d)
     inverse_start = f32(1.0 / distance)
     weight = _launch_weight(kernel, gx, gy)
-    pattern = BeamPattern(antenna, pulses, pulse) if flags.antenna_pattern else None
-    if pattern is not None:
+    pattern = None
+    first_leg = d if flags.multi_bounce else None
+    if flags.antenna_pattern:
+        pattern = BeamPattern(antenna, pulses, pulse, first_leg)
         weight *= pattern.one_way(d)
     receiver, receiver_velocity = position, velocity
     if pulses.receiver is not None:
         receiver, receiver_velocity = _antenna_of(pulses.receiver, pulse)
-        pattern = BeamPattern(antenna, pulses.receiver, pulse) if flags.antenna_pattern else None
+        pattern = BeamPattern(antenna, pulses.receiver, pulse, first_leg) if flags.antenna_pattern else None
     apart = kernel.bistatic and kernel.both_ways
     h, v = field.polarisation_basis(d, constants.up)
 

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,8 +141,9 @@ class Pair:
 
     @property
     def perpendicular(self) -> float:
-        """Perpendicular baseline of broadside passes, m, from the tracks alone: positive upwards."""
-        moved = self.radars[1].track.center_position - self.radars[0].track.center_position
+        """Perpendicular baseline of broadside passes, m, from the tracks alone, positive upwards; of the receivers."""
+        second = self.radars[1].receiver or self.radars[1].track
+        moved = second.center_position - self.radars[0].track.center_position
         away, _, up = self.setting.axes
         theta = self.setting.incidence
         return float(moved @ (np.cos(theta) * away + np.sin(theta) * up))
@@ -160,6 +162,7 @@ def pair_of(
     relief: float = 0.0,
     baseline: float | None = None,
     window: str = "rectangular",
+    passes: Literal[1, 2] = 2,
 ) -> Pair:
     """Simulate both passes over a scene with automatic settings and focus them on the first's grid.
 
@@ -169,11 +172,11 @@ def pair_of(
     meshes : see `Setting.parallelogram`; materials are taken in turn where there are several
     extent : of the image, m
     materials : of the meshes
-    relief, baseline : as for `sarmitsuba.interferometry.second_pass`
+    relief, baseline, passes : as for `sarmitsuba.interferometry.second_pass`
     window : in azimuth and range
     """
     first = setting.scene(meshes, materials, extent)
-    offset = second_pass(first.radar, relief, baseline)
+    offset = second_pass(first.radar, relief, baseline, passes)
     second = setting.scene(meshes, materials, extent, **offset.parameters)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)

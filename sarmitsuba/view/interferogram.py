@@ -49,6 +49,7 @@ def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, 
         axes.set_xlabel("ground range (m)" if grid.kind == "ground" else "slant range (m)")
         axes.ticklabel_format(useOffset=False, style="plain")
         axes.tick_params(labelsize=8)
+        axes.locator_params(axis="x", nbins=5)
         if axes.get_subplotspec().is_first_col():
             axes.set_ylabel("azimuth (m)")
     b = pair.baseline

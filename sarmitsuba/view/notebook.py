@@ -20,6 +20,8 @@ _MOST_FACES = 20_000
 # points across a plan at which it is asked what has its whole aperture
 _SHADED = 121
 _BEAM = "tab:blue"
+# free rim about a beam that is shown whole, of its extent
+_RIM = 0.03
 
 
 def image_figure(image: SarImage, path: Path | str | None = None, channel: str | None = None) -> Figure:
@@ -98,6 +100,8 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
 def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -> None:
     """Half-power outlines of the beam at the track's first, middle and last pulse, and what has its whole aperture.
 
+    Of a track that goes round the scene, the outlines are those of its quarters.
+
     Parameters
     ----------
     axes : a plan, east to the right and north up, m of the scene frame; nothing is drawn for an isotropic antenna
@@ -109,12 +113,15 @@ def draw_beam(axes: Axes, radar: Radar, height: float, *, whole: bool = False) -
         return
     x, y = axes.get_xlim(), axes.get_ylim()
     last = radar.track.n_pulses - 1
-    ends = [outline(radar, pulse, height)[:, :2] for pulse in sorted({0, radar.track.center_index, last})]
+    shown = (0.0, 0.25, 0.5, 0.75) if radar.all_round else (0.0, 0.5, 1.0)
+    pulses = sorted({round(share * last) for share in shown})
+    ends = [outline(radar, pulse, height)[:, :2] for pulse in pulses]
     if whole:
         around = np.concatenate([*ends, np.transpose([x, y])])
         low, high = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
+        low, high = low - _RIM * (high - low), high + _RIM * (high - low)
         x, y = (low[0], high[0]), (low[1], high[1])
-    for line, style in zip(ends, ("--", "-", ":")[: len(ends)], strict=True):
+    for line, style in zip(ends, ("--", "-", ":", "-.")[: len(ends)], strict=True):
         axes.plot(*line.T, style, color=_BEAM, linewidth=1.0)
     east, north = np.meshgrid(np.linspace(*x, _SHADED), np.linspace(*y, _SHADED))
     share = lit(radar, np.stack([east, north, np.full_like(east, height)], axis=-1)).whole

@@ -8,6 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.polarisation import COMPACT, LINEAR, isotropic_response
@@ -110,6 +112,16 @@ def test_one_bounce_carries_one_field_and_more_bounces_two() -> None:
     assert flags.closed == LINEAR[::2] + LINEAR[1::2]
     for channels in (LINEAR, ("VV",), ("HV", "HH")):
         assert replace(flags, channels=channels).closed == channels
+
+
+def test_compact_channels_are_cross_polar_to_the_plan() -> None:
+    """Sent and received polarisation differ: the effect is on, and switching it off leaves nothing to record."""
+    scene = make_scene(plate(4.0, 4.0), (ROUGH,), {"slant_range": 1000.0, "polarisation": "RH,RV"})
+    plan = plan_effects(scene)
+    assert plan.flags.channels == ("RH", "RV") and plan.flags.depolarisation
+    off = replace(scene, settings=TraceSettings(effects={"cross_polarisation": "off"}))
+    with pytest.raises(RadarError, match="leaves none of the channels RH, RV; add HH or VV"):
+        plan_effects(off)
 
 
 def test_an_isotropic_point_through_raw_data_and_the_path_table() -> None:

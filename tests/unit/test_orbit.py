@@ -122,6 +122,15 @@ def scene_of(description: RadarDescription) -> Scene:
             {"track_file": "track.csv", "azimuth_resolution": 0.0},
             "orbit_altitude has no effect beside track_file",
         ),
+        (
+            {
+                "track_file": "track.csv",
+                "azimuth_resolution": 0.0,
+                "orbit_altitude": 0.0,
+                "orbit_inclination_deg": 97.5,
+            },
+            "orbit_pass has no effect beside track_file",
+        ),
         ({"state_vectors_file": "vectors.csv"}, "orbit_altitude has no effect beside state_vectors_file"),
         ({"latitude_deg": 86.0}, "no descending pass with orbit_inclination_deg = 97.44 deg"),
     ],

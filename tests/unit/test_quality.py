@@ -321,3 +321,18 @@ def test_scene_points_are_known_to_the_image() -> None:
     image = dataclasses.replace(image, metadata={**image.metadata, "points": [entry]})
     (point,) = image_quality(image).points
     assert point.name == "corner" and abs(point.rcs_error_db) < 0.05  # tol: profiles cut by the window's ends
+
+
+@pytest.mark.parametrize(("channel", "factor"), [("RH", 1.0), ("RV", 1j), ("LV", -1j)])
+def test_a_point_of_the_scene_has_its_part_of_a_compact_channel(channel: str, factor: complex) -> None:
+    """HH = VV: half the power in RH and in RV, which leads by 90 degrees; was 3 dB and 90 degrees of error."""
+    image = small_image()
+    entry = {"name": "corner", "position": [0.2, -0.3, 0.0], "rcs": 2.0, "phase": 0.0}
+    linear = dataclasses.replace(image, metadata={**image.metadata, "points": [entry]})
+    (expected,) = image_quality(linear).points
+    data = np.asarray(linear.data * (factor * math.sqrt(0.5)), dtype=np.complex64)
+    (found,) = image_quality(dataclasses.replace(linear, data=data, layers=(Layer(channel),))).points
+    assert found.rcs_error_db == pytest.approx(expected.rcs_error_db, abs=1e-4)
+    assert found.phase_error == pytest.approx(expected.phase_error, abs=1e-5)
+    cross = dataclasses.replace(linear, layers=(Layer("HV"),))
+    assert math.isnan(image_quality(cross).points[0].rcs_error_db)  # nothing to compare with

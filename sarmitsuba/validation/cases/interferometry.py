@@ -1,6 +1,7 @@
 """Interferometry: coherence over the baseline, fringes of plane, slope and wall, phase statistics, heights of roofs."""
 
 from functools import cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ CRITICAL = 1.9495
 
 
 @cache
-def ground_pair(seed: int, share: float, slope_deg: float = 0.0) -> Pair:
-    """Rough ground that rises away from the radar, a share of the critical baseline of level ground apart."""
+def ground_pair(seed: int, share: float, slope_deg: float = 0.0, passes: Literal[1, 2] = 2) -> Pair:
+    """Rough ground that rises away from the radar, a share of two passes' critical baseline of level ground apart."""
     setting = Setting.drawn(seed, cell=1.0)
     edge = GROUND_CELLS * setting.cell
     tan = float(np.tan(np.radians(slope_deg)))
@@ -30,7 +31,7 @@ def ground_pair(seed: int, share: float, slope_deg: float = 0.0) -> Pair:
         (-edge, -0.6 * edge, -edge * tan), (2.0 * edge, 0.0, 2.0 * edge * tan), (0.0, 1.2 * edge, 0.0)
     )
     critical = theory.critical_baseline(WAVELENGTH, setting.slant_range, setting.incidence, setting.cell)
-    return pair_of(setting, [ground], IMAGE_CELLS * setting.cell, baseline=share * critical)
+    return pair_of(setting, [ground], IMAGE_CELLS * setting.cell, baseline=share * critical, passes=passes)
 
 
 def baseline_coherence(quick: bool = False) -> Case:
@@ -154,28 +155,10 @@ def fringes(quick: bool = False) -> Case:
                 shown=x.size - 1,
             )
         )
-    slopes = np.array([-10.0, 8.0] if quick else [-20.0, -10.0, -5.0, 5.0, 10.0, 15.0])
-    want_ramp, got_ramp = [], []
-    for slope in slopes:
-        pair = ground_pair(1, 0.05, float(slope))
-        s = pair.setting
-        want_ramp.append(
-            theory.slope_phase_ramp(
-                WAVELENGTH, s.slant_range, s.incidence, pair.perpendicular, float(np.radians(slope))
-            )
-        )
-        got_ramp.append(_ramp(pair))
     comparisons.append(
-        Comparison(
-            "ramp of a slope, flat earth removed",
-            slopes,
-            np.asarray(want_ramp),
-            np.asarray(got_ramp),
-            tolerance=float(0.01 * np.abs(want_ramp).max()),
-            reason="1 % of the steepest: plane waves in the closed form, and noise of the fit",
-            unit="rad/m",
-        )
+        _slopes(np.array([-10.0, 8.0] if quick else [-20.0, -10.0, -5.0, 5.0, 10.0, 15.0]), passes=2)
     )
+    comparisons.append(_slopes(np.array([8.0] if quick else [-20.0, -10.0, 10.0, 15.0]), passes=1))
     return Case(
         name="fringes",
         topic=TOPIC,
@@ -186,6 +169,28 @@ def fringes(quick: bool = False) -> Case:
         y_label="phase (rad), or its ramp (rad/m)",
         comparisons=tuple(comparisons),
         note="A twentieth of the critical baseline; drawn headings.",
+    )
+
+
+def _slopes(slopes: F64, passes: Literal[1, 2]) -> Comparison:
+    """Ramps of slopes seen from two passes, or from two receivers, which see half of them."""
+    want, got = [], []
+    for slope in slopes:
+        pair = ground_pair(1, 0.05, float(slope), passes)
+        s = pair.setting
+        ramp = theory.slope_phase_ramp(
+            WAVELENGTH, s.slant_range, s.incidence, pair.perpendicular, float(np.radians(slope))
+        )
+        want.append(0.5 * passes * ramp)
+        got.append(_ramp(pair))
+    return Comparison(
+        f"ramp of a slope, flat earth removed, {'two passes' if passes == 2 else 'one pass, two receivers'}",
+        slopes,
+        np.asarray(want),
+        np.asarray(got),
+        tolerance=float(0.01 * np.abs(want).max()),
+        reason="1 % of the steepest: plane waves in the closed form, and noise of the fit",
+        unit="rad/m",
     )
 
 

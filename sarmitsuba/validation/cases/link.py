@@ -133,4 +133,4 @@ def closed_form(scene: Scene, budget: LinkBudget) -> float:
 
 CASES.register(CaseEntry("link", "radiometry", link))
 
-__all__ = ["link"]
+__all__ = ["link", "measured", "preset_scene"]

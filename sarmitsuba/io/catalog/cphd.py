@@ -1,0 +1,341 @@
+r"""CPHD 1.1, the NGA's standard for compensated phase history data: raw data out and in; see docs/files.md.
+
+A file holds per channel one vector of frequency samples per pulse, referred to the scene reference point,
+
+.. math:: F_{kn} = \sum_p a_p e^{-j 2 \pi f_k (\tau_{pn} - \tau_n)}
+
+with the two-way delays of the scatterer and of the reference point, and per vector where the antenna was, Earth-fixed.
+Written are the echoes as they focus: the amplitude a_p of a point is the root of its radar cross section, in m.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
+from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.phase_history import PhaseHistory, raw_of
+from sarmitsuba.radar.collection import Signal
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.mode import MODES, AimGeometry
+from sarmitsuba.radar.radar import Radar
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+# length of the transformed profile over the receive window: the standard wants 1.1 of what is said to be good, and
+# profiles end in the side lobes of points at their edge
+_PADDING = 1.2
+# m; a receiver nearer to the transmitter than an antenna moves between sending and receiving is the same antenna
+_SAME_ANTENNA = 1e-3
+# share of the time from which one aperture serves all
+_WHOLE = 0.98
+_LETTERS = {"RHC": "R", "LHC": "L"}
+
+
+def write_raw(path: Path, raw: RawData) -> None:
+    """Write the channels of a recording, each the sum of its layers.
+
+    Raises
+    ------
+    DataError
+        The echoes are not range compressed, or sarkit is missing.
+    """
+    sarkit = _sarkit(path)
+    if raw.domain != "compressed":
+        raise DataError(
+            f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
+        )
+    radar = raw.radar.in_file_frame()
+    vectors = _vectors(radar)
+    frequency = _frequencies(radar)
+    vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
+    mode = radar.mode
+    recording = Recording(
+        name=str(raw.metadata.get("scene", path.stem)),
+        mode=mode,
+        bistatic=radar.receiver is not None,
+        channels=raw.channels,
+        vectors=vectors,
+        n_samples=frequency.size,
+        area=_area(radar, raw.request and raw.request.moved(raw.radar.offset)),
+        anchor=radar.anchor,
+        dwell=_dwell(radar),
+        facts={"pulse_width_s": repr(radar.waveform.pulse_width), "antenna_pattern": radar.antenna.pattern},
+    )
+    tree = document(recording)
+    metadata = sarkit.Metadata(xmltree=tree)
+    with (
+        atomic_path(path) as temporary,
+        temporary.open("wb") as file,
+        sarkit.Writer(file, metadata) as writer,
+    ):
+        for channel in raw.channels:
+            writer.write_signal(channel, _history(raw.total(channel), radar, frequency))
+            writer.write_pvp(channel, vectors)
+
+
+def _sarkit(path: Path) -> ModuleType:
+    try:
+        import sarkit.cphd
+    except ImportError as error:
+        raise DataError(
+            f"{path}: CPHD files need the package sarkit ({error}); pip install 'sarmitsuba[formats]'"
+        ) from error
+    found: ModuleType = sarkit.cphd
+    return found
+
+
+def _ways(radar: Radar) -> tuple[F64, F64]:
+    """Distances of the aim point from transmitter and receiver, m."""
+    there = np.linalg.norm(radar.track.position - radar.aim_point, axis=1)
+    if radar.receiver is None:
+        return there, there
+    return there, np.linalg.norm(radar.receiver.position - radar.aim_point, axis=1)
+
+
+def _vectors(radar: Radar) -> NDArray[np.void]:
+    """Per-vector parameters, Earth-fixed; the sampling of the frequencies is filled in by the caller."""
+    anchor, track = radar.anchor, radar.track
+    receiver = radar.receiver or track
+    kinds = [
+        (name, ">i8" if name == "SIGNAL" else ">f8", (size,) if size > 1 else ()) for name, size in LAYOUT
+    ]
+    vectors = np.zeros(track.n_pulses, dtype=np.dtype(kinds))
+    there, back = _ways(radar)
+    vectors["TxTime"] = track.time - track.time[0]
+    vectors["RcvTime"] = vectors["TxTime"] + (there + back) / SPEED_OF_LIGHT
+    for name, one in (("Tx", track), ("Rcv", receiver)):
+        vectors[f"{name}Pos"] = anchor.to_ecef(one.position)
+        vectors[f"{name}Vel"] = one.velocity @ anchor.axes
+    vectors["SRPPos"] = anchor.to_ecef(radar.aim_point[None])[0]
+    rate = np.zeros(track.n_pulses)
+    for one in (track, receiver):
+        line = one.position - radar.aim_point
+        rate += 0.5 * np.einsum("ij,ij->i", one.velocity, line) / np.linalg.norm(line, axis=1)
+    vectors["aFDOP"] = -2.0 / SPEED_OF_LIGHT * rate
+    fc, bandwidth = radar.waveform.center_frequency, radar.waveform.bandwidth
+    vectors["FX1"], vectors["FX2"] = fc - 0.5 * bandwidth, fc + 0.5 * bandwidth
+    start = radar.window.start_range - 0.5 * (there + back)
+    vectors["TOA1"] = 2.0 / SPEED_OF_LIGHT * start.max()  # what every vector holds
+    vectors["TOA2"] = 2.0 / SPEED_OF_LIGHT * (start.min() + radar.window.extent)
+    vectors["SIGNAL"] = 1
+    return vectors
+
+
+def _frequencies(radar: Radar) -> F64:
+    """Frequencies of the samples, Hz: those of the padded profile's transform that lie in the band."""
+    window, wave = radar.window, radar.waveform
+    n = _padded(radar)
+    step = SPEED_OF_LIGHT / (2.0 * n * window.sample_spacing)
+    half = int(np.floor(0.5 * wave.bandwidth / step))
+    return np.asarray(wave.center_frequency + step * np.arange(-half, half + 1))
+
+
+def _padded(radar: Radar) -> int:
+    return int(scipy.fft.next_fast_len(int(np.ceil(_PADDING * radar.window.n_samples))))
+
+
+def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
+    """Frequency samples (n_pulses, n_frequencies) of range profiles, referred to the aim point."""
+    there, back = _ways(radar)
+    reference = 0.5 * (there + back)
+    window, fc = radar.window, radar.waveform.center_frequency
+    n, half = _padded(radar), frequency.size // 2
+    level = there * back / radar.amplitude_constant * window.sample_spacing / radar.waveform.range_cell
+    wave = 4.0 * np.pi / SPEED_OF_LIGHT
+    out = np.empty((profiles.shape[0], frequency.size), dtype=np.complex64)
+    rows = max(1, 2**22 // n)
+    for first in range(0, profiles.shape[0], rows):
+        pick = slice(first, first + rows)
+        spectrum = scipy.fft.fft(profiles[pick].astype(np.complex128), n=n, axis=1, workers=-1)
+        band = np.concatenate([spectrum[:, n - half :], spectrum[:, : half + 1]], axis=1)
+        start = window.start_range[pick] - reference[pick]
+        band *= np.exp(-1j * wave * np.outer(start, frequency - fc))
+        band *= (level[pick] * np.exp(1j * wave * fc * reference[pick]))[:, None]
+        out[pick] = band
+    return out
+
+
+def _area(radar: Radar, request: ImageRequest | None) -> Area:
+    """The image that is asked for; without one the swath, as far as the window reaches around the aim point."""
+    along = radar.track.along
+    axes = np.array([along, [-along[1], along[0], 0.0]])
+    if request is None:
+        half = np.full(2, 0.35 * radar.window.extent)
+        middle = np.zeros(2)
+    else:
+        half = 0.5 * np.array([request.extent_azimuth, request.extent_range])
+        middle = axes @ (np.array([request.center_x, request.center_y, radar.aim_point[2]]) - radar.aim_point)
+    cell = radar.waveform.range_cell
+    return Area(radar.aim_point, axes, middle - half, middle + half, np.full(2, 0.8 * cell))
+
+
+def _dwell(radar: Radar) -> tuple[float, float, float]:
+    """Middle of the aperture of the aim point (s, when the waves are there), its slope along the flight, its length."""
+    signal = Signal.of(radar)
+    whole = float(radar.track.time[-1] - radar.track.time[0])
+    there = _ways(radar)[0]
+    first, last = there[0] / SPEED_OF_LIGHT, whole + there[-1] / SPEED_OF_LIGHT
+    if signal.aperture >= whole * (1.0 - 1e-9):
+        return 0.5 * (first + last), 0.0, last - first
+    speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
+    return 0.5 * (first + last), 1.0 / (speed * radar.footprint_speed), signal.aperture
+
+
+def read_raw(path: Path) -> RawData:
+    """Read a recording, in the frame of its scene reference point (east, north, up).
+
+    Raises
+    ------
+    DataError
+        The file is damaged or of another kind, samples are over time in place of frequency, or sarkit is missing.
+
+    Notes
+    -----
+    Monostatic data are focused from the middle between where a pulse was sent and where it was received; the two-way
+    range differs from the true one by the square of half that distance over the range (0.5 mm from orbit), the same
+    for all points to within thousandths of that. Vectors that the file marks as having no signal are left out.
+    Tropospheric delay is not applied. Antenna patterns are not read.
+    """
+    sarkit = _sarkit(path)
+    try:
+        with path.open("rb") as file, sarkit.Reader(file) as reader:
+            tree = reader.metadata.xmltree
+            helper = sarkit.XmlHelper(tree)
+            if helper.load("{*}Global/{*}DomainType") != "FX":
+                raise DataError(
+                    f"{path}: samples over time of arrival (TOA) are not read; write them over frequency (FX)"
+                )
+            sign = helper.load("{*}Global/{*}SGN")
+            latitude, longitude, height = helper.load("{*}SceneCoordinates/{*}IARP/{*}LLH")
+            anchor = Anchor(np.radians(latitude), np.radians(longitude), height)
+            corners = helper.load("{*}SceneCoordinates/{*}ImageAreaCornerPoints")
+            center, length = (
+                helper.load(f"{{*}}Dwell/{{*}}{name}Poly")
+                for name in ("CODTime/{*}CODTime", "DwellTime/{*}DwellTime")
+            )
+            two = tree.findtext("{*}CollectionID/{*}CollectType") == "BISTATIC"
+            histories = []
+            for node in tree.findall("{*}Channel/{*}Parameters"):
+                name = node.findtext("{*}Identifier")
+                signal, vectors = reader.read_channel(name)
+                letters = (
+                    node.findtext("{*}Polarization/{*}TxPol"),
+                    node.findtext("{*}Polarization/{*}RcvPol"),
+                )
+                channel = "".join(_LETTERS.get(one or "", one or "") for one in letters)
+                histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
+    except (OSError, DataError):
+        raise
+    except Exception as error:
+        raise DataError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from error
+    raw = raw_of(histories)
+    radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
+    return replace(raw, radar=radar, request=_request(raw, anchor, corners))
+
+
+def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:
+    """A stripmap where the file's dwell says so: times short of the whole, whose middle goes with the flight.
+
+    Parameters
+    ----------
+    radar : spotlight on the reference point
+    center, length : polynomials of the middle (s) and length (s) of a point's aperture over the image's axes
+    """
+    track = radar.track
+    whole = float(track.time[-1] - track.time[0])
+    if length[0, 0] > _WHOLE * whole or not np.any(np.abs(center.ravel()[1:])):
+        return radar
+    speed = float(np.linalg.norm(track.velocity[track.center_index]))
+    line = radar.aim_point - track.center_position
+    geometry = AimGeometry(radar.aim_point, track.center_position, track.along, radar.across)
+    half = 0.5 * float(length[0, 0]) * speed / float(np.linalg.norm(line)) * geometry.cos_squint**3
+    pointing = MODES["stripmap"].pointing(track, geometry)
+    return replace(radar, mode="stripmap", pointing=pointing, half_aperture=half)
+
+
+def _request(raw: RawData, anchor: Anchor, corners: F64 | None) -> ImageRequest | None:
+    """The ground that the file's corner points (degrees) enclose, as far as the swath holds it."""
+    assert raw.request is not None
+    if corners is None:
+        return raw.request
+    radar = raw.radar
+    height = np.full((len(corners), 1), anchor.height + radar.aim_point[2])
+    points = anchor.from_geodetic(np.hstack([np.radians(corners), height])) - radar.aim_point
+    local = np.stack([points @ radar.track.along, points @ radar.across], axis=1)
+    low, high = local.min(axis=0), local.max(axis=0)
+    middle = radar.aim_point + 0.5 * (low + high) @ np.stack([radar.track.along, radar.across])
+    size = np.minimum(high - low, raw.request.extent_range)
+    return replace(
+        raw.request,
+        center_x=float(middle[0]),
+        center_y=float(middle[1]),
+        extent_azimuth=float(size[0]),
+        extent_range=float(size[1]),
+    )
+
+
+def _read_channel(
+    path: Path,
+    channel: str,
+    signal: NDArray[np.generic],
+    vectors: NDArray[np.void],
+    sign: int,
+    anchor: Anchor,
+    two: bool,
+) -> PhaseHistory:
+    """The phase history of one channel in the anchor's frame."""
+    names = vectors.dtype.names or ()
+    good = vectors["SIGNAL"] == 1 if "SIGNAL" in names else np.ones(vectors.size, dtype=bool)
+    if not good.any():
+        raise DataError(f"{path}: channel {channel} marks every vector as without signal")
+    vectors, samples = vectors[good], _complex(signal[good])
+    if "AmpSF" in names:
+        samples = samples * vectors["AmpSF"].astype(np.float32)[:, None]
+    there, back = (anchor.from_ecef(vectors[name].astype(np.float64)) for name in ("TxPos", "RcvPos"))
+    reference = anchor.from_ecef(vectors["SRPPos"].astype(np.float64))
+    ways = [np.linalg.norm(one - reference, axis=1) for one in (there, back)]
+    moved = np.linalg.norm(back - there, axis=1).max() > _SAME_ANTENNA
+    frequency: F64 = vectors["SC0"][None] + vectors["SCSS"][None] * np.arange(samples.shape[1])[:, None]
+    steady = np.ptp(vectors["SC0"]) == 0.0 and np.ptp(vectors["SCSS"]) == 0.0
+    return PhaseHistory(
+        samples=(samples if sign < 0 else samples.conj()).T,
+        frequency=frequency[:, 0] if steady else frequency,
+        position=there if two or not moved else 0.5 * (there + back),
+        reference_range=0.5 * (ways[0] + ways[1]),
+        channel=channel,
+        source=path.name,
+        receiver=back if two else None,
+        time=vectors["TxTime"].astype(np.float64),
+    )
+
+
+def _complex(signal: NDArray[Any]) -> C64:
+    """Samples of any of the standard's formats as complex64."""
+    if signal.dtype.names:
+        return np.asarray(signal["real"].astype(np.float32) + 1j * signal["imag"].astype(np.float32))
+    return signal.astype(np.complex64)
+
+
+FORMATS.register(
+    FileFormat(
+        name="cphd",
+        doc="CPHD 1.1: phase histories for other processors, and theirs (extra: formats)",
+        suffixes=(".cphd",),
+        write_raw=write_raw,
+        read_raw=read_raw,
+    )
+)
+
+__all__ = ["read_raw", "write_raw"]

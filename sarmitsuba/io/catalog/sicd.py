@@ -1,0 +1,115 @@
+"""SICD 1.3, the NGA's standard for complex images (NITF): images out and in; see docs/files.md.
+
+One file holds one polarisation. Pixels are those of the image times ``exp(-j 2 pi K . x)`` with the centre K of their
+spatial frequencies (``KCtr``) and x counted from the scene centre point: the standard wants them at baseband, while
+pixels that were projected back stand at the carrier.
+"""
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.sicd_document import Axes, document, image_of
+from sarmitsuba.radar.collection import Collection
+
+C64 = NDArray[np.complex64]
+
+
+def write_image(path: Path, image: SarImage) -> None:
+    """Write an image: of several channels each into a file of its own, ``NAME_HH.nitf`` and so on.
+
+    Raises
+    ------
+    DataError
+        The image does not say how it was flown, or sarkit is missing.
+    """
+    sarkit = _sarkit(path)
+    flight = Collection.read(image.metadata.get("focus", {}), str(path))
+    for channel in image.channels:
+        target = path if len(image.channels) == 1 else path.with_name(f"{path.stem}_{channel}{path.suffix}")
+        tree = document(image, channel, flight, target.stem)
+        security = sarkit.NitfSecurityFields(clas="U")
+        metadata = sarkit.NitfMetadata(
+            xmltree=tree,
+            file_header_part=sarkit.NitfFileHeaderPart(ostaid="sarmitsuba", security=security),
+            im_subheader_part=sarkit.NitfImSubheaderPart(isorce="sarmitsuba", security=security),
+            de_subheader_part=sarkit.NitfDeSubheaderPart(security=security),
+        )
+        pixels = baseband(image.total(channel), Axes.of(image, flight))
+        with (
+            atomic_path(target) as temporary,
+            temporary.open("wb") as file,
+            sarkit.NitfWriter(file, metadata) as writer,
+        ):
+            writer.write_image(pixels)
+
+
+def baseband(pixels: C64, axes: Axes) -> C64:
+    """Pixels (azimuth, range) as the file has them: (rows, columns), without the carrier."""
+    array = (pixels[::-1] if axes.turned else pixels).T
+    rows, columns = axes.ramp(array.shape)
+    return np.asarray(array * np.exp(-2j * np.pi * rows)[:, None] * np.exp(-2j * np.pi * columns)).astype(
+        np.complex64
+    )
+
+
+def read_image(path: Path) -> SarImage:
+    """Read an image whose pixels stand on a uniform grid of the ground, or of a straight track's slant range.
+
+    Raises
+    ------
+    DataError
+        The file is damaged or of another kind, its pixels stand on another grid, or sarkit is missing.
+
+    Notes
+    -----
+    ``sigma0`` takes the incidence angle of the scene centre point at every pixel; radiometric polynomials other than a
+    constant RCS factor are not applied.
+    """
+    sarkit = _sarkit(path)
+    try:
+        with path.open("rb") as file, sarkit.NitfReader(file) as reader:
+            tree = reader.metadata.xmltree
+            pixels = np.asarray(reader.read_image())
+    except (OSError, DataError):
+        raise
+    except Exception as error:
+        raise DataError(f"{path}: cannot be read as SICD: {' '.join(str(error).split())[:200]}") from error
+    if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
+        pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
+    if not np.iscomplexobj(pixels):
+        raise DataError(
+            f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
+        )
+    return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
+
+
+def _sarkit(path: Path) -> ModuleType:
+    try:
+        import sarkit.sicd
+    except ImportError as error:
+        raise DataError(
+            f"{path}: SICD files need the package sarkit ({error}); pip install 'sarmitsuba[formats]'"
+        ) from error
+    found: ModuleType = sarkit.sicd
+    return found
+
+
+FORMATS.register(
+    FileFormat(
+        name="sicd",
+        doc="SICD 1.3: complex images for other tools, one polarisation per file (extra: formats)",
+        suffixes=(".nitf", ".ntf"),
+        write_image=write_image,
+        read_image=read_image,
+        per_channel=True,
+    )
+)
+
+__all__ = ["baseband", "read_image", "write_image"]

@@ -1,0 +1,249 @@
+"""The XML part of a CPHD 1.1 file: what the phase history of a recording says of itself.
+
+The library sarkit knows the schema; this module knows which of our figures goes where. Source: NGA.STND.0068-1_1.1.0,
+Compensated Phase History Data, design and implementation description.
+"""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.version import __version__
+
+if TYPE_CHECKING:
+    import lxml.etree
+
+    from sarmitsuba.radar.geodesy import Anchor
+
+F64 = NDArray[np.float64]
+
+NAMESPACE = "http://api.nsgreg.nga.mil/schema/cphd/1.1.0"
+# per-vector parameters in the order of the file: name, numbers of 8 bytes
+LAYOUT = (
+    ("TxTime", 1),
+    ("TxPos", 3),
+    ("TxVel", 3),
+    ("RcvTime", 1),
+    ("RcvPos", 3),
+    ("RcvVel", 3),
+    ("SRPPos", 3),
+    ("aFDOP", 1),
+    ("aFRR1", 1),
+    ("aFRR2", 1),
+    ("FX1", 1),
+    ("FX2", 1),
+    ("TOA1", 1),
+    ("TOA2", 1),
+    ("TDTropoSRP", 1),
+    ("SC0", 1),
+    ("SCSS", 1),
+    ("SIGNAL", 1),
+)
+VECTOR_BYTES = 8 * sum(size for _, size in LAYOUT)
+# simulated flights have no date of their own
+EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
+_MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
+_LETTERS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """Rectangle of the ground that the recording is of.
+
+    Parameters
+    ----------
+    origin : (3,) float64, m, file frame; scene reference point
+    axes : (2, 3) horizontal unit vectors, the first along the flight, right-handed with up
+    low, high : (2,) float64, m, corners along the axes from the origin
+    spacing : (2,) m, pixels of an image of it
+    """
+
+    origin: F64
+    axes: F64
+    low: F64
+    high: F64
+    spacing: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What the document is made from.
+
+    Parameters
+    ----------
+    name : of the collection
+    mode : of the radar
+    bistatic : whether the receiver is apart from the transmitter
+    channels : polarisations, transmit first
+    vectors : (n_pulses,) structured array of per-vector parameters
+    n_samples : frequencies per vector
+    area : of the ground
+    anchor : of the file frame
+    dwell : s; centre of dwell at the scene reference point, its slope along the flight in s/m, and dwell time
+    facts : further figures by name
+    """
+
+    name: str
+    mode: str
+    bistatic: bool
+    channels: tuple[str, ...]
+    vectors: NDArray[np.void]
+    n_samples: int
+    area: Area
+    anchor: Anchor
+    dwell: tuple[float, float, float]
+    facts: dict[str, str]
+
+
+def document(recording: Recording) -> lxml.etree._ElementTree:
+    """The CPHD XML tree of a recording."""
+    import lxml.etree
+    import sarkit.cphd
+
+    root = lxml.etree.Element(f"{{{NAMESPACE}}}CPHD", nsmap={None: NAMESPACE})
+    tree = lxml.etree.ElementTree(root)
+    top: Any = sarkit.cphd.ElementWrapper(root)
+    vectors, area = recording.vectors, recording.area
+    top["CollectionID"] = {
+        "CollectorName": "sarmitsuba",
+        "CoreName": recording.name,
+        "CollectType": "BISTATIC" if recording.bistatic else "MONOSTATIC",
+        "RadarMode": {"ModeType": _MODE_TYPES.get(recording.mode, "DYNAMIC STRIPMAP")},
+        "Classification": "UNCLASSIFIED",
+        "ReleaseInfo": "UNRESTRICTED",
+    }
+    top["Global"] = {
+        "DomainType": "FX",
+        "SGN": -1,
+        "Timeline": {
+            "CollectionStart": EPOCH,
+            "TxTime1": float(vectors["TxTime"][0]),
+            "TxTime2": float(vectors["TxTime"][-1]),
+        },
+        "FxBand": {"FxMin": float(vectors["FX1"].min()), "FxMax": float(vectors["FX2"].max())},
+        "TOASwath": {"TOAMin": float(vectors["TOA1"].min()), "TOAMax": float(vectors["TOA2"].max())},
+    }
+    _scene_coordinates(top, area, recording.anchor)
+    _data(top, recording)
+    _channels(top, recording)
+    offset = 0
+    for name, size in LAYOUT:
+        kind = "I8" if name == "SIGNAL" else "F8"
+        top["PVP"][name] = {
+            "Offset": offset,
+            "Size": size,
+            "dtype": np.dtype(("f8", (3,))) if size == 3 else np.dtype(kind.lower()),
+        }
+        offset += size
+    center, slope, length = recording.dwell
+    top["Dwell"] = {
+        "NumCODTimes": 1,
+        "CODTime": [{"Identifier": "middle", "CODTimePoly": np.array([[center], [slope]])}],
+        "NumDwellTimes": 1,
+        "DwellTime": [{"Identifier": "length", "DwellTimePoly": np.array([[length]])}],
+    }
+    root.append(sarkit.cphd.compute_reference_geometry(tree, vectors))
+    top["ProductInfo"] = {
+        "Profile": "sarmitsuba",
+        "CreationInfo": [
+            {
+                "Application": f"sarmitsuba {__version__}",
+                "DateTime": datetime.datetime.now(datetime.timezone.utc),
+            }
+        ],
+        "Parameter": list(recording.facts.items()),
+    }
+    return tree
+
+
+def _scene_coordinates(top: Any, area: Area, anchor: Anchor) -> None:
+    corners = np.array(
+        [[area.low[0], area.low[1]], [area.low[0], area.high[1]], area.high, [area.high[0], area.low[1]]]
+    )
+    # clockwise seen from above
+    ground = area.origin + corners @ area.axes
+    latitude, longitude, _ = anchor.to_geodetic(ground).T
+    cells = np.round((area.high - area.low) / area.spacing).astype(int)
+    origin = area.origin[None]
+    lat, lon, height = anchor.to_geodetic(origin)[0]
+    top["SceneCoordinates"] = {
+        "EarthModel": "WGS_84",
+        "IARP": {
+            "ECF": anchor.to_ecef(origin)[0],
+            "LLH": np.array([np.degrees(lat), np.degrees(lon), height]),
+        },
+        "ReferenceSurface": {
+            "Planar": {"uIAX": area.axes[0] @ anchor.axes, "uIAY": area.axes[1] @ anchor.axes}
+        },
+        "ImageArea": {"X1Y1": area.low, "X2Y2": area.high, "Polygon": corners},
+        "ImageAreaCornerPoints": np.degrees(np.stack([latitude, longitude], axis=1)),
+        "ImageGrid": {
+            "IARPLocation": -area.low / area.spacing - 0.5,  # pixel 0 is centred half a spacing inside
+            "IAXExtent": {"LineSpacing": float(area.spacing[0]), "FirstLine": 0, "NumLines": int(cells[0])},
+            "IAYExtent": {
+                "SampleSpacing": float(area.spacing[1]),
+                "FirstSample": 0,
+                "NumSamples": int(cells[1]),
+            },
+        },
+    }
+
+
+def _data(top: Any, recording: Recording) -> None:
+    n_pulses = recording.vectors.size
+    top["Data"] = {
+        "SignalArrayFormat": "CF8",
+        "NumBytesPVP": VECTOR_BYTES,
+        "NumCPHDChannels": len(recording.channels),
+        "Channel": [
+            {
+                "Identifier": channel,
+                "NumVectors": n_pulses,
+                "NumSamples": recording.n_samples,
+                "SignalArrayByteOffset": 8 * i * n_pulses * recording.n_samples,
+                "PVPArrayByteOffset": i * n_pulses * VECTOR_BYTES,
+            }
+            for i, channel in enumerate(recording.channels)
+        ],
+        "NumSupportArrays": 0,
+    }
+
+
+def _channels(top: Any, recording: Recording) -> None:
+    vectors = recording.vectors
+    steady = {
+        name: bool(np.ptp(vectors[first]) == 0.0 and np.ptp(vectors[last]) == 0.0)
+        for name, first, last in (("FX", "FX1", "FX2"), ("TOA", "TOA1", "TOA2"))
+    }
+    low, high = float(vectors["FX1"].min()), float(vectors["FX2"].max())
+    top["Channel"] = {
+        "RefChId": recording.channels[0],
+        "FXFixedCPHD": steady["FX"],
+        "TOAFixedCPHD": steady["TOA"],
+        "SRPFixedCPHD": True,
+        "Parameters": [
+            {
+                "Identifier": channel,
+                "RefVectorIndex": vectors.size // 2,
+                "FXFixed": steady["FX"],
+                "TOAFixed": steady["TOA"],
+                "SRPFixed": True,
+                "SignalNormal": True,
+                "Polarization": {"TxPol": _LETTERS[channel[0]], "RcvPol": _LETTERS[channel[1]]},
+                "FxC": 0.5 * (low + high),
+                "FxBW": high - low,
+                "TOASaved": float(vectors["TOA2"].max() - vectors["TOA1"].min()),
+                "DwellTimes": {"CODId": "middle", "DwellId": "length"},
+                "ImageArea": {"X1Y1": recording.area.low, "X2Y2": recording.area.high},
+            }
+            for channel in recording.channels
+        ],
+    }
+
+
+__all__ = ["EPOCH", "LAYOUT", "NAMESPACE", "VECTOR_BYTES", "Area", "Recording", "document"]

@@ -1,0 +1,454 @@
+"""The XML part of a SICD 1.3 file: how the pixels of an image came about and where they stand.
+
+The library sarkit knows the schema; this module knows which of our figures goes where. Source: NGA.STND.0024-1_1.3.0,
+Sensor Independent Complex Data, design and implementation description.
+
+A ``ground`` grid is a uniform grid in a plane (``PLANE``), a ``slant`` grid one in range and zero-Doppler time
+(``RGZERO``). Rows go away from the radar; columns go so that the image is seen from above, along the flight where the
+radar looks right and against it where it looks left.
+"""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.raw import Layer
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.collection import Collection, Signal
+from sarmitsuba.radar.flight import Flight
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.version import __version__
+
+if TYPE_CHECKING:
+    import lxml.etree
+
+F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
+
+UP = np.array([0.0, 0.0, 1.0])
+
+NAMESPACE = "urn:SICD:1.3.0"
+# simulated flights have no date of their own
+EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
+# cosine of the inclination of what counts as level somewhere near, and m / s^2 of what counts as straight
+_LEVEL, _STRAIGHT = 0.9999, 1e-6
+_MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
+_LETTERS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
+# half-power over noise-equivalent width of a uniform band; of the usual windows within 3 %
+_UNIFORM_WIDTH = 0.885892941378905
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """The two directions of a file's pixels.
+
+    Parameters
+    ----------
+    scp : (3,) m, file frame; scene centre point, that of the pixel ``pixel``
+    pixel : row and column of the scene centre point
+    turned : whether columns go against the flight
+    units : (2, 3) unit vectors of rows and columns, file frame
+    spacing : m, of rows and columns
+    carrier : cycles/m, centre of the pixels' spatial frequencies along rows and columns
+    bandwidth : cycles/m
+    """
+
+    scp: F64
+    pixel: tuple[int, int]
+    turned: bool
+    units: F64
+    spacing: tuple[float, float]
+    carrier: tuple[float, float]
+    bandwidth: tuple[float, float]
+
+    @staticmethod
+    def of(image: SarImage, flight: Collection) -> Axes:
+        """Axes of an image's pixels, with the pixel in its middle as scene centre point."""
+        grid = image.grid.in_frame(np.zeros(3))
+        middle = (grid.shape[0] // 2, grid.shape[1] // 2)
+        scp = grid.positions_on_line(middle[0])[middle[1]]
+        turned = flight.signal.look_side == "left"
+        column = -grid.along if turned else grid.along
+        time = center_time(flight, grid.along, scp)
+        antenna, velocity = flight.state(time)
+        line = (scp - antenna) / np.linalg.norm(scp - antenna)
+        wave = 2.0 * flight.signal.center_frequency / SPEED_OF_LIGHT
+        if grid.kind == "ground":
+            row = grid.across
+            carrier = (wave * float(line @ row), wave * float(line @ column))
+        else:  # zero Doppler: the slant range direction at closest approach
+            forward = velocity / np.linalg.norm(velocity)
+            away = scp - antenna
+            row = away - forward * (away @ forward)
+            row = row / np.linalg.norm(row)
+            column = -forward if turned else forward
+            carrier = (wave * float(line @ row), wave * float(line @ column))
+        range_band = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT * float(line @ row)
+        last = grid.shape[0] - 1
+        return Axes(
+            scp,
+            (middle[1], last - middle[0] if turned else middle[0]),
+            turned,
+            np.stack([row, column]),
+            (grid.range_spacing, grid.azimuth_spacing),
+            carrier,
+            (
+                range_band,
+                1.0 / image.metadata["focus"].get("azimuth_cell_uniform", image.azimuth_resolution_cell),
+            ),
+        )
+
+    def ramp(self, shape: tuple[int, int]) -> tuple[F64, F64]:
+        """Cycles of the carrier at every row and every column of an array of that shape."""
+        rows, columns = (
+            np.asarray((np.arange(n) - at) * step * k, dtype=np.float64)
+            for n, at, step, k in zip(shape, self.pixel, self.spacing, self.carrier, strict=True)
+        )
+        return rows, columns
+
+
+def center_time(flight: Collection, along: F64, point: F64) -> float:
+    """Time (s from the first pulse) of the middle of a point's aperture."""
+    middle = 0.5 * flight.duration
+    if not flight.own_apertures:
+        return middle
+    _, velocity = flight.state(middle)
+    return middle + float((point - np.asarray(flight.signal.aim_point)) @ along) / float(velocity @ along)
+
+
+def document(image: SarImage, channel: str, flight: Collection, name: str) -> lxml.etree._ElementTree:
+    """The SICD XML tree of one channel of an image.
+
+    Parameters
+    ----------
+    image : on the grid of ``axes``
+    channel : polarisation, transmit first
+    flight : what it was made from
+    name : of the image
+    """
+    import lxml.etree
+    import sarkit.sicd
+
+    root = lxml.etree.Element(f"{{{NAMESPACE}}}SICD", nsmap={None: NAMESPACE})
+    tree = lxml.etree.ElementTree(root)
+    top: Any = sarkit.sicd.ElementWrapper(root)
+    axes = Axes.of(image, flight)
+    top["CollectionInfo"] = {
+        "CollectorName": "sarmitsuba",
+        "CoreName": name,
+        "CollectType": "MONOSTATIC",
+        "RadarMode": {"ModeType": _MODE_TYPES.get(flight.signal.mode, "DYNAMIC STRIPMAP")},
+        "Classification": "UNCLASSIFIED",
+    }
+    top["ImageCreation"] = {
+        "Application": f"sarmitsuba {__version__}",
+        "DateTime": datetime.datetime.now(datetime.timezone.utc),
+    }
+    rows, columns = image.grid.shape[::-1]
+    top["ImageData"] = {
+        "PixelType": "RE32F_IM32F",
+        "NumRows": rows,
+        "NumCols": columns,
+        "FirstRow": 0,
+        "FirstCol": 0,
+        "FullImage": {"NumRows": rows, "NumCols": columns},
+        "SCPPixel": np.array(axes.pixel),
+    }
+    _geo_data(top, image, axes)
+    _grid(top, image, axes, flight)
+    duration = flight.duration + 1.0 / flight.pulse_rate  # the last pulse's interval included
+    top["Timeline"] = {
+        "CollectStart": EPOCH,
+        "CollectDuration": duration,
+        "IPP": {
+            "@size": 1,
+            "Set": [
+                {
+                    "@index": 1,
+                    "TStart": 0.0,
+                    "TEnd": duration,
+                    "IPPStart": 0,
+                    "IPPEnd": flight.signal.pulses - 1,
+                    "IPPPoly": np.array([0.0, flight.pulse_rate]),
+                }
+            ],
+        },
+    }
+    anchor = image.anchor
+    position = flight.polynomial() @ anchor.axes
+    position[0] += anchor.origin
+    top["Position"] = {"ARPPoly": position}
+    _signal(top, channel, flight, "RMA" if image.grid.kind == "slant" else "OTHER")
+    scp_coa = sarkit.sicd.compute_scp_coa(tree)
+    root.append(scp_coa)
+    top["Radiometric"] = {"RCSSFPoly": np.array([[1.0]])}
+    if image.grid.kind == "slant":
+        _range_migration(top, axes, flight)
+    return tree
+
+
+def _geo_data(top: Any, image: SarImage, axes: Axes) -> None:
+    anchor, grid = image.anchor, image.grid.in_frame(np.zeros(3))
+    geodetic = anchor.to_geodetic(axes.scp)
+    last = grid.shape[0] - 1
+    first, final = (last, 0) if axes.turned else (0, last)
+    near_first, far_first = grid.positions_on_line(first)[[0, -1]]
+    near_last, far_last = grid.positions_on_line(final)[[0, -1]]
+    corners = anchor.to_geodetic(np.stack([near_first, near_last, far_last, far_first]))
+    top["GeoData"] = {
+        "EarthModel": "WGS_84",
+        "SCP": {
+            "ECF": anchor.to_ecef(axes.scp),
+            "LLH": np.array([*np.degrees(geodetic[:2]), geodetic[2]]),
+        },
+        "ImageCorners": np.degrees(corners[:, :2]),
+    }
+
+
+def _grid(top: Any, image: SarImage, axes: Axes, flight: Collection) -> None:
+    along = image.grid.along
+    poly = np.array([[center_time(flight, along, axes.scp)]])
+    if flight.own_apertures:
+        _, velocity = flight.state(0.5 * flight.duration)
+        poly = np.array([[poly[0, 0], float(axes.units[1] @ along) / float(velocity @ along)]])
+    grid: dict[str, object] = {
+        "ImagePlane": "GROUND" if image.grid.kind == "ground" else "SLANT",
+        "Type": "PLANE" if image.grid.kind == "ground" else "RGZERO",
+        "TimeCOAPoly": poly,
+    }
+    # noise-equivalent cells: that of slant range seen along the rows
+    slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
+    cells = (image.range_resolution_cell * slant / axes.bandwidth[0], image.azimuth_resolution_cell)
+    for i, name in enumerate(("Row", "Col")):
+        band = axes.bandwidth[i]
+        grid[name] = {
+            "UVectECF": axes.units[i] @ image.anchor.axes,
+            "SS": axes.spacing[i],
+            "ImpRespWid": _UNIFORM_WIDTH * cells[i],
+            "Sgn": -1,
+            "ImpRespBW": band,
+            "KCtr": axes.carrier[i],
+            "DeltaK1": -0.5 * band,
+            "DeltaK2": 0.5 * band,
+        }
+    top["Grid"] = grid
+
+
+def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
+    signal = flight.signal
+    low, high = (signal.center_frequency + sign * 0.5 * signal.bandwidth for sign in (-1.0, 1.0))
+    polarisation = f"{_LETTERS[channel[0]]}:{_LETTERS[channel[1]]}"
+    top["RadarCollection"] = {
+        "TxFrequency": {"Min": low, "Max": high},
+        "Waveform": {
+            "@size": 1,
+            "WFParameters": [
+                {
+                    "@index": 1,
+                    "TxPulseLength": signal.pulse_width,
+                    "TxRFBandwidth": signal.bandwidth,
+                    "TxFreqStart": low,
+                    "TxFMRate": signal.bandwidth / signal.pulse_width,
+                    "ADCSampleRate": signal.sampling_rate,
+                }
+            ],
+        },
+        "TxPolarization": _LETTERS[channel[0]],
+        "RcvChannels": {"@size": 1, "ChanParameters": [{"@index": 1, "TxRcvPolarization": polarisation}]},
+    }
+    top["ImageFormation"] = {
+        "RcvChanProc": {"NumChanProc": 1, "ChanIndex": [1]},
+        "TxRcvPolarizationProc": polarisation,
+        "TStartProc": 0.0,
+        "TEndProc": flight.duration,
+        "TxFrequencyProc": {"MinProc": low, "MaxProc": high},
+        "ImageFormAlgo": algorithm,
+        "STBeamComp": "NO",
+        "ImageBeamComp": "NO",
+        "AzAutofocus": "NO",
+        "RgAutofocus": "NO",
+    }
+
+
+def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
+    """Range and time of closest approach of the pixels of a slant grid, for a straight track."""
+    middle = 0.5 * flight.duration
+    position, velocity = flight.state(middle)
+    speed = float(np.linalg.norm(velocity))
+    away = axes.scp - position
+    ahead = float(away @ velocity) / speed
+    top["RMA"] = {
+        "RMAlgoType": "OMEGA_K",
+        "ImageType": "INCA",
+        "INCA": {
+            "TimeCAPoly": np.array([middle + ahead / speed, (-1.0 if axes.turned else 1.0) / speed]),
+            "R_CA_SCP": float(np.sqrt(away @ away - ahead**2)),
+            "FreqZero": flight.signal.center_frequency,
+            "DRateSFPoly": np.array([[1.0]]),
+        },
+    }
+
+
+def image_of(top: Any, pixels: C64, what: str) -> SarImage:
+    """The image that a SICD document and its pixels are, in a frame (east, north, up) whose level plane is the image's.
+
+    Parameters
+    ----------
+    top : root of the document, an ``ElementWrapper``
+    pixels : (rows, columns) complex64
+    what : start of every error
+    """
+    latitude, longitude, height = top["GeoData"]["SCP"]["LLH"]
+    anchor = Anchor.of_degrees(latitude, longitude, height)
+    kind = _kind(top, what)
+    anchor = _level_anchor(top, anchor, kind, what)
+    row, column = (anchor.axes @ top["Grid"][name]["UVectECF"] for name in ("Row", "Col"))
+    flight = _collection(top, anchor)
+    antenna, velocity = flight.state(float(top["Grid"]["TimeCOAPoly"][0, 0]))
+    turned = bool(column @ velocity < 0.0)
+    along = -column if turned else column
+    scp = anchor.from_ecef(top["GeoData"]["SCP"]["ECF"])
+    axes = Axes(
+        scp,
+        (int(top["ImageData"]["SCPPixel"][0]), int(top["ImageData"]["SCPPixel"][1])),
+        turned,
+        np.stack([row, column]),
+        _pair(top, "SS"),
+        _pair(top, "KCtr"),
+        _pair(top, "ImpRespBW"),
+    )
+    rows, columns = axes.ramp(pixels.shape)
+    scale = float(np.sqrt(_constant(top["Radiometric"].get("RCSSFPoly"), what)))
+    data = pixels * (scale * np.exp(2j * np.pi * rows))[:, None] * np.exp(2j * np.pi * columns)
+    data = data.T[::-1] if turned else data.T
+    first = pixels.shape[1] - 1 - axes.pixel[1] if turned else axes.pixel[1]
+    azimuth, ranges = (
+        np.asarray((np.arange(n) - at) * step, dtype=np.float64)
+        for n, at, step in zip(pixels.shape[::-1], (first, axes.pixel[0]), axes.spacing[::-1], strict=True)
+    )
+    origin, across = scp, row
+    if kind == "slant":
+        forward = velocity / np.linalg.norm(velocity)
+        origin, along = antenna, forward
+        azimuth = azimuth + float((scp - antenna) @ forward)
+        ranges = ranges + float(top["RMA"]["INCA"]["R_CA_SCP"])
+        across = np.cross(forward, UP) * (1.0 if flight.signal.look_side == "right" else -1.0)
+    grid = ImageGrid(kind, azimuth, ranges, origin, along, across, float(scp[2]), anchor=anchor)
+    line = grid.positions_on_line(azimuth.size // 2) - antenna
+    slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
+    widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
+    letters = str(top["ImageFormation"]["TxRcvPolarizationProc"]).split(":")
+    by_name = {name: letter for letter, name in _LETTERS.items()}
+    channel = "".join(by_name.get(name, "V") for name in letters)
+    return SarImage(
+        data=data[None].astype(np.complex64),
+        layers=(Layer(channel),),
+        grid=grid,
+        wavelength=SPEED_OF_LIGHT / flight.signal.center_frequency,
+        azimuth_resolution_cell=widths[1],
+        range_resolution_cell=widths[0] * axes.bandwidth[0] / slant,
+        incidence_angle=np.arccos(-line[:, 2] / np.linalg.norm(line, axis=1)),
+        metadata={
+            "source": what,
+            "scene": str(top["CollectionInfo"]["CoreName"]),
+            "focus": {
+                "center_position": [float(v) for v in antenna],
+                "flight": flight.flight.as_dict(),
+                "signal": asdict(flight.signal),
+            },
+        },
+    )
+
+
+def _level_anchor(top: Any, anchor: Anchor, kind: str, what: str) -> Anchor:
+    """The place, kilometres away at most, whose level plane is the image's; of slant range, the flight's."""
+    if kind == "ground":
+        normal = np.cross(*(top["Grid"][name]["UVectECF"] for name in ("Row", "Col")))
+    else:
+        forward = top["SCPCOA"]["ARPVel"] / np.linalg.norm(top["SCPCOA"]["ARPVel"])
+        normal = anchor.axes[2] - float(anchor.axes[2] @ forward) * forward
+    normal = normal / np.linalg.norm(normal)
+    if float(normal @ anchor.axes[2]) < _LEVEL:
+        raise DataError(f"{what}: the image plane is inclined; only level planes and slant range are read")
+    return Anchor(float(np.arcsin(normal[2])), float(np.arctan2(normal[1], normal[0])), anchor.height)
+
+
+def _pair(top: Any, name: str) -> tuple[float, float]:
+    """A parameter of rows and of columns."""
+    return float(top["Grid"]["Row"][name]), float(top["Grid"]["Col"][name])
+
+
+def _kind(top: Any, what: str) -> Literal["ground", "slant"]:
+    plane, kind = top["Grid"]["ImagePlane"], top["Grid"]["Type"]
+    if kind == "PLANE" and plane == "GROUND":
+        return "ground"
+    straight = np.abs(np.asarray(top["Position"]["ARPPoly"])[2:]).max(initial=0.0) < _STRAIGHT
+    if kind == "RGZERO" and straight:
+        return "slant"
+    raise DataError(
+        f"{what}: pixels on a grid of type {kind} in the {plane} plane are not read; read are PLANE in the GROUND "
+        "plane, and RGZERO of a straight track"
+    )
+
+
+def _constant(poly: F64 | None, what: str) -> float:
+    """The only coefficient of a polynomial; 1 where there is none."""
+    if poly is None:
+        return 1.0
+    if np.asarray(poly).size > 1:
+        raise DataError(
+            f"{what}: radar cross section factors that vary over the image (RCSSFPoly) are not read"
+        )
+    return float(np.asarray(poly).ravel()[0])
+
+
+def _collection(top: Any, anchor: Anchor) -> Collection:
+    position = np.array(top["Position"]["ARPPoly"], dtype=np.float64)
+    position[0] -= anchor.origin
+    wave = top["RadarCollection"]["Waveform"]["WFParameters"][0]
+    low, high = (float(top["ImageFormation"]["TxFrequencyProc"][name]) for name in ("MinProc", "MaxProc"))
+    pulses = top["Timeline"]["IPP"]["Set"][0]
+    rate = float(pulses["IPPPoly"][1])
+    duration = float(top["Timeline"]["CollectDuration"]) - 1.0 / rate
+    aperture = duration
+    if np.asarray(top["Grid"]["TimeCOAPoly"]).size > 1:
+        speed, distance = np.linalg.norm(top["SCPCOA"]["ARPVel"]), float(top["SCPCOA"]["SlantRange"])
+        length = SPEED_OF_LIGHT / (low + high) * distance * float(top["Grid"]["Col"]["ImpRespBW"])
+        aperture = min(duration, length / float(speed))
+    kinds = {text: mode for mode, text in _MODE_TYPES.items() if mode != "circular"}
+    center, rows = 0.5 * duration, position @ anchor.axes.T
+    middle = np.asarray(np.polynomial.polynomial.polyval(center, rows))
+    rows[0] -= middle
+    series = [
+        np.polynomial.Polynomial(one).convert(kind=np.polynomial.Chebyshev, domain=[0.0, duration]).coef
+        for one in rows.T
+    ]
+    size = max(one.size for one in series)
+    flight = Flight(
+        middle,
+        np.asarray(np.polynomial.polynomial.polyval(center, np.polynomial.polynomial.polyder(rows))),
+        (0.0, center, duration),
+        np.stack([np.pad(one, (0, size - one.size)) for one in series], axis=1),
+    )
+    signal = Signal(
+        mode=kinds.get(str(top["CollectionInfo"]["RadarMode"]["ModeType"]), "spotlight"),
+        look_side="left" if top["SCPCOA"]["SideOfTrack"] == "L" else "right",
+        pulses=int(pulses["IPPEnd"]) - int(pulses["IPPStart"]) + 1,
+        aperture=aperture,
+        aim_point=(0.0, 0.0, 0.0),
+        center_frequency=0.5 * (low + high),
+        bandwidth=high - low,
+        sampling_rate=float(wave["ADCSampleRate"]),
+        pulse_width=float(wave["TxPulseLength"]),
+    )
+    return Collection(signal, flight)
+
+
+__all__ = ["EPOCH", "NAMESPACE", "Axes", "center_time", "document", "image_of"]
