@@ -106,7 +106,7 @@ def bistatic_phase(quick: bool = False) -> Case:
 def bistatic_plate(quick: bool = False) -> Case:
     """Square conducting plate that faces the transmitter, over the angle to a receiver farther along the track."""
     side, distance, look = 0.6, 1000.0, np.radians(40.0)
-    angles = np.radians(np.linspace(0.0, 12.0, 13 if quick else 61))
+    angles = np.radians(np.linspace(0.0, 11.5, 24 if quick else 93))
     n = 96
     cell = (np.arange(n) + 0.5) / n * side - 0.5 * side
     flat = np.stack([*(one.ravel() for one in np.meshgrid(cell, cell)), np.zeros(n * n)], axis=1)
