@@ -40,7 +40,7 @@ def drawn(seed: int, kind: str) -> tuple[SarImage, tuple[int, int]]:
 
 
 @pytest.mark.parametrize("kind", ["ground", "slant"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 5))])
 def test_a_bright_spot_is_on_its_place_of_the_map(seed: int, kind: str, tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio", reason="writes GeoTIFF; in the extra formats")
     warp = pytest.importorskip("rasterio.warp")
