@@ -59,8 +59,14 @@ def labelled_raw(raw: RawData) -> object:
         coords={
             "channel": list(raw.channels),
             "time": ("pulse", radar.track.time, {"units": "s"}),
-            "axis": ["east", "north", "up"],
-            "position": (("pulse", "axis"), radar.track.position, {"units": "m", "long_name": "antenna"}),
+            **{
+                f"position_{name}": (
+                    "pulse",
+                    radar.track.position[:, i],
+                    {"units": "m", "long_name": "antenna"},
+                )
+                for i, name in enumerate(("east", "north", "up"))
+            },
             fast[0]: (("pulse", "sample"), *fast[1:]),
         },
         attrs={
