@@ -64,7 +64,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     recording = Recording(
         name=str(raw.metadata.get("scene", path.stem)),
         mode=mode,
-        bistatic=radar.receiver is not None,
+        bistatic=radar.receiver is not None and not radar.receives_itself,
         channels=raw.channels,
         vectors=vectors,
         n_samples=frequency.size,
