@@ -36,7 +36,7 @@ F64 = NDArray[np.float64]
 
 IMAGES = Path(__file__).parent / "images"
 DPI = 100
-INK, RAY, GHOST, GROUND = "#202020", "#1f77b4", "#999999", "#d9cfc1"
+INK, RAY, GHOST, GROUND, MARK = "#202020", "#1f77b4", "#999999", "#d9cfc1", "#d62728"
 
 
 def geometry() -> Figure:
@@ -179,6 +179,37 @@ def azimuth_ambiguities() -> Figure:
         scale=(-60.0, 5.0),
         lying=True,
     )
+
+
+def moving() -> Figure:
+    """Cars and a train that drive, with arrows from where they are, and the same at rest."""
+    figure = Figure(figsize=(9.6, 5.2), layout="constrained")
+    picture = None
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"as they drive": [], "moving_targets off": ["-D", "sar_path.moving_targets=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("moving_cars", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-33.0, vmax=3.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
+            for name, place, ahead in (
+                ("train", (25.0, 8.0), -36.2),
+                ("car_east", (-6.0, 16.0), -35.4),
+                ("car_west", (20.0, 20.0), 26.5),
+            ):
+                _arrow(axes, place, (place[0], place[1] + 0.9 * ahead), MARK, 2.0)
+                box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+                axes.text(place[0] + 2.5, place[1] + 0.5 * ahead, name, fontsize=9, color=MARK, bbox=box)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
 
 
 def focusers() -> Figure:
@@ -419,6 +450,7 @@ FIGURES = {
         paths,
         methods,
         effects,
+        moving,
         azimuth_ambiguities,
         focusers,
         interferogram_tower,

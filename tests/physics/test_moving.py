@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba import FilmDescription, RadarDescription, SceneMesh, Track, build_scene, simulate
+from sarmitsuba import FilmDescription, RadarDescription, SceneMesh, Track, build_scene, focus, simulate
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.metrics import point_target_in
@@ -116,8 +116,8 @@ def test_every_pulse_is_that_of_the_scene_rebuilt_there(seed: int) -> None:
     moving = simulate(drawn.scene(method="raw")).total()
     for i, time in enumerate(drawn.time):
         rebuilt = simulate(drawn.scene(method="raw", place=drawn.motion.displacement(time))).total()
-        # tol: float32 vertices of both sets; the rays' window is the one for all pulses here, and each its own there
-        assert error_db(moving[i], rebuilt[i]) < -60.0
+        # tol: float32: a ray that grazes an edge may pass it on the other side; asked for: -40 dB
+        assert error_db(moving[i], rebuilt[i]) < -50.0
         if i != 1:
             assert error_db(moving[1], rebuilt[i]) > -3.0  # where it stood in the middle is another scene
 
@@ -299,3 +299,50 @@ def test_the_beam_is_where_the_shape_is_not_where_its_doppler_is() -> None:
     # 10 m/s are 7 degrees of Doppler at 80 m/s: twice the beam's width off its middle
     # tol: 1 dB: 0.3 m of drive change the speckle of a car of a dozen cells
     assert 10.0 * np.log10(energy[0] / energy[1]) == pytest.approx(0.0, abs=1.0)
+
+
+def test_the_shadow_stays() -> None:
+    """A black van that drives away returns nothing: its shadow lies behind it, and clutter where it would show."""
+    rng = np.random.default_rng(111)
+    heading = float(rng.uniform(0.0, 2.0 * np.pi))
+    along = np.array([np.sin(heading), np.cos(heading), 0.0])
+    away = np.array([along[1], -along[0], 0.0])
+    vertices, faces = cube()
+    local = (vertices + np.array([0.0, 0.0, 1.0])) * [2.0, 4.0, 2.5]  # away, along, up
+    van = local[:, :1] * away + local[:, 1:2] * along + local[:, 2:] * [0.0, 0.0, 1.0]
+    floor = targets.parallelogram([-30.0, -30.0, 0.0], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0])
+    speed = 2.0
+    scene = build_scene(
+        [
+            SceneMesh(*floor, ROUGH, "ground"),
+            SceneMesh(van, faces, targets.BLACK, "van", motion=Motion.of(speed * away)),
+        ],
+        radar=RadarDescription(
+            center_frequency=9.65e9,
+            bandwidth=1.5e8,
+            slant_range=2e3,
+            look_angle_deg=45.0,
+            heading_deg=float(np.degrees(heading)),
+            azimuth_resolution=1.0,
+            speed=150.0,
+        ),
+        film=FilmDescription(image_grid="ground", image_extent_azimuth=50.0, image_extent_range=30.0),
+        settings=TraceSettings(max_depth=1, effects={"coherent": "off"}),
+    )
+    raw = simulate(scene)
+    image = focus(raw, request=scene.image, azimuth_window="taylor:4:-35", range_window="taylor:4:-35")
+    power = np.abs(image.total()) ** 2
+    places = image.grid.positions()
+    x, y = places @ away, places @ along
+
+    def mean(at: float, ahead: float) -> float:
+        return float(power[(np.abs(x - at) < 1.3) & (np.abs(y - ahead) < 2.5)].mean())
+
+    shows = float(theory.azimuth_displacement(2e3, speed * np.sin(np.pi / 4.0), 150.0))
+    clutter = np.median(
+        [mean(at, ahead) for at in (-12.0, 11.0) for ahead in (-20.0, -10.0, 0.0, 10.0, 20.0)]
+    )
+    # 5 m high and seen at 45 degrees: dark from its far side at 2 m to 7 m
+    assert 10.0 * np.log10(mean(4.5, 0.0) / clutter) < -10.0
+    # tol: 10 cells: three deviations of speckle are 3 dB
+    assert 10.0 * np.log10(mean(4.5, shows) / clutter) == pytest.approx(0.0, abs=3.0)

@@ -1,87 +1,174 @@
-"""Motion compensation: frequency-domain focusing of recorded tracks that are not straight."""
+"""Motion of shapes: from files, dicts and Python into the scene, and through what is done with scenes."""
 
+import pickle
+import re
 from dataclasses import replace
-from typing import Literal
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.image.metrics import image_error_db
-from sarmitsuba.radar.image_request import ImageRequest
-from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
+from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, load_scene
+from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.errors import SceneError
+from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.scene.motion import Motion
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.simulation.sampling.launch_window import launch_windows
+from sarmitsuba.simulation.sampling.movers import azimuth_shift, fastest, swept
 
 
-def asked(extent: float = 60.0, grid: Literal["slant", "ground"] = "slant") -> ImageRequest:
-    return ImageRequest(grid=grid, extent_azimuth=extent, extent_range=extent)
-
-
-def wobbling(radar: Radar, size: float, rng: np.random.Generator) -> Radar:
-    """Low-frequency departures of up to ``size`` across and upwards, and a third of it along."""
-    u = np.linspace(-1.0, 1.0, radar.track.n_pulses)
-    error = np.zeros((u.size, 3))
-    for axis, part in enumerate((size, size / 3.0, size)):
-        wave = sum(
-            rng.standard_normal() * np.cos(np.pi * k * u + rng.uniform(0.0, 2.0 * np.pi)) for k in (1, 2)
-        )
-        error[:, axis] = part * wave / np.abs(wave).max()
-    track = Track.from_samples(radar.track.time, radar.track.position + error)
-    return replace(radar, track=track)
-
-
-@pytest.mark.parametrize("mode", ["spotlight", "stripmap"])
-@pytest.mark.parametrize("seed", range(4))
-def test_omega_k_of_a_wobbling_track_is_backprojection(mode: str, seed: int) -> None:
-    rng = np.random.default_rng(10 * seed + len(mode))
-    radar = ideal_radar(
-        mode=mode, n_samples=320, squint_angle=np.radians(rng.uniform(-6.0, 6.0)), prf_factor=2.0
+def scene_of(tmp_path: Path, shapes: str) -> Scene:
+    path = tmp_path / "scene.xml"
+    path.write_text(
+        '<scene version="3.0.0"><integrator type="sar_path"/><sensor type="sar_antenna"/>'
+        f'<bsdf type="radar_material" id="metal"><string name="material" value="pec"/></bsdf>{shapes}</scene>',
+        encoding="utf-8",
     )
-    radar = wobbling(radar, 0.1, rng)
-    points = np.array([[3.3, -4.2, 0.0], [-24.0, 24.0, 0.0], [24.0, -22.0, 0.0]])
-    raw = ideal_echoes(radar, points, [1.0, 2.0, 0.5], [0.3, 1.0, 2.0])
-    request = asked(grid=("slant", "ground")[seed % 2])
-    exact = focus(raw, request=request)
-    image = focus(raw, request=request, focuser="omega_k")
-    facts = image.metadata["focus"]["motion_compensation"]
-    # tol: the phase that compensation says it leaves, and the unevenly spaced pulses' weights (-30 dB)
-    bound = 20.0 * np.log10(facts["residual_phase"] + 10.0 ** (-30.0 / 20.0))
-    assert image_error_db(image.data[0], exact.data[0]) < bound
+    return load_scene(path)
 
-    # told that the track was straight, the same data lose their peak
-    line = focus(raw, request=request).grid
-    straight = Track.straight(
-        line.origin if request.grid == "slant" else radar.track.position.mean(axis=0),
-        float(np.linalg.norm(radar.track.velocity, axis=1).mean()) * line.along,
-        (radar.track.n_pulses - 1) / np.ptp(radar.track.time),
-        radar.track.n_pulses,
+
+def shape(inner: str = "", kind: str = "cube", name: str = "car", bsdf: str = '<ref id="metal"/>') -> str:
+    return f'<shape type="{kind}" id="{name}">{inner}{bsdf}</shape>'
+
+
+VECTOR = '<vector name="velocity" x="1" y="-2" z="0.5"/>'
+
+
+def test_vectors_and_strings_say_the_same(tmp_path: Path) -> None:
+    texts = (
+        VECTOR,
+        '<string name="velocity" value="1 -2 0.5"/>',
+        '<string name="velocity" value="1, -2, 0.5"/>',
     )
-    lost = focus(replace(raw, radar=replace(radar, track=straight)), exact.grid, focuser="omega_k")
-    peak = float(np.abs(exact.data).max())
-    assert 20.0 * np.log10(np.abs(lost.data).max() / peak) < -6.0
-    # tol: 1 dB, asked for
-    assert 20.0 * np.log10(np.abs(image.data).max() / peak) == pytest.approx(0.0, abs=1.0)
+    for text in texts:
+        scene = scene_of(tmp_path, shape(text) + shape(name="house"))
+        assert scene.geometry.mesh_motion == (Motion((1.0, -2.0, 0.5)), Motion())
+        ((motion, faces),) = scene.geometry.moving_meshes()
+        assert motion == Motion((1.0, -2.0, 0.5)) and faces == slice(0, 12)
 
 
-def test_off_refuses_and_far_tracks_are_refused() -> None:
-    rng = np.random.default_rng(5)
-    radar = wobbling(ideal_radar(n_samples=320), 0.1, rng)
-    raw = ideal_echoes(radar, np.zeros(3))
-    with pytest.raises(DataError, match=r"omega_k: the track is curved.*take focuser backprojection"):
-        focus(raw, request=asked(), focuser="omega_k", motion_compensation="off")
-    with pytest.raises(DataError, match="motion compensation 'on': unknown; choose one of auto, off"):
-        focus(raw, request=asked(), focuser="omega_k", motion_compensation="on")
-    t = radar.track.time
-    arc = radar.track.position + np.stack([30.0 * (t / t.max()) ** 2, 0.0 * t, 0.0 * t], axis=1)
-    turning = replace(radar, track=Track.from_samples(t, arc))
-    grid = default_grid(turning, asked(200.0))
-    raw = ideal_echoes(turning, np.zeros(3))
+def test_to_world_turns_the_shape_and_not_its_way(tmp_path: Path) -> None:
+    turned = '<transform name="to_world"><rotate z="1" angle="90"/></transform>'
+    scene = scene_of(tmp_path, shape(VECTOR + '<string name="acceleration" value="0 0 -9.8"/>' + turned))
+    assert scene.geometry.mesh_motion == (Motion((1.0, -2.0, 0.5), (0.0, 0.0, -9.8)),)
+
+
+def test_groups_carry_their_shapes(tmp_path: Path) -> None:
+    inner = shape(name="body") + shape(name="cabin")
+    scene = scene_of(tmp_path, shape(VECTOR + inner, "merge", "car", "") + shape(name="house"))
+    moves = dict(zip(scene.geometry.mesh_names, scene.geometry.mesh_motion, strict=True))
+    assert moves == {"body": Motion((1.0, -2.0, 0.5)), "cabin": Motion((1.0, -2.0, 0.5)), "house": Motion()}
+    group = f'<shape type="shapegroup" id="cars">{shape(name="one")}</shape>'
+    scene = scene_of(tmp_path, group + shape(VECTOR, "instance", "a", '<ref id="cars"/>'))
+    assert scene.geometry.mesh_motion == (Motion((1.0, -2.0, 0.5)),)
+
+
+def test_points_move(tmp_path: Path) -> None:
+    point = shape(VECTOR, "sphere", "buoy", '<bsdf type="point_scatterer"/>')
+    scene = scene_of(tmp_path, point + shape(name="house"))
+    (buoy,) = scene.points
+    np.testing.assert_allclose(buoy.position_at(np.array([0.0, 2.0])), [[0.0, 0.0, 0.0], [2.0, -4.0, 1.0]])
+    assert scene.moves and not scene.geometry.moves and "1 moving" in repr(scene)
+    assert not scene.frozen().moves and scene.frozen().geometry is scene.geometry
+
+
+def test_where_nothing_moves_nothing_is_kept(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, shape() + shape('<string name="velocity" value="0 0 0"/>', name="house"))
+    assert scene.geometry.mesh_motion == () and not scene.moves and scene.frozen() is scene
+    assert "moving" not in repr(scene)
+
+
+@pytest.mark.parametrize(
+    ("inner", "message"),
+    [
+        (
+            '<string name="velocity" value="fast"/>',
+            "velocity = .* is not three finite numbers; give east, north, up in m/s",
+        ),
+        ('<string name="velocity" value="1 2"/>', "velocity = .* is not three finite numbers"),
+        (
+            '<float name="acceleration" value="1"/>',
+            "acceleration = .* is not three finite numbers; .* in m/s\\^2",
+        ),
+        ('<string name="velocity" value="2e4 0 0"/>', "velocity = 20000 m/s is above the bound 10000 m/s"),
+        ('<string name="speed" value="1 0 0"/>', 'unknown parameter "speed"'),
+    ],
+)
+def test_wrong_motion_is_refused_in_one_line(tmp_path: Path, inner: str, message: str) -> None:
+    with pytest.raises(SceneError, match=rf'scene.xml: shape "car": {message}') as error:
+        scene_of(tmp_path, shape(inner))
+    assert "\n" not in str(error.value)
+    twice = shape(VECTOR + shape(VECTOR, name="body"), "merge", "car", "")
     with pytest.raises(
-        DataError, match=r"would leave .* rad at the image's edges .*take focuser backprojection"
+        SceneError, match="a velocity of its own within a shape that moves; give it to one of both"
     ):
-        focus(raw, grid, focuser="omega_k")
-    back = replace(turning, track=Track.from_samples(t, radar.track.position[::-1]))
-    with pytest.raises(DataError, match="does not go steadily forward along the grid"):
-        focus(replace(raw, radar=back), default_grid(radar, asked(60.0)), focuser="omega_k")
+        scene_of(tmp_path, twice)
+
+
+def built(**motion: object) -> Scene:
+    """A cube of 2 m at rest or moving, and a point that moves with it."""
+    move = Motion.of(**motion)  # type: ignore[arg-type]
+    return build_scene(
+        [SceneMesh(*cube(), "pec", "car", motion=move), SceneMesh(*cube(), "pec", "house")],
+        [PointTarget("light", np.array([0.0, 0.0, 3.0]), motion=move)],
+        radar=RadarDescription(slant_range=5e3, azimuth_resolution=1.0, speed=100.0),
+    )
+
+
+def test_scenes_keep_motion_through_what_is_done_with_them() -> None:
+    scene = built(velocity=[3.0, 4.0, 0.0])
+    for other in (
+        pickle.loads(pickle.dumps(scene)),
+        scene.replace(look_angle_deg=35.0),
+        scene.replace(prf=900.0),
+    ):
+        assert other.geometry.mesh_motion == scene.geometry.mesh_motion
+        assert other.points[0].motion == Motion((3.0, 4.0, 0.0))
+    still, faster = built(), built(velocity=(3.0, 4.0, 0.001))
+    assert len({fingerprint(s) for s in (scene, still, faster)}) == 3
+    assert fingerprint(scene) == fingerprint(built(velocity=np.array([3, 4, 0])))
+
+
+def test_the_plan_says_what_moves_and_how_far() -> None:
+    scene = built(velocity=(3.0, 4.0, 0.0))
+    span = float(np.ptp(scene.radar.track.time))
+    decision = plan_effects(scene).decision("moving_targets")
+    assert decision is not None and decision.on
+    (way,) = re.findall(r"2 shapes move, up to (.*) m during the aperture", decision.why)
+    assert float(way) == pytest.approx(5.0 * span, rel=5e-3)  # tol: three digits
+    at_rest = plan_effects(built()).decision("moving_targets")
+    assert at_rest is not None and not at_rest.on and at_rest.why == "no shape moves"
+    assert plan_effects(scene).flags.motion and not plan_effects(built()).flags.motion
+
+
+def test_light_goes_where_the_shape_goes() -> None:
+    scene = built(velocity=(0.0, 20.0, 0.0))
+    track, (at_rest,) = scene.radar.track, launch_windows(scene.frozen())
+    (window,) = launch_windows(scene)
+    ends = 20.0 * track.time[[0, -1]]
+    assert window.box[0, 1] == pytest.approx(at_rest.box[0, 1] + ends[0])
+    assert window.box[1, 1] == pytest.approx(at_rest.box[1, 1] + ends[1])
+    (corners,) = swept(scene, (0, track.n_pulses))
+    np.testing.assert_allclose(corners[[0, -1], :, 1].mean(axis=1), ends)
+    assert fastest(scene) == 20.0
+    # 5 km, 100 m/s: 1 m/s of range speed is 50 m of the track
+    los = -track.center_position / np.linalg.norm(track.center_position)
+    shift = azimuth_shift(scene.radar, np.zeros((1, 3)), los[None], np.zeros(1))
+    assert shift[0] == pytest.approx(-np.linalg.norm(track.center_position) / 100.0)
+
+
+def test_a_shape_whose_image_is_elsewhere_is_lit_for_it() -> None:
+    """Off the image itself, but it shows there; beside both it gets no light."""
+    meshes = [SceneMesh(*cube(), "pec", "house")]
+    radar = RadarDescription(slant_range=5e3, azimuth_resolution=1.0, speed=100.0, look_angle_deg=45.0)
+    far = np.eye(4)
+    far[1, 3] = 150.0  # north, along the flight
+    speed = 150.0 / 50.0 * np.sqrt(2.0)  # eastwards, away: shows 150 m to the south
+    for velocity, lit in ((speed, True), (-speed, False), (0.1, False)):
+        car = SceneMesh(*cube(), "pec", "car", to_world=far, motion=Motion((velocity, 0.0, 0.0)))
+        scene = build_scene([*meshes, car], radar=radar)
+        image = replace(scene.image, center_x=0.0, center_y=0.0, extent_azimuth=40.0, extent_range=40.0)
+        (window,) = launch_windows(replace(scene, image=image))
+        assert bool(window.box[1, 1] > 149.0) is lit
