@@ -5,7 +5,6 @@ import warnings
 import harness
 import numpy as np
 
-from sarmitsuba.backend import ensure_backend
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.link import link_budget
 from sarmitsuba.loader.library import list_radars
@@ -23,7 +22,6 @@ DRAWS, QUICK_DRAWS = 16, 2  # of four channels: a sigma of 0.03 dB, 0.08 dB
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    ensure_backend()
     report = harness.Report(
         "presets",
         "Shipped radars",
@@ -59,3 +57,7 @@ def run(quick: bool) -> harness.Report:
     report.table("", columns, rows)
     report.claim("largest deviation of the prediction", worst, 0.3, at_least=False, unit="dB")
     return report
+
+
+if __name__ == "__main__":
+    harness.main(run)

@@ -22,23 +22,30 @@ def image_file(given: Path) -> Path:
     DataError
         There is no image in the folder.
     """
-    from sarmitsuba.io import FORMATS
-
     if not given.is_dir():
         return given
-    names = [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
-    found = [given / name for name in names if (given / name).is_file()]
-    if not found:
-        raise DataError(f"{given}: there is no image in it; one of {', '.join(names)} is needed")
-    return found[0]
+    found = _first(given, _image_names())
+    if found is None:
+        raise DataError(f"{given}: there is no image in it; one of {', '.join(_image_names())} is needed")
+    return found
 
 
-def raw_file(folder: Path) -> Path | None:
-    """The raw data that ``render`` wrote into a folder; None where there are none."""
+def files_of_run(folder: Path) -> tuple[Path | None, Path | None]:
+    """The image and the raw data that ``render`` wrote into a folder; None for what is not there."""
     from sarmitsuba.io import FORMATS
 
-    names = [f"raw{suffix}" for entry in FORMATS if entry.read_raw for suffix in entry.suffixes]
+    raw = [f"raw{suffix}" for entry in FORMATS if entry.read_raw for suffix in entry.suffixes]
+    return _first(folder, _image_names()), _first(folder, raw)
+
+
+def _image_names() -> list[str]:
+    from sarmitsuba.io import FORMATS
+
+    return [f"image{suffix}" for entry in FORMATS if entry.read_image for suffix in entry.suffixes]
+
+
+def _first(folder: Path, names: list[str]) -> Path | None:
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
-__all__ = ["add_image_arguments", "image_file", "raw_file"]
+__all__ = ["add_image_arguments", "files_of_run", "image_file"]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.image_arguments import image_file, raw_file
+from sarmitsuba.commands.image_arguments import files_of_run, image_file
 
 if TYPE_CHECKING:
     from sarmitsuba.image.sar_image import SarImage
@@ -137,15 +137,11 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     from sarmitsuba.interferometry.interferogram import same_grid
     from sarmitsuba.io import read_image, read_raw
 
-    folder = _folder(given)
-    raw = raw_file(folder)
-    image = None
-    if not given.is_dir() or raw is None:
-        image = read_image(image_file(given))
-    elif any(path.is_file() for path in (folder / "image.h5",)):
-        image = read_image(folder / "image.h5")
-    if image is not None and same_grid(first.grid, image.grid):
-        return image, False
+    found, raw = files_of_run(given) if given.is_dir() else (given, None)
+    if found is not None or raw is None:
+        image = read_image(found or image_file(given))
+        if same_grid(first.grid, image.grid):
+            return image, False
     if raw is None:
         raise DataError(
             f"{given}: its image stands on another grid than the first, and there are no raw data to focus on that "

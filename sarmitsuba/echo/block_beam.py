@@ -56,9 +56,10 @@ def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -
 
     Notes
     -----
-    Ignores the elevation within the azimuth pattern, and that out and back along a mirror chain take two directions:
-    the pattern is taken at their mean. Of two antennas it ignores that the rates of their legs, less those of
-    ``reference``, differ by about the angle between the antennas times the scene's angular size.
+    Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
+    pattern is that at their mean; the rays carry what both have over it. Of two antennas it ignores that the rates of
+    their legs, less those of ``reference``, differ by about the angle between the antennas times the scene's angular
+    size.
     """
     gains = [
         _leg_gain(radar, track, pointing, pulses, reference, range_rate)

@@ -152,6 +152,14 @@ class RawData:
             flown=self.flown and self.flown.of_pulses(pick),
         )
 
+    def to_xarray(self) -> object:
+        """The channels as an ``xarray.DataArray`` (channel, pulse, sample), complex64, sqrt(W).
+
+        Coordinates carry their units: pulse times, antenna positions, slant range or fast time. Needs xarray (the extra
+        ``formats``).
+        """
+        return late("sarmitsuba.io.labelled", "labelled_raw")(self)
+
     def total(self, channel: str | None = None) -> NDArray[np.complex64]:
         """Sum of all layers of a channel (default: the first), (n_pulses, n_fast) complex64."""
         return sum_of_channel(self.data, self.layers, channel, "raw data")

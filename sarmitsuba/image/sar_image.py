@@ -168,6 +168,14 @@ class SarImage:
         assert isinstance(image, SarImage)
         return image
 
+    def to_xarray(self) -> object:
+        """The channels as an ``xarray.DataArray`` (channel, azimuth, range), complex64, m (root of RCS).
+
+        Coordinates carry their units; latitude and longitude (deg) belong to every pixel. Needs xarray (the extra
+        ``formats``).
+        """
+        return late("sarmitsuba.io.labelled", "labelled_image")(self)
+
     def plot(self, path: Path | str | None = None, *, channel: str | None = None) -> object:
         """Quick-look of a channel (default: the first) as a Matplotlib ``Figure``, written to ``path`` if given.
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import datetime
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.io.nga import EPOCH, MODE_TYPES, OTHER_MODE, Element, polarisations
 from sarmitsuba.version import __version__
 
 if TYPE_CHECKING:
@@ -45,10 +46,6 @@ LAYOUT = (
     ("SIGNAL", 1),
 )
 VECTOR_BYTES = 8 * sum(size for _, size in LAYOUT)
-# simulated flights have no date of their own
-EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
-_MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
-_LETTERS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +104,13 @@ def document(recording: Recording) -> lxml.etree._ElementTree:
 
     root = lxml.etree.Element(f"{{{NAMESPACE}}}CPHD", nsmap={None: NAMESPACE})
     tree = lxml.etree.ElementTree(root)
-    top: Any = sarkit.cphd.ElementWrapper(root)
+    top: Element = sarkit.cphd.ElementWrapper(root)
     vectors, area = recording.vectors, recording.area
     top["CollectionID"] = {
         "CollectorName": "sarmitsuba",
         "CoreName": recording.name,
         "CollectType": "BISTATIC" if recording.bistatic else "MONOSTATIC",
-        "RadarMode": {"ModeType": _MODE_TYPES.get(recording.mode, "DYNAMIC STRIPMAP")},
+        "RadarMode": {"ModeType": MODE_TYPES.get(recording.mode, OTHER_MODE)},
         "Classification": "UNCLASSIFIED",
         "ReleaseInfo": "UNRESTRICTED",
     }
@@ -161,7 +158,7 @@ def document(recording: Recording) -> lxml.etree._ElementTree:
     return tree
 
 
-def _scene_coordinates(top: Any, area: Area, anchor: Anchor) -> None:
+def _scene_coordinates(top: Element, area: Area, anchor: Anchor) -> None:
     corners = np.array(
         [[area.low[0], area.low[1]], [area.low[0], area.high[1]], area.high, [area.high[0], area.low[1]]]
     )
@@ -194,7 +191,7 @@ def _scene_coordinates(top: Any, area: Area, anchor: Anchor) -> None:
     }
 
 
-def _data(top: Any, recording: Recording) -> None:
+def _data(top: Element, recording: Recording) -> None:
     n_pulses = recording.vectors.size
     top["Data"] = {
         "SignalArrayFormat": "CF8",
@@ -214,7 +211,7 @@ def _data(top: Any, recording: Recording) -> None:
     }
 
 
-def _channels(top: Any, recording: Recording) -> None:
+def _channels(top: Element, recording: Recording) -> None:
     vectors = recording.vectors
     steady = {
         name: bool(np.ptp(vectors[first]) == 0.0 and np.ptp(vectors[last]) == 0.0)
@@ -234,7 +231,9 @@ def _channels(top: Any, recording: Recording) -> None:
                 "TOAFixed": steady["TOA"],
                 "SRPFixed": True,
                 "SignalNormal": True,
-                "Polarization": {"TxPol": _LETTERS[channel[0]], "RcvPol": _LETTERS[channel[1]]},
+                "Polarization": dict(
+                    zip(("TxPol", "RcvPol"), polarisations(channel, recording.name), strict=True)
+                ),
                 "FxC": 0.5 * (low + high),
                 "FxBW": high - low,
                 "TOASaved": float(vectors["TOA2"].max() - vectors["TOA1"].min()),
@@ -246,4 +245,4 @@ def _channels(top: Any, recording: Recording) -> None:
     }
 
 
-__all__ = ["EPOCH", "LAYOUT", "NAMESPACE", "VECTOR_BYTES", "Area", "Recording", "document"]
+__all__ = ["LAYOUT", "NAMESPACE", "VECTOR_BYTES", "Area", "Recording", "document"]

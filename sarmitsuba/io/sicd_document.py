@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import datetime
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.io.nga import EPOCH, LETTERS, MODE_TYPES, OTHER_MODE, Element, polarisations
 from sarmitsuba.radar.collection import Collection, Signal
 from sarmitsuba.radar.flight import Flight
 from sarmitsuba.radar.geodesy import Anchor
@@ -35,12 +36,8 @@ C64 = NDArray[np.complex64]
 UP = np.array([0.0, 0.0, 1.0])
 
 NAMESPACE = "urn:SICD:1.3.0"
-# simulated flights have no date of their own
-EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.timezone.utc)
 # cosine of the inclination of what counts as level somewhere near, and m / s^2 of what counts as straight
 _LEVEL, _STRAIGHT = 0.9999, 1e-6
-_MODE_TYPES = {"spotlight": "SPOTLIGHT", "circular": "SPOTLIGHT", "stripmap": "STRIPMAP"}
-_LETTERS = {"H": "H", "V": "V", "R": "RHC", "L": "LHC"}
 # half-power over noise-equivalent width of a uniform band; of the usual windows within 3 %
 _UNIFORM_WIDTH = 0.885892941378905
 
@@ -138,13 +135,13 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
 
     root = lxml.etree.Element(f"{{{NAMESPACE}}}SICD", nsmap={None: NAMESPACE})
     tree = lxml.etree.ElementTree(root)
-    top: Any = sarkit.sicd.ElementWrapper(root)
+    top: Element = sarkit.sicd.ElementWrapper(root)
     axes = Axes.of(image, flight)
     top["CollectionInfo"] = {
         "CollectorName": "sarmitsuba",
         "CoreName": name,
         "CollectType": "MONOSTATIC",
-        "RadarMode": {"ModeType": _MODE_TYPES.get(flight.signal.mode, "DYNAMIC STRIPMAP")},
+        "RadarMode": {"ModeType": MODE_TYPES.get(flight.signal.mode, OTHER_MODE)},
         "Classification": "UNCLASSIFIED",
     }
     top["ImageCreation"] = {
@@ -194,7 +191,7 @@ def document(image: SarImage, channel: str, flight: Collection, name: str) -> lx
     return tree
 
 
-def _geo_data(top: Any, image: SarImage, axes: Axes) -> None:
+def _geo_data(top: Element, image: SarImage, axes: Axes) -> None:
     anchor, grid = image.anchor, image.grid.in_frame(np.zeros(3))
     geodetic = anchor.to_geodetic(axes.scp)
     last = grid.shape[0] - 1
@@ -212,7 +209,7 @@ def _geo_data(top: Any, image: SarImage, axes: Axes) -> None:
     }
 
 
-def _grid(top: Any, image: SarImage, axes: Axes, flight: Collection) -> None:
+def _grid(top: Element, image: SarImage, axes: Axes, flight: Collection) -> None:
     along = image.grid.along
     poly = np.array([[center_time(flight, along, axes.scp)]])
     if flight.own_apertures:
@@ -241,10 +238,11 @@ def _grid(top: Any, image: SarImage, axes: Axes, flight: Collection) -> None:
     top["Grid"] = grid
 
 
-def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
+def _signal(top: Element, channel: str, flight: Collection, algorithm: str) -> None:
     signal = flight.signal
     low, high = (signal.center_frequency + sign * 0.5 * signal.bandwidth for sign in (-1.0, 1.0))
-    polarisation = f"{_LETTERS[channel[0]]}:{_LETTERS[channel[1]]}"
+    transmitted, received = polarisations(channel, str(top["CollectionInfo"]["CoreName"]))
+    both = f"{transmitted}:{received}"
     top["RadarCollection"] = {
         "TxFrequency": {"Min": low, "Max": high},
         "Waveform": {
@@ -260,12 +258,12 @@ def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
                 }
             ],
         },
-        "TxPolarization": _LETTERS[channel[0]],
-        "RcvChannels": {"@size": 1, "ChanParameters": [{"@index": 1, "TxRcvPolarization": polarisation}]},
+        "TxPolarization": transmitted,
+        "RcvChannels": {"@size": 1, "ChanParameters": [{"@index": 1, "TxRcvPolarization": both}]},
     }
     top["ImageFormation"] = {
         "RcvChanProc": {"NumChanProc": 1, "ChanIndex": [1]},
-        "TxRcvPolarizationProc": polarisation,
+        "TxRcvPolarizationProc": both,
         "TStartProc": 0.0,
         "TEndProc": flight.duration,
         "TxFrequencyProc": {"MinProc": low, "MaxProc": high},
@@ -277,7 +275,7 @@ def _signal(top: Any, channel: str, flight: Collection, algorithm: str) -> None:
     }
 
 
-def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
+def _range_migration(top: Element, axes: Axes, flight: Collection) -> None:
     """Range and time of closest approach of the pixels of a slant grid, for a straight track."""
     middle = 0.5 * flight.duration
     position, velocity = flight.state(middle)
@@ -296,7 +294,7 @@ def _range_migration(top: Any, axes: Axes, flight: Collection) -> None:
     }
 
 
-def image_of(top: Any, pixels: C64, what: str) -> SarImage:
+def image_of(top: Element, pixels: C64, what: str) -> SarImage:
     """The image that a SICD document and its pixels are, in a frame (east, north, up) whose level plane is the image's.
 
     Parameters
@@ -345,8 +343,9 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
     slant = 2.0 * flight.signal.bandwidth / SPEED_OF_LIGHT
     widths = [float(top["Grid"][name]["ImpRespWid"]) / _UNIFORM_WIDTH for name in ("Row", "Col")]
     letters = str(top["ImageFormation"]["TxRcvPolarizationProc"]).split(":")
-    by_name = {name: letter for letter, name in _LETTERS.items()}
-    channel = "".join(by_name.get(name, "V") for name in letters)
+    if any(name not in LETTERS for name in letters):
+        raise DataError(f"{what}: polarisation {':'.join(letters)} is not read; H, V, RHC and LHC are")
+    channel = "".join(LETTERS[name] for name in letters)
     return SarImage(
         data=data[None].astype(np.complex64),
         layers=(Layer(channel),),
@@ -367,7 +366,7 @@ def image_of(top: Any, pixels: C64, what: str) -> SarImage:
     )
 
 
-def _level_anchor(top: Any, anchor: Anchor, kind: str, what: str) -> Anchor:
+def _level_anchor(top: Element, anchor: Anchor, kind: str, what: str) -> Anchor:
     """The place, kilometres away at most, whose level plane is the image's; of slant range, the flight's."""
     if kind == "ground":
         normal = np.cross(*(top["Grid"][name]["UVectECF"] for name in ("Row", "Col")))
@@ -380,12 +379,12 @@ def _level_anchor(top: Any, anchor: Anchor, kind: str, what: str) -> Anchor:
     return Anchor(float(np.arcsin(normal[2])), float(np.arctan2(normal[1], normal[0])), anchor.height)
 
 
-def _pair(top: Any, name: str) -> tuple[float, float]:
+def _pair(top: Element, name: str) -> tuple[float, float]:
     """A parameter of rows and of columns."""
     return float(top["Grid"]["Row"][name]), float(top["Grid"]["Col"][name])
 
 
-def _kind(top: Any, what: str) -> Literal["ground", "slant"]:
+def _kind(top: Element, what: str) -> Literal["ground", "slant"]:
     plane, kind = top["Grid"]["ImagePlane"], top["Grid"]["Type"]
     if kind == "PLANE" and plane == "GROUND":
         return "ground"
@@ -409,7 +408,7 @@ def _constant(poly: F64 | None, what: str) -> float:
     return float(np.asarray(poly).ravel()[0])
 
 
-def _collection(top: Any, anchor: Anchor) -> Collection:
+def _collection(top: Element, anchor: Anchor) -> Collection:
     position = np.array(top["Position"]["ARPPoly"], dtype=np.float64)
     position[0] -= anchor.origin
     wave = top["RadarCollection"]["Waveform"]["WFParameters"][0]
@@ -422,7 +421,7 @@ def _collection(top: Any, anchor: Anchor) -> Collection:
         speed, distance = np.linalg.norm(top["SCPCOA"]["ARPVel"]), float(top["SCPCOA"]["SlantRange"])
         length = SPEED_OF_LIGHT / (low + high) * distance * float(top["Grid"]["Col"]["ImpRespBW"])
         aperture = min(duration, length / float(speed))
-    kinds = {text: mode for mode, text in _MODE_TYPES.items() if mode != "circular"}
+    kinds = {text: mode for mode, text in MODE_TYPES.items() if mode != "circular"}
     center, rows = 0.5 * duration, position @ anchor.axes.T
     middle = np.asarray(np.polynomial.polynomial.polyval(center, rows))
     rows[0] -= middle
@@ -451,4 +450,4 @@ def _collection(top: Any, anchor: Anchor) -> Collection:
     return Collection(signal, flight)
 
 
-__all__ = ["EPOCH", "NAMESPACE", "Axes", "center_time", "document", "image_of"]
+__all__ = ["NAMESPACE", "Axes", "center_time", "document", "image_of"]

@@ -135,7 +135,7 @@ def link_budget(
     Raises
     ------
     RadarError
-        One pulse, or a receiver apart from the transmitter: there is no budget then.
+        One pulse, a receiver apart from the transmitter, or an aperture all round: there is no budget then.
     DataError
         No such window, or the beam does not reach the image.
 
@@ -152,6 +152,11 @@ def link_budget(
     if radar.receiver is not None:
         raise RadarError(
             f"{where}: the link budget is that of one antenna, and the receiver stands apart from the transmitter"
+        )
+    if radar.all_round:
+        raise RadarError(
+            f"{where}: an image made from all sides has no range and azimuth cells of their own, and so no link "
+            "budget; give a mode that looks from one"
         )
     windows = parse_window(range_window), parse_window(azimuth_window)
     processing = Processing(*windows, rcs=rcs, sigma0=float(power_from_db(sigma0_db)))

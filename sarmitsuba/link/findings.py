@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.focusing.aperture import flight
 from sarmitsuba.link.place import PlaceBudget
 from sarmitsuba.link.pulses import PulseTiming
 from sarmitsuba.radar.antenna import SINC_HALF_POWER
@@ -19,8 +20,8 @@ _HELD = 0.01
 _GAIN_SLACK = 1.26
 # share of the swath's echoes in which a pulse or the nadir's echo may fall: rounding
 _SHARE = 1e-6
-# asked azimuth resolution that is missed by this much is not reached
-_MISSED = 1.02
+# part of the beam's half width within which an aperture counts as cut by the null
+_CUT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -168,17 +169,18 @@ def _of_the_antenna(where: str, radar: Radar, place: PlaceBudget) -> list[Findin
 def _of_the_aperture(where: str, radar: Radar, place: PlaceBudget, given: RadarInput | None) -> list[Finding]:
     asked = given.sensor.azimuth_resolution if given is not None and given.track is None else 0.0
     own = np.isfinite(radar.half_aperture)
-    if own and asked > 0.0:
-        cell = radar.waveform.wavelength / (4.0 * radar.half_aperture)
-        if cell > _MISSED * asked:
-            return [
-                Finding(
-                    "aperture",
-                    f"{where}: azimuth_resolution = {asked:g} m asks for a longer aperture than the beam holds between "
-                    f"its nulls, which gives {cell:.4g} m; shorten antenna_length or coarsen azimuth_resolution",
-                    True,
-                )
-            ]
+    squint = float(flight(radar)[1][radar.track.center_index])
+    null = radar.antenna.nulls[0] * float(np.sqrt(max(1.0 - squint**2, 0.0)))
+    if own and asked > 0.0 and radar.half_aperture >= null * (1.0 - _CUT):
+        return [
+            Finding(
+                "aperture",
+                f"{where}: azimuth_resolution = {asked:g} m asks for a longer aperture than the beam holds between its "
+                f"nulls, {place.aperture_length:.4g} m, which gives an azimuth cell of {place.azimuth_cell:.4g} m with "
+                "the window; shorten antenna_length or coarsen azimuth_resolution",
+                True,
+            )
+        ]
     if not own and place.held < _HELD:
         return [
             Finding(

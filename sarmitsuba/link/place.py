@@ -39,13 +39,13 @@ class PlaceBudget:
     pattern : the antenna's two-way power gain there over its peak, at the pulse that sees the place best
     held : the same at the aperture's worse end, over `pattern`
     n_pulses : that serve the place
-    aperture_length, aperture_time : from the first to the last of them, m and s
+    aperture_length, aperture_time : flown from the first to the last of them, m and s
     range_resolution, ground_range_resolution, azimuth_resolution : half-power widths with their windows, m
     azimuth_cell : noise-equivalent width, m; with the slant-range cell and the incidence it gives `cell_area`
     cell_area : noise-equivalent area of the impulse response on the ground, m^2
     snr : signal-to-noise ratio of a point of `rcs`; NaN where the radar has no noise temperature, as all below
     snr_ground : that of ground of `sigma0`
-    nesz : noise-equivalent sigma0, linear
+    nesz : noise-equivalent sigma0 of the image, linear, which a pointing error does not change
     nesz_textbook : the same by the textbook's form, for all pulses at boresight and of one weight
     rcs, sigma0 : what the ratios are of, m^2 and linear
     azimuth_ambiguity : signal of the ghosts in azimuth over that of the place, for even ground; NaN: not known
@@ -118,9 +118,17 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
     range_cell = radar.waveform.range_cell
     slant = float(np.linalg.norm(point - radar.track.center_position))
     gain = direction_gain(radar, slice(None), look_directions(radar, point))
+    nominal = direction_gain(told, slice(None), look_directions(told, point))
     used = np.flatnonzero(weights > 0.0)
-    time, position = radar.track.time, radar.track.position
+    # echoes of a beam that points elsewhere than the focuser is told, over those of one that does not
+    seen = weights[used] * gain[used] / nominal[used]
+    level, ground_level = (
+        float((seen.sum() / weights.sum()) ** 2),
+        float(np.sum(seen**2) / np.sum(weights**2)),
+    )
+    time = radar.track.time
     step = float(np.median(np.diff(time)))
+    flown = np.linalg.norm(np.diff(radar.track.position, axis=0), axis=1)[used[0] : used[-1]]
     width = half_power_width((np.arange(1024) + 0.5) / 1024 - 0.5, processing.range_window.aperture(1024))
     along = 2.0 / radar.waveform.wavelength * (range_gradients(told, point) @ radar.track.along)
     noise = textbook = float("nan")
@@ -137,17 +145,15 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
         pattern=float(gain.max() ** 2),
         held=float((gain[used[[0, -1]]].min() / gain.max()) ** 2),
         n_pulses=int(used.size),
-        aperture_length=float(np.linalg.norm(position[used[-1]] - position[used[0]]))
-        * used.size
-        / max(used.size - 1, 1),
+        aperture_length=float(flown.sum()) * used.size / max(used.size - 1, 1),
         aperture_time=float(time[used[-1]] - time[used[0]]) + step,
         range_resolution=width * range_cell,
         ground_range_resolution=width * range_cell / float(np.sin(angle)),
         azimuth_resolution=half_power_width(along, weights),
         azimuth_cell=azimuth_cell,
         cell_area=area,
-        snr=processing.rcs / noise,
-        snr_ground=processing.sigma0 * area / noise,
+        snr=level * processing.rcs / noise,
+        snr_ground=ground_level * processing.sigma0 * area / noise,
         nesz=noise / area,
         nesz_textbook=textbook,
         rcs=processing.rcs,

@@ -83,6 +83,9 @@ class PointQuality:
 
 def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoint, ...]:
     """Point scatterers of the scene at rest, as the image's metadata name them, with what they have in a channel."""
+    entries = image.metadata.get("points", ())
+    if not entries:
+        return ()  # images from elsewhere may have channels of any name
     response = isotropic_response(channel or image.channels[0])
     return tuple(
         KnownPoint(
@@ -91,7 +94,7 @@ def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoin
             float(entry["rcs"]) * abs(response) ** 2 if response else None,
             float(entry["phase"]) + float(np.angle(response)) if response else None,
         )
-        for entry in image.metadata.get("points", ())
+        for entry in entries
         if isinstance(entry, Mapping) and not _moves(entry)
     )
 

@@ -92,11 +92,6 @@ def build_radar(
     prf_derived = track is None and not s.prf
     anchor = Anchor.of_degrees(s.latitude_deg, s.longitude_deg, s.height)
     orbit = None if track is not None else orbit_of(given, anchor, aim, shift)
-    if orbit is not None and MODES[s.mode].path_parameters:
-        raise RadarError(
-            f"{given.where}: mode = {s.mode} flies a path of its own, not an orbit; leave the orbit out "
-            "or take another mode"
-        )
     if track is not None:
         geometry = geometry_of_track(given, track, aim)
     else:

@@ -126,7 +126,8 @@ class RadarDescription:
     state_vectors_file: str = described(
         "",
         "CSV of time_s (or UTC as 2024-05-01T12:00:00.5), x_m, y_m, z_m, vx_m_s, vy_m_s, vz_m_s, Earth-centred "
-        "Earth-fixed; in place of orbit_altitude, mid-aperture is when the aim point is seen at squint_angle_deg",
+        "Earth-fixed, or Sentinel-1's orbit file (.EOF); in place of orbit_altitude, mid-aperture is when the aim "
+        "point is seen at squint_angle_deg",
     )
     latitude_deg: float = described(
         0.0,

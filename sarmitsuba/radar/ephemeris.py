@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,7 @@ _NEIGHBOURS = 4
 # part of the speed by which velocities may differ from what the positions say: vectors that do not turn with the Earth
 # differ by 3 % and more
 _SLIP = 0.01
-# times between two vectors at which the line of sight is tried
-_TRIES = 8
+_COMPONENTS = ("X", "Y", "Z", "VX", "VY", "VZ")  # of an Earth Explorer orbit file
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +82,39 @@ class StateVectors:
                 f"{self.source}: the velocities differ from the change of the positions by up to {slip.max():.3g} m/s; "
                 "give velocities in m/s relative to the turning Earth (ECEF), of vectors at most 5 minutes apart"
             )
+
+    @staticmethod
+    def read(path: Path | str) -> "StateVectors":
+        """Read an orbit file of Sentinel-1 (``.EOF``), or else a CSV."""
+        path = Path(path)
+        return StateVectors.from_eof(path) if path.suffix.lower() == ".eof" else StateVectors.from_csv(path)
+
+    @staticmethod
+    def from_eof(path: Path | str) -> "StateVectors":
+        """Read the ``OSV`` elements (UTC, X, Y, Z, VX, VY, VZ) of an Earth Explorer file in the Earth-fixed frame."""
+        path = Path(path)
+        try:
+            root = ElementTree.parse(path).getroot()
+        except OSError as error:
+            raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
+        except ElementTree.ParseError as error:
+            raise RadarError(f"{path}: not well-formed XML: {error}") from error
+        frame = root.findtext(".//Ref_Frame", "EARTH_FIXED")
+        if frame != "EARTH_FIXED":
+            raise RadarError(
+                f"{path}: the reference frame is {one_line(frame)}; give vectors that are EARTH_FIXED"
+            )
+        found = root.findall(".//OSV")
+        try:
+            stamps = [item.findtext("UTC", "").removeprefix("UTC=") for item in found]
+            time = np.array([_seconds(stamp, stamps[0]) for stamp in stamps])
+            rows = np.array([[float(item.findtext(name, "")) for name in _COMPONENTS] for item in found])
+        except ValueError as error:
+            raise RadarError(
+                f"{path}: {one_line(error)}; every OSV needs UTC, {', '.join(_COMPONENTS)}"
+            ) from error
+        rows = rows.reshape(-1, 6)
+        return StateVectors(time, rows[:, :3], rows[:, 3:], path.name)
 
     @staticmethod
     def from_csv(path: Path | str) -> "StateVectors":
@@ -154,19 +187,24 @@ class StateVectors:
         """
         path = EphemerisPath(self, anchor, offset, 0.0)
 
-        def miss(time: F64) -> F64:
-            position, velocity = path.states(time)
+        def miss(states: tuple[F64, F64]) -> F64:
+            position, velocity = states
             line = aim - position
             size = np.linalg.norm(line, axis=1) * np.linalg.norm(velocity, axis=1)
             return np.asarray(np.einsum("ij,ij->i", line, velocity) / size - np.sin(squint))
 
-        n = self.time.size
-        share = np.linspace(0.0, 1.0, (n - 1) * _TRIES + 1) * (n - 1)
-        grid = np.interp(share, np.arange(n), self.time)
-        value = miss(grid)
+        # once per revolution what was ahead falls behind
+        value = miss(path.in_scene(self.position, self.velocity))
         found: list[tuple[float, float]] = []
         for i in np.flatnonzero((value[:-1] > 0.0) & (value[1:] <= 0.0)):
-            zero = float(brentq(lambda t: float(miss(np.array([t]))[0]), grid[i], grid[i + 1], xtol=1e-12))
+            zero = float(
+                brentq(
+                    lambda t: float(miss(path.states(np.array([t])))[0]),
+                    self.time[i],
+                    self.time[i + 1],
+                    xtol=1e-12,
+                )
+            )
             position, velocity = (each[0] for each in path.states(np.array([zero])))
             line = aim - position
             seen = "right" if float(line @ right_of(velocity)) > 0.0 else "left"
@@ -202,7 +240,10 @@ class EphemerisPath(FlightPath):
 
     def states(self, time: F64) -> tuple[F64, F64]:
         """See `FlightPath`."""
-        position, velocity = self.vectors.at(time + self.middle)
+        return self.in_scene(*self.vectors.at(time + self.middle))
+
+    def in_scene(self, position: F64, velocity: F64) -> tuple[F64, F64]:
+        """Earth-fixed states, (n, 3) m and m/s, in the scene frame."""
         return self.anchor.from_ecef(position) - self.offset, np.asarray(velocity @ self.anchor.axes.T)
 
 

@@ -252,7 +252,7 @@ def orbit_of(
                 raise RadarError(
                     f"{where}: {name} has no effect beside state_vectors_file; leave one of them out"
                 )
-        vectors = StateVectors.from_csv(given.folder / s.state_vectors_file)
+        vectors = StateVectors.read(given.folder / s.state_vectors_file)
         side = s.look_side if "look_side" in given.sensor_given else None
         path = vectors.path_over(anchor, offset, aim, squint, side)
     return geometry_of_path(path, aim)[0], path

@@ -201,18 +201,29 @@ class Radar:
         return self.delay is not None and self.receiver_pointing is None
 
     def start_stop(self) -> "Radar":
-        r"""The radar that stands still during a pulse where its antenna is halfway between transmission and reception.
+        r"""The radar that stands still during a pulse and has recorded the same echoes, as nearly as there is one.
 
-        Slant ranges are those of both places to :math:`b^2 \cos^2\psi / 8 R`, for a way b meanwhile and a squint psi:
-        the same for all that is seen. Another radar, and one with two antennas, stays as it is.
+        Its antenna is halfway between transmission and reception: slant ranges are those of both places to
+        :math:`b^2 \cos^2\psi / 8 R`, for a way b meanwhile and a squint psi, the same for all that is seen. Its receive
+        window begins by so much nearer as an echo from the boresight appears farther than it is. A radar that stands
+        still already stays as it is; two antennas stay two.
+
+        Notes
+        -----
+        Ignores that echoes from elsewhere in the beam appear shifted by up to :math:`\kappa v s`, for the sine s of
+        their angle off the boresight along the flight; over an aperture this blurs them in range, and moves none.
         """
-        if not self.receives_itself or self.receiver is None:
+        if self.delay is None or self.receiver is None:
             return self
         sent, back = self.track, self.receiver
+        rate = -np.einsum("ni,ni->n", sent.velocity, self.pointing.boresight)
+        window = replace(self.window, start_range=self.window.start_range - self.range_per_rate * rate)
+        if not self.receives_itself:
+            return replace(self, window=window, delay=None)
         middle = Track(
             sent.time, 0.5 * (sent.position + back.position), 0.5 * (sent.velocity + back.velocity)
         )
-        return replace(self, track=middle, receiver=None, delay=None)
+        return replace(self, track=middle, window=window, receiver=None, delay=None)
 
     @property
     def amplitude_constant(self) -> float:

@@ -40,7 +40,7 @@ def turning(track: Track, point: F64, pulse: int) -> float:
 
     Notes
     -----
-    Exact at zero Doppler; ignores there the speed's own change.
+    Exact at zero Doppler; ignores the speed's own change elsewhere.
     """
     near = track.of_pulses(slice(max(pulse - 1, 0), pulse + 2))
     here = pulse - max(pulse - 1, 0)

@@ -59,7 +59,8 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     receiver, receiver_velocity = position, velocity
     if pulses.receiver is not None:
         receiver, receiver_velocity = _antenna_of(pulses.receiver, pulse)
-        pattern = BeamPattern(antenna, pulses.receiver, pulse, first_leg) if flags.antenna_pattern else None
+        # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
+        pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
     apart = kernel.bistatic and kernel.both_ways
     h, v = field.polarisation_basis(d, constants.up)
 

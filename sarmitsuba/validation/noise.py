@@ -18,6 +18,7 @@ _FOUR = tuple(Layer(channel) for channel in ("HH", "HV", "VH", "VV"))
 
 def empty_echoes(radar: Radar, seed: int) -> RawData:
     """Range-compressed data of a scene without anything in it: the receiver's noise, four channels of it."""
+    radar = radar.as_recorded()
     shape = (len(_FOUR), radar.track.n_pulses, radar.window.n_samples)
     return add_noise(RawData(np.zeros(shape, np.complex64), _FOUR, "compressed", radar), seed=seed)
 
@@ -32,10 +33,11 @@ def focused_noise(noise: RawData, grid: ImageGrid, window: str) -> tuple[float, 
 def focused_peak(
     radar: Radar, grid: ImageGrid, row: int, column: int, window: str, rcs: ArrayLike = 1.0
 ) -> float:
-    """Power of an ideal point of an RCS (m^2) at a pixel of a grid, m^2."""
+    """Power of an ideal point of an RCS (m^2) at a pixel of a grid, m^2; focused as the radar is recorded."""
     spot = replace(grid, azimuth=grid.azimuth[[row]], range=grid.range[[column]])
     echoes = ideal_echoes(radar, spot.positions()[0, 0], rcs=rcs)
-    image = focus(echoes, spot, range_window=window, azimuth_window=window)
+    told = replace(echoes, radar=radar.as_recorded())
+    image = focus(told, spot, range_window=window, azimuth_window=window)
     return float(abs(image.data[0, 0, 0]) ** 2)
 
 

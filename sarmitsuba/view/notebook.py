@@ -18,7 +18,7 @@ from sarmitsuba.view.quicklook import quicklook, save
 # triangles drawn in a plan; of more, the largest
 _MOST_FACES = 20_000
 # points across a plan at which it is asked what has its whole aperture
-_SHADED = 121
+_SHADED = 61
 _BEAM = "tab:blue"
 # free rim about a beam that is shown whole, of its extent
 _RIM = 0.03

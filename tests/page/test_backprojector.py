@@ -1,6 +1,7 @@
 """The browser's backprojection against ours and against plain arithmetic, on exact echoes of points."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -166,6 +167,19 @@ def test_the_browsers_image_is_ours(case: str, device: str, in_browser: Any) -> 
     seed, changes = CASES[case]
     look = drawn(seed, **changes)
     check(in_browser(look, device), ours(look.raw, look.grid))
+
+
+def test_a_measured_beam_is_the_browsers_too(in_browser: Any, tmp_path: Path) -> None:
+    lines = []
+    for cut, width in (("azimuth", 1.5), ("elevation", 6.0)):
+        angle = np.linspace(-3.0, 3.0, 121)
+        lines += [f"{cut},{a * width:.6g},{-11.0 * a * a + 0.8 * a:.6g}" for a in angle]  # lopsided
+    path = tmp_path / "beam.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    widths = {"azimuth_beamwidth_deg": 0.0, "elevation_beamwidth_deg": 0.0}
+    look = drawn(16, **{**STRIPMAP, **widths, "pattern": "table", "pattern_file": str(path)})
+    for device in ("gpu", "cpu"):
+        check(in_browser(look, device), ours(look.raw, look.grid))
 
 
 @pytest.mark.parametrize(("case", "n"), [("spotlight 1", 2), ("spotlight 4", 3), ("stripmap 12", 4)])

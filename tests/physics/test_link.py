@@ -14,11 +14,12 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.validation.noise import empty_echoes, focused_noise, focused_peak
 
-DRAWS = 4
+# of the noise, in four channels each: as many cells where only the rows about the aim point count
+DRAWS = {"stripmap": 4, "spotlight": 12}
 
 
 def drawn_scene(mode: str, seed: int) -> sarmitsuba.Scene:
-    """A radar 10 km away whose beam fades towards both ends of the swath."""
+    """A radar 10 km away whose beam fades towards both ends of the swath; every other one points a little wrongly."""
     rng = np.random.default_rng([15, seed])
     radar = RadarDescription(
         mode=mode,
@@ -36,6 +37,8 @@ def drawn_scene(mode: str, seed: int) -> sarmitsuba.Scene:
         transmit_power=rng.uniform(1.0, 50.0),
         losses_db=rng.uniform(0.0, 4.0),
         noise_temperature=rng.uniform(300.0, 900.0),
+        pointing_error_azimuth_deg=0.3 * (seed % 2),
+        pointing_error_elevation_deg=0.2 * (seed % 2),
     )
     film = FilmDescription(image_extent_azimuth=70.0, image_extent_range=280.0)
     return build_scene(points=[PointTarget("aim", np.zeros(3), 1.0)], radar=radar, film=film)
@@ -48,7 +51,7 @@ def measured(scene: sarmitsuba.Scene, budget: LinkBudget, window: str, seed: int
     """
     radar = scene.radar
     grid = default_grid(radar, scene.image)
-    draws = [empty_echoes(radar, seed=10 * seed + i) for i in range(DRAWS)]
+    draws = [empty_echoes(radar, seed=20 * seed + i) for i in range(DRAWS[radar.mode])]
     row = grid.azimuth.size // 2
     # where the beam is held on the aim point, it fades towards the first and last rows
     rows = slice(None) if np.isfinite(radar.half_aperture) else slice(row - 12, row + 13)
@@ -73,8 +76,8 @@ def measured(scene: sarmitsuba.Scene, budget: LinkBudget, window: str, seed: int
         ("stripmap", 2, "rectangular"),
         pytest.param("stripmap", 3, "taylor", marks=pytest.mark.slow),
         pytest.param("stripmap", 4, "hamming", marks=pytest.mark.slow),
-        ("spotlight", 5, "taylor"),
-        pytest.param("spotlight", 6, "rectangular", marks=pytest.mark.slow),
+        pytest.param("spotlight", 5, "taylor", marks=pytest.mark.slow),
+        ("spotlight", 6, "rectangular"),
         pytest.param("spotlight", 7, "kaiser:2.5", marks=pytest.mark.slow),
     ],
 )

@@ -10,7 +10,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.special import j1
 
+from sarmitsuba.backend import arrays, device_numbers, dr
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaWarning, SceneError
 from sarmitsuba.focusing import focus
@@ -180,6 +182,26 @@ def check_a_radar_mode(example: Example, folder: Path) -> None:
         load_scene(path)
 
 
+def check_an_antenna_pattern(example: Example, folder: Path) -> None:
+    """Its gain is the disc's, in NumPy and in the kernels, and the scene's point is as much weaker."""
+    sensor = '<sensor type="sar_antenna">'
+    path = write(folder, shape=POINT)
+    path.write_text(path.read_text().replace(sensor, example.xml[0].replace("</sensor>", "")))
+    antenna = load_scene(path).radar.antenna
+    sine = np.linspace(-0.04, 0.04, 81)
+    x = 1.61634 * sine / np.sin(np.radians(1.0))
+    want = np.where(np.abs(x) < 3.8317, (2.0 * j1(x) / np.where(x == 0.0, 1.0, x)) ** 2, 0.0)
+    want[x == 0.0] = 1.0
+    got = antenna.two_way_amplitude(sine, np.zeros_like(sine))
+    np.testing.assert_allclose(got, want, atol=2e-4)  # tol: the series as the page has it
+    types = arrays()
+    numbers = device_numbers(types.Float32, antenna.numbers)
+    lanes = types.Float32(sine.astype(np.float32))
+    kernel = antenna.normalised(lanes, types.Float32(0.0), numbers, dr)
+    np.testing.assert_allclose(np.asarray(kernel), got, atol=2e-6)  # tol: float32
+    assert np.abs(simulate(load_scene(path)).total("HH")).max() > 0.0
+
+
 def check_a_focuser(example: Example, folder: Path) -> None:
     """The built-in backprojection's image and levels; its option bounds what it takes."""
     raw = ideal_echoes(
@@ -221,6 +243,7 @@ CHECKS: dict[str, Callable[[Example, Path], None]] = {
     "A material": check_a_material,
     "An effect": check_an_effect,
     "A radar mode": check_a_radar_mode,
+    "An antenna pattern": check_an_antenna_pattern,
     "A focuser": check_a_focuser,
     "A window": check_a_window,
     "A file format": check_a_file_format,

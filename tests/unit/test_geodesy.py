@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from sarmitsuba import read_image, read_raw, write_image, write_raw
@@ -104,6 +105,9 @@ def test_the_anchor_goes_with_data_images_and_their_files(tmp_path: Path) -> Non
     assert image.anchor == scene.anchor
     write_image(image, tmp_path / "image.h5")
     assert read_image(tmp_path / "image.h5").anchor == scene.anchor
+    write_image(image, tmp_path / "image.exr")
+    header = OpenEXR.File(str(tmp_path / "image.exr")).header()
+    assert np.allclose(header["anchor"], [48.1, 11.6, 520.0], rtol=0.0, atol=1e-12)
     # a grid from elsewhere stands where the data do
     bare = replace(default_grid(raw, {"extent_azimuth": 20.0, "extent_range": 20.0}), anchor=Anchor())
     assert focus(raw, bare).anchor == scene.anchor

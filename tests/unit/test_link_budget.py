@@ -214,6 +214,8 @@ def test_the_budget_of_the_fixed_parts() -> None:
 def test_no_budget_without_an_aperture_or_a_window() -> None:
     with pytest.raises(RadarError, match="one pulse makes no aperture"):
         budget_of(replace(PLAIN, n_pulses=1, azimuth_resolution=0.0, prf=100.0))
+    with pytest.raises(RadarError, match="made from all sides has no range and azimuth cells"):
+        budget_of(replace(PLAIN, mode="circular", azimuth_resolution=0.0))
     with pytest.raises(DataError, match="unknown; choose one of"):
         budget_of(PLAIN, "taylr")
 

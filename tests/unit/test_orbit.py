@@ -301,6 +301,34 @@ def test_state_vectors_fly_the_orbit_that_they_sample(tmp_path: Path, utc: bool,
     assert other.look_side == orbit.look_side == "right"
 
 
+def test_an_orbit_file_of_sentinel_1_is_read(tmp_path: Path) -> None:
+    time = np.arange(-4.0, 5.0) * 10.0
+    rows = kepler(time)
+    start = np.datetime64("2024-05-01T06:00:00", "ns")
+    items = []
+    for t, row in zip(time, rows, strict=True):
+        tags = "".join(
+            f'<{tag} unit="m">{v:.9f}</{tag}>'
+            for tag, v in zip(("X", "Y", "Z", "VX", "VY", "VZ"), row, strict=True)
+        )
+        items.append(f"<OSV><UTC>UTC={start + np.timedelta64(round(t * 1e9), 'ns')}</UTC>{tags}</OSV>")
+    head = "<Earth_Explorer_File><Data_Block><Ref_Frame>EARTH_FIXED</Ref_Frame><List_of_OSVs>"
+    text = f"{head}{''.join(items)}</List_of_OSVs></Data_Block></Earth_Explorer_File>"
+    path = tmp_path / "S1A_OPER_AUX_POEORB.EOF"
+    path.write_text(text)
+    vectors = StateVectors.read(path)
+    assert np.abs(vectors.time - (time + 40.0)).max() < 1e-9
+    assert np.abs(np.concatenate([vectors.position, vectors.velocity], axis=1) - rows).max() < 1e-8
+    for damage, message in (
+        (("EARTH_FIXED", "EARTH_INERTIAL"), "the reference frame is EARTH_INERTIAL"),
+        (("<VZ", "<VW"), "mismatched tag"),
+        (("UTC=2024", "UTC=x"), "every OSV needs UTC"),
+    ):
+        path.write_text(text.replace(*damage))
+        with pytest.raises(RadarError, match=message):
+            StateVectors.read(path)
+
+
 def test_doubtful_vectors_are_one_line(tmp_path: Path) -> None:
     time = np.arange(-3.0, 4.0) * 30.0
     known = kepler(time)

@@ -72,7 +72,11 @@ def opened(path: Path) -> tuple[Any, np.ndarray]:
         return reader.metadata.xmltree, np.asarray(reader.read_image()).astype(np.complex64)
 
 
-CASES = [(seed, grid) for seed in range(4) for grid in ("ground", "slant")]
+CASES = [
+    pytest.param(seed, grid, marks=() if seed in (0, 1) else pytest.mark.slow)
+    for seed in range(4)
+    for grid in ("ground", "slant")
+]
 
 
 @pytest.mark.parametrize(("seed", "grid"), CASES)

@@ -11,7 +11,7 @@ Written are the echoes as they focus: the amplitude a_p of a point is the root o
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.fft
@@ -23,12 +23,16 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.nga import DAMAGED, LETTERS, said
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
 from sarmitsuba.radar.collection import Signal
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar
+
+if TYPE_CHECKING:
+    import lxml.etree
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
@@ -40,7 +44,6 @@ _PADDING = 1.2
 _SAME_ANTENNA = 1e-3
 # share of the time from which one aperture serves all
 _WHOLE = 0.98
-_LETTERS = {"RHC": "R", "LHC": "L"}
 
 
 def write_raw(path: Path, raw: RawData) -> None:
@@ -57,6 +60,8 @@ def write_raw(path: Path, raw: RawData) -> None:
             f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
         )
     radar = raw.radar.in_file_frame()
+    # where antennas move within the pulse, echoes appear shifted: ranges are told without the boresight's shift
+    radar = replace(radar, window=radar.start_stop().window)
     vectors = _vectors(radar)
     frequency = _frequencies(radar)
     vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
@@ -64,7 +69,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     recording = Recording(
         name=str(raw.metadata.get("scene", path.stem)),
         mode=mode,
-        bistatic=radar.receiver is not None,
+        bistatic=radar.receiver is not None and not radar.receives_itself,
         channels=raw.channels,
         vectors=vectors,
         n_samples=frequency.size,
@@ -212,6 +217,7 @@ def read_raw(path: Path) -> RawData:
     try:
         with path.open("rb") as file, sarkit.Reader(file) as reader:
             tree = reader.metadata.xmltree
+            _check_size(path, tree)
             helper = sarkit.XmlHelper(tree)
             if helper.load("{*}Global/{*}DomainType") != "FX":
                 raise DataError(
@@ -230,19 +236,26 @@ def read_raw(path: Path) -> RawData:
             for node in tree.findall("{*}Channel/{*}Parameters"):
                 name = node.findtext("{*}Identifier")
                 signal, vectors = reader.read_channel(name)
-                letters = (
-                    node.findtext("{*}Polarization/{*}TxPol"),
-                    node.findtext("{*}Polarization/{*}RcvPol"),
-                )
-                channel = "".join(_LETTERS.get(one or "", one or "") for one in letters)
+                letters = [node.findtext(f"{{*}}Polarization/{{*}}{one}Pol") for one in ("Tx", "Rcv")]
+                if any(one not in LETTERS for one in letters):
+                    raise DataError(f"{path}: polarisation {letters} is not read; H, V, RHC and LHC are")
+                channel = "".join(LETTERS[one] for one in letters)
                 histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
-    except (OSError, DataError):
-        raise
-    except Exception as error:
-        raise DataError(f"{path}: cannot be read as CPHD: {' '.join(str(error).split())[:200]}") from error
+    except DAMAGED as error:
+        raise DataError(f"{path}: cannot be read as CPHD: {said(error)}") from error
     raw = raw_of(histories)
     radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
     return replace(raw, radar=radar, request=_request(raw, anchor, corners))
+
+
+def _check_size(path: Path, tree: "lxml.etree._ElementTree") -> None:
+    """Raise a DataError where the samples that the document promises do not fit into the file."""
+    promised = sum(
+        int(node.findtext("{*}NumVectors")) * int(node.findtext("{*}NumSamples"))
+        for node in tree.findall("{*}Data/{*}Channel")
+    )
+    if not 0 < promised <= path.stat().st_size // 2:  # two bytes at least each
+        raise DataError(f"{path}: the file is too short for {promised} samples; it was cut off or is damaged")
 
 
 def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:

@@ -63,6 +63,7 @@ def _where(image: SarImage) -> dict[str, object]:
         "grid": grid.kind,
         "origin_m": grid.origin,
         "image_plane_origin_m": np.array([*grid.origin[:2], grid.height]),
+        "anchor": np.array([*np.degrees([grid.anchor.latitude, grid.anchor.longitude]), grid.anchor.height]),
         "along": grid.along,
         "across": grid.across,
         # first row or column, and the step to the next

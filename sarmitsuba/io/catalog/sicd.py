@@ -15,6 +15,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.nga import DAMAGED, said
 from sarmitsuba.io.sicd_document import Axes, document, image_of
 from sarmitsuba.radar.collection import Collection
 
@@ -77,10 +78,8 @@ def read_image(path: Path) -> SarImage:
         with path.open("rb") as file, sarkit.NitfReader(file) as reader:
             tree = reader.metadata.xmltree
             pixels = np.asarray(reader.read_image())
-    except (OSError, DataError):
-        raise
-    except Exception as error:
-        raise DataError(f"{path}: cannot be read as SICD: {' '.join(str(error).split())[:200]}") from error
+    except DAMAGED as error:
+        raise DataError(f"{path}: cannot be read as SICD: {said(error)}") from error
     if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
         pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
     if not np.iscomplexobj(pixels):

@@ -23,7 +23,7 @@ class Table(Pattern):
         numbers: Sequence[Samples | float],
         xp: ModuleType = np,
     ) -> Samples:
-        """Return the product of both cuts, linear between their nodes."""
+        """Return the product of both cuts, in a kernel linear between their nodes."""
         product: Samples = _looked_up(sin_azimuth, numbers[:4], xp) * _looked_up(
             sin_elevation, numbers[4:], xp
         )
@@ -35,10 +35,13 @@ def _looked_up(sine: Samples, numbers: Sequence[Samples | float], xp: ModuleType
     start, per_sine, last, nodes = numbers
     value: Samples
     place = xp.clip((sine - start) * per_sine, 0.0, last)
-    if xp is np:
+    if xp is np:  # smooth (Catmull and Rom's cubic): focusers take second derivatives
         node = xp.minimum(place, last - 1.0).astype(xp.intp)
-        first, second = (xp.take(nodes, index) for index in (node, node + 1))
-        value = first + (place - node) * (second - first)
+        before, first, second, after = (xp.take(nodes, node + k, mode="clip") for k in range(-1, 3))
+        x = place - node
+        square = 2.0 * before - 5.0 * first + 4.0 * second - after
+        cube = 3.0 * (first - second) + after - before
+        value = xp.maximum(first + 0.5 * x * (second - before + x * (square + x * cube)), 0.0)
         return value
     node = xp.uint32_array_t(place)(xp.minimum(place, last - 1.0))
     first, second = (xp.gather(type(nodes), nodes, index) for index in (node, node + 1))

@@ -1,0 +1,59 @@
+"""The outline of an image on the Earth, as GeoJSON and as KML; see docs/files.md."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.geocoding import outline
+
+_KML = "http://www.opengis.net/kml/2.2"
+
+
+def write_geojson(path: Path, image: SarImage) -> None:
+    """Write the outline as a GeoJSON feature (RFC 7946: longitude, latitude in degrees, height in m)."""
+    feature = {
+        "type": "Feature",
+        "geometry": {"type": "Polygon", "coordinates": [outline(image).tolist()]},
+        "properties": {
+            "name": str(image.metadata.get("scene", path.stem)),
+            "channels": list(image.channels),
+            "wavelength_m": image.wavelength,
+        },
+    }
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(feature, indent=1) + "\n", encoding="utf-8")
+
+
+def write_kml(path: Path, image: SarImage) -> None:
+    """Write the outline as a KML polygon on the ground."""
+    ET.register_namespace("", _KML)
+    root = ET.Element(f"{{{_KML}}}kml")
+    mark = ET.SubElement(root, f"{{{_KML}}}Placemark")
+    ET.SubElement(mark, f"{{{_KML}}}name").text = str(image.metadata.get("scene", path.stem))
+    ring = mark
+    for name in ("Polygon", "outerBoundaryIs", "LinearRing"):
+        ring = ET.SubElement(ring, f"{{{_KML}}}{name}")
+    text = " ".join(f"{east:.9f},{north:.9f},{height:.3f}" for east, north, height in outline(image))
+    ET.SubElement(ring, f"{{{_KML}}}coordinates").text = text
+    with atomic_path(path) as temporary:
+        ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+
+
+FORMATS.register(
+    FileFormat(
+        name="geojson",
+        doc="outline of the image on the Earth, GeoJSON",
+        suffixes=(".geojson",),
+        write_image=write_geojson,
+    )
+)
+FORMATS.register(
+    FileFormat(
+        name="kml", doc="outline of the image on the Earth, KML", suffixes=(".kml",), write_image=write_kml
+    )
+)
+
+__all__ = ["write_geojson", "write_kml"]

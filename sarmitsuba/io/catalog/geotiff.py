@@ -1,0 +1,62 @@
+"""Cloud-optimised GeoTIFF: the magnitude of an image on a map; see docs/files.md."""
+
+from pathlib import Path
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.geocoding import north_up
+from sarmitsuba.version import __version__
+
+
+def write_image(path: Path, image: SarImage) -> None:
+    """Write the square root of sigma0, a band per channel, north up in the UTM zone, with overviews.
+
+    Raises
+    ------
+    DataError
+        rasterio is missing.
+    """
+    try:
+        import rasterio
+        from rasterio.transform import from_origin
+    except ImportError as error:
+        raise DataError(
+            f"{path}: GeoTIFF files need the package rasterio ({error}); pip install 'sarmitsuba[formats]'"
+        ) from error
+    on_map = north_up(image)
+    bands, height, width = on_map.magnitude.shape
+    profile = {
+        "driver": "COG",
+        "dtype": "float32",
+        "count": bands,
+        "height": height,
+        "width": width,
+        "crs": f"EPSG:{on_map.zone}",
+        "transform": from_origin(on_map.west, on_map.north, on_map.spacing, on_map.spacing),
+        "nodata": float("nan"),
+        "compress": "deflate",
+        "overview_resampling": "average",
+    }
+    with atomic_path(path) as temporary, rasterio.open(temporary, "w", **profile) as file:
+        file.write(on_map.magnitude)
+        file.update_tags(
+            quantity="square root of sigma0",
+            software=f"sarmitsuba {__version__}",
+            wavelength_m=image.wavelength,
+        )
+        for band, channel in enumerate(image.channels, 1):
+            file.set_band_description(band, channel)
+
+
+FORMATS.register(
+    FileFormat(
+        name="geotiff",
+        doc="cloud-optimised GeoTIFF of the magnitude on a map, for GIS (extra: formats)",
+        suffixes=(".tif", ".tiff"),
+        write_image=write_image,
+    )
+)
+
+__all__ = ["write_image"]

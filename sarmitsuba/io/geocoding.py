@@ -1,0 +1,111 @@
+"""Images on a map: outline in degrees, and the magnitude on a north-up grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from sarmitsuba.image.sar_image import SarImage
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+
+# passes that put a place on the map onto the image's plane, whose height over the ellipsoid changes by its curvature
+_PASSES = 3
+
+
+def outline(image: SarImage) -> F64:
+    """(5, 3) float64: longitude and latitude (deg) and height (m) of the image's corners, closed, anticlockwise."""
+    grid = image.grid.in_frame(np.zeros(3))
+    edge = 0.5 * np.array([grid.azimuth_spacing, grid.range_spacing])
+    first, last = (grid.positions_on_line(row) for row in (0, grid.shape[0] - 1))
+    # half a pixel out: pixels have an area
+    ends = [row + sign * edge[0] * grid.along for row, sign in ((first, -1.0), (last, 1.0))]
+    corners = np.array([ends[0][0], ends[0][-1], ends[1][-1], ends[1][0]])
+    (x0, y0), (x1, y1) = (corners[k, :2] - corners[:, :2].mean(axis=0) for k in (0, 1))
+    corners = corners if x0 * y1 - x1 * y0 > 0.0 else corners[::-1]
+    geodetic = image.anchor.to_geodetic(np.concatenate([corners, corners[:1]]))
+    return np.column_stack([np.degrees(geodetic[:, 1]), np.degrees(geodetic[:, 0]), geodetic[:, 2]])
+
+
+@dataclass(frozen=True, eq=False)
+class NorthUp:
+    """Magnitude of an image on a map.
+
+    Parameters
+    ----------
+    magnitude : (n_channels, rows, columns) float32, square root of sigma0; NaN beside the image
+    zone : EPSG number of the UTM zone (WGS-84)
+    west, north : m, upper left corner of the upper left pixel
+    spacing : m
+    """
+
+    magnitude: F32
+    zone: int
+    west: float
+    north: float
+    spacing: float
+
+
+def utm_zone(longitude: float, latitude: float) -> int:
+    """EPSG number of the UTM zone on WGS-84 of a place in degrees; beyond 84 deg the polar stereographic one."""
+    if latitude > 84.0:
+        return 32661
+    if latitude < -80.0:
+        return 32761
+    zone = int((longitude + 180.0) // 6.0) % 60 + 1
+    return (32600 if latitude >= 0.0 else 32700) + zone
+
+
+def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
+    """Put the magnitude on a north-up grid of the UTM zone.
+
+    Parameters
+    ----------
+    image : any grid, anchored
+    spacing : m; 0 = the larger pixel spacing of the image on the ground
+
+    Returns
+    -------
+    power averaged over a map pixel where that holds several of the image, interpolated linearly between pixels
+
+    Notes
+    -----
+    Pixels stand on the image's plane: terrain and buildings are displaced by their layover, as in the image.
+    """
+    from rasterio.warp import transform
+
+    grid = image.grid.in_frame(np.zeros(3))
+    across = np.diff(grid.across_distance())
+    steps = np.array([grid.azimuth_spacing, float(across.mean()) if across.size else grid.range_spacing])
+    spacing = spacing or float(steps.max())
+    corners = outline(image)
+    zone = f"EPSG:{utm_zone(*corners[:4].mean(axis=0)[:2])}"
+    east, north = (np.asarray(v) for v in transform("EPSG:4326", zone, corners[:, 0], corners[:, 1]))
+    west, top = np.floor(east.min() / spacing) * spacing, np.ceil(north.max() / spacing) * spacing
+    columns, rows = int(np.ceil((east.max() - west) / spacing)), int(np.ceil((top - north.min()) / spacing))
+    x, y = np.meshgrid(west + spacing * (np.arange(columns) + 0.5), top - spacing * (np.arange(rows) + 0.5))
+    longitude, latitude = (np.asarray(v) for v in transform(zone, "EPSG:4326", x.ravel(), y.ravel()))
+    place = np.column_stack([np.radians(latitude), np.radians(longitude), np.full(x.size, corners[0, 2])])
+    for _ in range(_PASSES):
+        points = image.anchor.from_geodetic(place)
+        place[:, 2] += grid.height - points[:, 2]
+    offset = points - (grid.origin * [1.0, 1.0, 0.0] + [0.0, 0.0, grid.height])
+    distance = offset @ grid.across
+    if grid.kind == "slant":
+        distance = np.hypot(distance, grid.origin[2] - grid.height)
+    row = (offset @ grid.along - grid.azimuth[0]) / grid.azimuth_spacing
+    column = (distance - grid.range[0]) / grid.range_spacing
+    size = np.maximum(np.round(spacing / steps), 1.0).astype(int)
+    out = [
+        map_coordinates(
+            uniform_filter(image.sigma0(channel), size, mode="nearest"), [row, column], order=1, cval=np.nan
+        )
+        for channel in image.channels
+    ]
+    magnitude = np.sqrt(np.maximum(np.stack(out), 0.0)).reshape(-1, rows, columns)
+    return NorthUp(magnitude.astype(np.float32), int(zone[5:]), float(west), float(top), spacing)
+
+
+__all__ = ["NorthUp", "north_up", "outline", "utm_zone"]
