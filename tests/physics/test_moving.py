@@ -346,3 +346,31 @@ def test_the_shadow_stays() -> None:
     assert 10.0 * np.log10(mean(4.5, 0.0) / clutter) < -10.0
     # tol: 10 cells: three deviations of speckle are 3 dB
     assert 10.0 * np.log10(mean(4.5, shows) / clutter) == pytest.approx(0.0, abs=3.0)
+
+
+def test_the_echo_walks_through_range() -> None:
+    """The peak of every pulse's echo of a car that drives away, by blocks, against the way that it goes."""
+    drawn = Drawn(121, 64, 0.4)
+    drawn.motion = Motion.of(12.0 * drawn.away)
+    scene = drawn.scene(
+        ground=False, material=ROUGH, max_depth=1, ray_spacing=0.2, effects={"coherent": "off"}
+    )
+    raws = [simulate(scene), simulate(scene.frozen())]
+    assert raws[0].metadata["moving"] == {
+        "car": {"velocity": list(drawn.motion.velocity), "acceleration": [0.0] * 3}
+    }
+    assert raws[1].metadata["moving"] == {}
+    centroid = []
+    for raw in raws:
+        power = np.abs(raw.total()) ** 2
+        ranges = (
+            raw.radar.window.start_range[:, None]
+            + np.arange(power.shape[1]) * raw.radar.window.sample_spacing
+        )
+        centroid.append((power * ranges).sum(axis=1) / power.sum(axis=1))
+    walked = centroid[0] - centroid[1]
+    sight = drawn.vertices.mean(axis=0) - drawn.center
+    speed = float(np.asarray(drawn.motion.velocity) @ sight / np.linalg.norm(sight))
+    slope = float(np.polyfit(drawn.time, walked, 1)[0])
+    # tol: 0.4 m/s: speckle moves the centroid of a car 4 m long by a cell's quarter
+    assert slope == pytest.approx(float(theory.range_walk(speed, 1.0)), abs=0.4)
