@@ -40,8 +40,8 @@ class Carrier:
               D_{sliding} = -|p - q|
 
     c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach to it, psi
-    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: a line of sight at the
-    middle of a pixel's own aperture goes through it.
+    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: the line of sight at
+    the middle of a pixel's own aperture goes through it.
 
     Parameters
     ----------
@@ -89,9 +89,11 @@ class Carrier:
             raise DataError(
                 "image: it does not say where the antenna was; only slant images may leave that out"
             )
-        velocity = np.asarray(
-            facts["flight"]["velocity"] if "flight" in facts else grid.along, dtype=np.float64
-        )
+        velocity = np.asarray(grid.along, dtype=np.float64)
+        if "flight" in facts:
+            flown = Flight.from_dict(facts["flight"])
+            first, middle, last = flown.span
+            velocity = flown.velocity_at(np.asarray(middle)) if last > first else flown.velocity
         forward = velocity / np.linalg.norm(velocity)
         sine = facts.get("squint_sine")
         turning = float(facts.get("turning_range", np.inf))

@@ -133,5 +133,5 @@ def test_quality_finds_points_of_a_squinted_orbit_in_place_and_phase(mode: str) 
                 abs(point.azimuth_error) < 0.01 * image.azimuth_resolution_cell
             )  # tol: the peak's interpolation
             assert abs(point.range_error) < 0.01 * image.range_resolution_cell
-        # tol: gridding at width 4 and the chip's interpolation, 1e-2
-        assert abs(found[0].phase_error) < np.radians(1.0)
+        # tol: the other point's side lobes, 3e-2 at most
+        assert abs(found[0].phase_error) < np.radians(3.0)
