@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
+    from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
     from sarmitsuba.simulation.path_table import PathTable, trace_paths
@@ -58,6 +59,7 @@ _HOME = {
     "ImageRequest": "sarmitsuba.radar.image_request",
     "LinkBudget": "sarmitsuba.link",
     "Material": "sarmitsuba.materials.material",
+    "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
     "PointTarget": "sarmitsuba.scene.geometry",
@@ -122,6 +124,7 @@ __all__ = [
     "ImageRequest",
     "LinkBudget",
     "Material",
+    "Motion",
     "OutputError",
     "PathTable",
     "PointTarget",

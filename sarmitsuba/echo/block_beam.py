@@ -57,8 +57,9 @@ def azimuth_gain(radar: Radar, pulses: slice, reference: F64, range_rate: F64) -
     Notes
     -----
     Ignores the elevation within the azimuth pattern. Where out and back along a mirror chain take two directions the
-    pattern is that at their mean; the rays carry what both have over it. Of two antennas it ignores that the rates of their legs, less those of
-    ``reference``, differ by about the angle between the antennas times the scene's angular size.
+    pattern is that at their mean; the rays carry what both have over it. Of two antennas it ignores that the rates of
+    their legs, less those of ``reference``, differ by about the angle between the antennas times the scene's angular
+    size.
     """
     gains = [
         _leg_gain(radar, track, pointing, pulses, reference, range_rate)

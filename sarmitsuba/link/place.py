@@ -17,7 +17,7 @@ from sarmitsuba.focusing.aperture import (
 from sarmitsuba.focusing.noise import noise_equivalent_rcs
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.link.pulses import pulse_rate
-from sarmitsuba.radar.link_budget import snr
+from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -162,16 +162,10 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
 
 
 def _textbook_nesz(radar: Radar, slant_range: float, angle: float) -> float:
-    r"""Noise-equivalent sigma0 by average power and speed, at boresight.
-
-    .. math:: \sigma^0_{ne} = \frac{2 R^3 v}{\lambda \, \mathrm{SNR}_1(1\,\mathrm m) f_p \delta_{gr}}
-    """
+    """Noise-equivalent sigma0 of pulses at boresight; the aperture's length cancels, so that of one metre of track."""
     speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
-    ground = radar.waveform.range_cell / np.sin(angle)
-    pulses_per_metre = (
-        pulse_rate(radar) * radar.waveform.wavelength * slant_range / (2.0 * speed)
-    )  # N delta_a
-    return float(1.0 / (snr(radar, 1.0, slant_range, 1) * pulses_per_metre * ground))
+    azimuth_cell = radar.waveform.wavelength * slant_range / 2.0
+    return nesz(radar, slant_range, angle, azimuth_cell, pulse_rate(radar) / speed)
 
 
 def half_power_width(frequency: F64, weights: F64) -> float:

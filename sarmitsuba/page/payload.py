@@ -93,7 +93,9 @@ def _look(run: RunFolder, channel: str | None, center: F64, say: Say) -> dict[st
         "echo": None,
         "paths": None,
     }
-    if run.raw is not None:
+    if run.raw is not None and run.raw.radar.start_stop().receiver is not None:
+        say(f"{run.path}: the page does not focus the echoes of two antennas")
+    elif run.raw is not None:
         windows = {
             key: str(image.metadata.get("focus", {}).get(key, "rectangular"))
             for key in ("range_window", "azimuth_window")

@@ -147,7 +147,9 @@ def page_profiles(
     """
     if raw.domain != "compressed":
         raise DataError("page: the data are not range compressed; call range_compress first")
-    radar, grid = raw.radar, grid.in_frame(raw.radar.offset)
+    radar, grid = raw.radar.start_stop(), grid.in_frame(raw.radar.offset)
+    if radar.receiver is not None:
+        raise DataError("page: it focuses the echoes of one antenna, and these have two")
     window = radar.window
     center = page_center(grid)
     antenna = radar.track.position - center

@@ -82,7 +82,7 @@ class PointQuality:
 
 
 def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoint, ...]:
-    """Point scatterers of the scene, as the image's metadata name them, with what they have in a channel."""
+    """Point scatterers of the scene at rest, as the image's metadata name them, with what they have in a channel."""
     entries = image.metadata.get("points", ())
     if not entries:
         return ()  # images from elsewhere may have channels of any name
@@ -95,8 +95,14 @@ def scene_points(image: SarImage, channel: str | None = None) -> tuple[KnownPoin
             float(entry["phase"]) + float(np.angle(response)) if response else None,
         )
         for entry in entries
-        if isinstance(entry, Mapping)
+        if isinstance(entry, Mapping) and not _moves(entry)
     )
+
+
+def _moves(entry: Mapping[str, object]) -> bool:
+    """Whether a point of the metadata moves: an image shows it elsewhere."""
+    motion = [entry.get(name) for name in ("velocity", "acceleration")]
+    return any(isinstance(numbers, list) and any(numbers) for numbers in motion)
 
 
 def measure_known(

@@ -14,6 +14,8 @@ F64 = NDArray[np.float64]
 # one delay serves all pulses where that changes slant ranges by less than this share of the wavelength: a straight
 # uniform track is one at reception too, as focusers in the frequency domain want it
 SAME_DELAY = 1e-3
+# samples that ranges may move by within the window's margin; it follows them beyond
+FREE_SAMPLES = 4
 
 
 def moving_in_pulse(radar: Radar) -> Radar:
@@ -37,7 +39,12 @@ def moving_in_pulse(radar: Radar) -> Radar:
     rate = np.abs(radar.range_rate(radar.aim_point)).max()
     if rate * np.abs(delay - middle).max() < SAME_DELAY * radar.waveform.wavelength:
         delay = middle
-    return replace(radar, receiver=later(radar.tracks[-1], delay), delay=delay)
+    moved = replace(radar, receiver=later(radar.tracks[-1], delay), delay=delay)
+    window = radar.window
+    samples = np.round((moved.slant_range(radar.aim_point) - ways) / window.sample_spacing)
+    if np.abs(samples).max() > FREE_SAMPLES:
+        window = replace(window, start_range=window.start_range + samples * window.sample_spacing)
+    return replace(moved, window=window)
 
 
 def later(track: Track, delay: F64) -> Track:

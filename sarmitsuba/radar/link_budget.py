@@ -24,7 +24,7 @@ def received_power(radar: Radar, rcs: float, slant_range: float) -> float:
     return float(radar.amplitude_constant**2 * rcs / slant_range**4)
 
 
-def snr(radar: Radar, rcs: float, slant_range: float, n_pulses: int = 1) -> float:
+def snr(radar: Radar, rcs: float, slant_range: float, n_pulses: float = 1) -> float:
     r"""Peak signal-to-noise ratio after range compression and coherent sum of pulses, linear power.
 
     .. math:: \mathrm{SNR} = \frac{P_r T_p N}{k T}
@@ -45,7 +45,7 @@ def snr(radar: Radar, rcs: float, slant_range: float, n_pulses: int = 1) -> floa
 
 
 def nesz(
-    radar: Radar, slant_range: float, incidence_angle: float, azimuth_cell: float, n_pulses: int
+    radar: Radar, slant_range: float, incidence_angle: float, azimuth_cell: float, n_pulses: float
 ) -> float:
     r"""Noise-equivalent sigma0 of the focused image, linear: the sigma0 whose pixels have an SNR of 1.
 
@@ -62,7 +62,8 @@ def nesz(
     Notes
     -----
     ``delta_r`` is the slant-range cell c / (2 B); sigma0 refers to ground area. Ignores azimuth ambiguities,
-    windows and the beam's taper. A flat spectrum has the equivalent area of exactly one cell.
+    windows and the beam's taper, for which see :mod:`sarmitsuba.link`. A flat spectrum has the equivalent area of
+    exactly one cell.
     """
     area = radar.waveform.range_cell * azimuth_cell / np.sin(incidence_angle)
     return float(1.0 / (snr(radar, 1.0, slant_range, n_pulses) * area))

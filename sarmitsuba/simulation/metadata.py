@@ -49,6 +49,13 @@ def _common(run: Run, plan: EffectsPlan, notes: Sequence[str]) -> dict[str, obje
             }
             for point in run.scene.points[:_MOST_POINTS]
         ],
+        "moving": {
+            name: {"velocity": list(motion.velocity), "acceleration": list(motion.acceleration)}
+            for name, motion in zip(
+                run.scene.geometry.mesh_names, run.scene.geometry.mesh_motion, strict=False
+            )
+            if not motion.still
+        },
     }
 
 

@@ -20,6 +20,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
@@ -246,13 +247,19 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     """Effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
     center, radius = target_middle(scene)
     position = center + aspects.directions * max(FAR * radius, 1.0)
+    # the target turns, the antenna does not fly
+    track = Track(np.arange(float(len(position))), position, np.zeros_like(position))
+    geometry = AimGeometry(center, position[0], np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     radar = dataclasses.replace(
         scene.radar,
-        track=Track.from_samples(np.arange(float(len(position))), position),
+        track=track,
+        pointing=MODES["spotlight"].pointing(track, geometry),
+        window=dataclasses.replace(scene.radar.window, start_range=np.zeros(len(position))),
         antenna=Antenna(),
         channels=channels,
         noise_temperature=0.0,
         recorded=None,
+        receiver=None,
     )
     settings = dataclasses.replace(scene.settings, method="hybrid")
     plan = plan_effects(dataclasses.replace(scene, radar=radar, settings=settings))

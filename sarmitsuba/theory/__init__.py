@@ -46,6 +46,17 @@ from sarmitsuba.theory.link import (
     uniform_aperture_taper,
 )
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.moving import (
+    along_track_phase,
+    apparent_place,
+    azimuth_displacement,
+    double_bounce_range_speed,
+    quadratic_phase,
+    range_acceleration,
+    range_walk,
+    smear_length,
+    smear_loss_db,
+)
 from sarmitsuba.theory.orbit import OrbitDoppler, circular_orbit_doppler, orbital_speed
 from sarmitsuba.theory.pulse_timing import jitter_noise, jittered_response, staggered_line, staggered_lines
 from sarmitsuba.theory.rcs import (
@@ -90,8 +101,11 @@ __all__ = [
     "DihedralAmplitudes",
     "OrbitDoppler",
     "SpeckleTest",
+    "along_track_phase",
     "aperture_cell",
+    "apparent_place",
     "azimuth_ambiguity_ratio",
+    "azimuth_displacement",
     "azimuth_ghost",
     "azimuth_ghost_level",
     "baseline_coherence",
@@ -113,6 +127,7 @@ __all__ = [
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
+    "double_bounce_range_speed",
     "equivalent_number_of_looks",
     "expected_coherence",
     "flat_earth_phase",
@@ -141,7 +156,10 @@ __all__ = [
     "plate_rcs",
     "point_snr",
     "polarimetry",
+    "quadratic_phase",
+    "range_acceleration",
     "range_ambiguity_ratio",
+    "range_walk",
     "received_power",
     "rolled_dihedral",
     "shared_energy_sigma0",
@@ -150,6 +168,8 @@ __all__ = [
     "slope_phase_ramp",
     "small_perturbation_sigma0",
     "small_slope_sigma0",
+    "smear_length",
+    "smear_loss_db",
     "speckle_cdf",
     "sphere_mie",
     "sphere_po",

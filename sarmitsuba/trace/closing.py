@@ -73,8 +73,11 @@ def close_coherent(
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
     slant_range, point = _mean_leg(kernel, hit), hit.p
-    # of antenna and virtual antenna, as the facet sees them
-    velocity, virtual_velocity = seen_from(hit, lane.velocity), seen_from(hit, ray.virtual_velocity)
+    # of antenna and virtual antenna, as the lit patch sees them
+    velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
+    if hit.movement is not None and ray.rim is not None:
+        patch = ray.rim.at(hit.movement, hit.largest_cell).on(hit.movement, hit.direction64, hit.normal64)
+        velocity, virtual_velocity = velocity - patch, virtual_velocity - patch
     range_rate = 0.5 * (
         dr.dot(hit.to_antenna64, velocity) - dr.dot(hit.direction64, virtual_velocity)
     )  # of the leg back and of the leg from the virtual antenna
@@ -140,11 +143,6 @@ def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
     .. math:: \dot L = \sum_i \mathbf w_i \cdot (\mathbf d_i - \mathbf d_{i+1})
 
     over all hits, beside what the antenna does.
-
-    Notes
-    -----
-    Where mirror and facet move differently, what is left of the facet at the rim of the mirror's light is taken to move
-    with the facet, not with the rim; at a specular angle, where such returns are bright, that is the same.
     """
     return velocity if hit.movement is None else velocity - hit.movement.velocity
 

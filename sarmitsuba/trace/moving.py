@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 # numbers of a motion's row: displacement and a zero, velocity and a zero
 ROW = 8
+# cosine of incidence down to which a rim's shadow moves as fast as it does
+LEAST_COSINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,56 @@ class Movement:
     velocity: mi.Vector3d
 
 
+@dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
+class Rim:
+    """What bounds the light of a chain of mirrors: the smallest piece of surface on the way.
+
+    Parameters
+    ----------
+    velocity : float64, m/s, of that piece as seen through the mirrors behind it
+    size : of the piece, m
+
+    Notes
+    -----
+    Tubes tile the patch and their common sides must go the same way, so that all tubes of a chain follow one rim.
+    Ignores that the patch may end at several pieces that move differently.
+    """
+
+    velocity: mi.Vector3d
+    size: mi.Float
+
+    @staticmethod
+    def open() -> Rim:
+        """Before the first hit."""
+        return Rim(dr.zeros(mi.Vector3d), mi.Float(dr.inf))
+
+    def at(self, movement: Movement, size: mi.Float) -> Rim:
+        """The rim of the light on a facet that was hit."""
+        own = size <= self.size
+        return Rim(dr.select(own, movement.velocity, self.velocity), dr.minimum(size, self.size))
+
+    def on(self, movement: Movement, direction: mi.Vector3d, normal: mi.Vector3d) -> mi.Vector3d:
+        r"""Velocity (m/s) of the lit patch of a facet: of the rim's shadow, cast along the ray.
+
+        .. math:: \mathbf u = \mathbf r + \mathbf d
+                  \frac{\mathbf n \cdot (\mathbf w - \mathbf r)}{\mathbf n \cdot \mathbf d}
+
+        Parameters
+        ----------
+        movement : of the facet, at w
+        direction, normal : of the ray, d, and of the facet, n, facing it
+        """
+        # along a facet that is hardly lit there is no telling
+        facing = dr.minimum(dr.dot(normal, direction), -LEAST_COSINE)
+        behind = dr.dot(normal, movement.velocity - self.velocity) / facing
+        return self.velocity + direction * behind
+
+    def mirrored(self, movement: Movement, normal: mi.Vector3d) -> Rim:
+        """The rim as seen through a mirror that moves."""
+        velocity = self.velocity - normal * (2.0 * dr.dot(self.velocity - movement.velocity, normal))
+        return Rim(velocity, self.size)
+
+
 def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float64:
     rows = np.zeros((len(motions), ROW))
     for row, motion in zip(rows, motions, strict=True):
@@ -94,4 +146,4 @@ def _state(motions: tuple[Motion, ...] | list[Motion], time: float) -> mi.Float6
     return device_array(mi.Float64, rows)
 
 
-__all__ = ["Movement", "Movers"]
+__all__ = ["Movement", "Movers", "Rim"]

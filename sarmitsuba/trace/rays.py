@@ -13,6 +13,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
+from sarmitsuba.trace.moving import Rim
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
 
@@ -92,6 +93,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         if kernel.curved
         else None,
         extent=tube.unlimited(),
+        rim=Rim.open() if flags.motion else None,
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
     )
@@ -368,9 +370,12 @@ def reflect(
         fields = tuple((re * kept, im * kept) for re, im in fields)
     antenna, d64 = ray.virtual_antenna, hit.direction64
     velocity = towards = ray.virtual_velocity
+    rim = ray.rim
     receiver, receiver_velocity = ray.virtual_receiver, ray.virtual_receiver_velocity
     if hit.movement is not None:  # the image of what rests in a mirror moves twice as fast as the mirror
         towards = velocity - hit.movement.velocity
+        if rim is not None:
+            rim = rim.at(hit.movement, hit.largest_cell).mirrored(hit.movement, n64)
     if receiver is not None and receiver_velocity is not None:
         receiver = receiver - n64 * (2.0 * dr.dot(receiver - hit.p, n64))
         relative = receiver_velocity if hit.movement is None else receiver_velocity - hit.movement.velocity
@@ -388,6 +393,7 @@ def reflect(
         edge_b=edge_b,
         spread=spread,
         extent=tube_here.extent,
+        rim=rim,
         fields=fields,
         contributions=ray.contributions,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
+from sarmitsuba.trace.moving import Rim  # as the next
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
@@ -178,6 +179,7 @@ class RayState:
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend
+    rim : what bounds the light, None where nothing moves
     fields : of each tracked transmit polarisation, unit at launch
     contributions : so far
     """
@@ -194,6 +196,7 @@ class RayState:
     edge_b: mi.Vector3f
     spread: TubeSpread | None
     extent: Extent
+    rim: Rim | None
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
 

@@ -18,8 +18,11 @@ TOPICS = {
     "rough": "Rough surfaces",
     "geometry": "Geometry of the image",
     "radiometry": "Radiometry end to end",
+    "modes": "Radar modes",
+    "orbits": "Orbits",
     "antenna": "Antenna, ambiguities and pulse timing",
     "polarimetry": "Polarimetry",
+    "interferometry": "Interferometry",
     "statistics": "Statistics",
     "full_wave": "Against exact solutions: where physical optics ends",
 }

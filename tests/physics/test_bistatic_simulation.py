@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from sarmitsuba import theory
+from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import focus
+from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.materials.material import Material
 from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
@@ -271,6 +274,7 @@ def test_lengths_behind_a_mirror() -> None:
     rng = np.random.default_rng(4)
     scene, given = rough_corner(30.0, rng, effects={"coherent": "off"})
     sent, received = (at[scene.radar.track.center_index] for at in antennas(given, scene))
+    velocity = scene.radar.track.velocity[scene.radar.track.center_index]
     paths = trace_paths(scene)
     names = np.array(KINDS)[paths.kind]
     found = 0
@@ -292,7 +296,65 @@ def test_lengths_behind_a_mirror() -> None:
         assert len(rows) > 100
         # tol: the mirror's plane is float64, its normal and the mirrored antenna too
         np.testing.assert_allclose(rows.length, ways[0] + ways[1], rtol=0.0, atol=1e-7)
+        rates = [
+            np.sum((at * (turned := flip if image else 1.0) - point) * velocity * turned, axis=1) / way
+            for at, image, way in zip((sent, received), images, ways, strict=True)
+        ]
+        # tol: the same at 100 m/s over 3 km
+        np.testing.assert_allclose(rows.range_rate, 0.5 * (rates[0] + rates[1]), rtol=0.0, atol=1e-8)
     assert found == len(paths)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_receivers_differ_in_phase_by_geometry(seed: int) -> None:
+    """A rough patch above the ground, on the ground or below: its echoes in the two receivers of one pass."""
+    rng = np.random.default_rng(seed)
+    given = drawn(rng, 10.0 ** rng.uniform(0.0, 1.0), slant_range=3000.0, image_extent_range=60.0)
+    place = rng.uniform(-5.0, 5.0, 3)
+    mesh = targets.plate(0.5, 0.5)
+    mesh = replace(mesh, vertices=mesh.vertices + place)
+    settings = TraceSettings(max_depth=1, scatterer_cell=0.05, ray_spacing=0.05, effects={"coherent": "off"})
+    two = make_scene(mesh, (ROUGH,), given, settings=settings)
+    sent, received = antennas(given, two)
+    alone = {name: value for name, value in given.items() if "receiver" not in name}
+    one = make_scene(mesh, (ROUGH,), alone, settings=settings)
+    pair = [focus_at(simulate(scene), place) for scene in (two, one)]
+    legs = [np.linalg.norm(place - at, axis=1)[4] for at in (received, sent)]
+    # pixels hold the phase of what is at their place: the geometry is in the range that focusing takes off
+    assert abs(np.angle(pair[0] * np.conj(pair[1]))) < 0.1  # tol: speckle of a patch, baselines of 0.003 rad
+    raw = [simulate(scene) for scene in (two, one)]
+    phases = []
+    for data in raw:
+        samples = data.radar.window.start_range[4] + np.arange(data.radar.window.n_samples) * (
+            data.radar.window.sample_spacing
+        )
+        r = float(data.radar.slant_range(place, slice(4, 5))[0])
+        phases.append(np.sum(data.data[0, 4] * np.sinc((samples - r) / data.radar.waveform.range_cell)))
+    turn = np.angle(phases[0] * np.conj(phases[1]) * np.exp(2j * np.pi / LAMBDA * (legs[0] - legs[1])))
+    assert abs(turn) < 0.1  # tol: the same
+
+
+def focus_at(raw: RawData, place: F64) -> complex:
+    """Pixel at a place."""
+    return complex(backproject(raw, place[None])[0, 0])
+
+
+def test_a_point_that_moves_in_two_receivers() -> None:
+    """Along-track interferometry: the phase of a velocity over the way between the antennas."""
+    rng = np.random.default_rng(6)
+    given = drawn(rng, 1.0, n_pulses=9, speed=100.0)
+    given |= {"receiver_offset_along": -8.0, "receiver_offset_across": 0.0, "receiver_offset_up": 0.0}
+    velocity = rng.uniform(-5.0, 5.0, 3)
+    point = PointTarget("p", np.zeros(3), 2.0, motion=Motion(tuple(velocity)))
+    scene = make_scene(None, (), given, points=(point,))
+    sent, received = antennas(given, scene)
+    place = scene.radar.track.time[:, None] * velocity
+    r = theory.bistatic_range(sent, place, received)
+    spread = np.linalg.norm(place - sent, axis=1) * np.linalg.norm(place - received, axis=1)
+    value = np.sqrt(2.0) / spread * np.exp(-4j * np.pi / LAMBDA * r)
+    exact = profiles(scene, r[:, None], value[:, None])
+    # tol: complex64
+    np.testing.assert_allclose(simulate(scene).data[0], exact, atol=1e-6 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -8,13 +8,14 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.io import read_raw
 from sarmitsuba.materials.material import Material
+from sarmitsuba.page.profiles import page_profiles
 from sarmitsuba.quality import KnownPoint, image_quality
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
@@ -226,6 +227,18 @@ def test_it_is_on_where_it_matters() -> None:
         assert (raw.radar.delay is not None) is on and (raw.radar.receiver is not None) is on
 
 
+def test_the_page_takes_the_antenna_halfway() -> None:
+    raw = simulate(scene_of("orbit", 0))
+    grid = default_grid(raw)
+    found, still = page_profiles(raw, grid), raw.radar.start_stop()
+    middle = 0.5 * (raw.radar.track.position + raw.radar.tracks[1].position)
+    np.testing.assert_allclose(
+        found.antenna, page_profiles(replace(raw, radar=still), grid).antenna, atol=0.0
+    )
+    # tol: float64 at 700 km
+    np.testing.assert_allclose(still.track.position, middle, atol=1e-9)
+
+
 def test_files_keep_it(tmp_path: Any) -> None:
     raw = simulate(scene_of("orbit", 0))
     raw.save(tmp_path / "raw.h5")
@@ -247,6 +260,8 @@ def test_a_follower_moves_on_too() -> None:
     # tol: the delay is that of the way over the aim point
     np.testing.assert_allclose(moved, 7500.0 * 2.0 * 700e3 / LIGHT, rtol=1e-3)
     assert not radar.receives_itself and radar.start_stop().receiver is radar.receiver
+    with pytest.raises(DataError, match="page: it focuses the echoes of one antenna"):
+        page_profiles(simulate(scene), focus_grid(scene))
     others = [one.name for one in FOCUSERS if not one.bistatic]
     assert others and all(
         "apart" in one.objection(radar, focus_grid(scene)) for one in FOCUSERS if not one.bistatic

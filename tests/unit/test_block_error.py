@@ -50,9 +50,9 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     traced = []
     launch = tracer.launch
 
-    def counted(grid, *args):
+    def counted(grid, *args, **receiver):
         traced.append(grid.n_rays)
-        return launch(grid, *args)
+        return launch(grid, *args, **receiver)
 
     monkeypatch.setattr(tracer, "launch", counted)
     before = made.interval

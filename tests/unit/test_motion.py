@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, load_scene
+from sarmitsuba import PointTarget, RadarDescription, SceneMesh, build_scene, focus, load_scene, simulate
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.quality.points import scene_points
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
@@ -172,3 +173,14 @@ def test_a_shape_whose_image_is_elsewhere_is_lit_for_it() -> None:
         image = replace(scene.image, center_x=0.0, center_y=0.0, extent_azimuth=40.0, extent_range=40.0)
         (window,) = launch_windows(replace(scene, image=image))
         assert bool(window.box[1, 1] > 149.0) is lit
+
+
+def test_quality_leaves_out_points_that_show_elsewhere() -> None:
+    scene = build_scene(
+        points=[
+            PointTarget("rests", np.zeros(3)),
+            PointTarget("moves", np.array([3.0, 0.0, 0.0]), motion=Motion((0.0, 1.0, 0.0))),
+        ],
+        radar=RadarDescription(slant_range=5e3, azimuth_resolution=2.0, speed=100.0),
+    )
+    assert [point.name for point in scene_points(focus(simulate(scene), request=scene.image))] == ["rests"]

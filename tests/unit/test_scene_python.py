@@ -289,4 +289,5 @@ def test_an_image_centre_of_zero_is_not_the_aim_point() -> None:
 def test_every_field_is_a_documented_parameter(table, kind) -> None:
     names = [f.name for f in fields(kind) if f.name != "mode_parameters"]
     assert [p.name for p in table.params] == names
-    assert table.read({}, "x") == {name: getattr(kind(), name) for name in names}
+    of_modes = {p.name: p.default for p in (*table.params, *table.more()) if p.name not in names}
+    assert table.read({}, "x") == {name: getattr(kind(), name) for name in names} | of_modes

@@ -33,7 +33,9 @@ class Trajectory(Effect):
         )
         phase = 2.0 * context.wavenumber * departure
         return Assessment(
-            True, f"{length(departure)} rms off a straight line", 20.0 * float(np.log10(min(phase, 2.0)))
+            True,
+            f"{length(departure)} rms off a straight uniform line",
+            20.0 * float(np.log10(min(phase, 2.0))),
         )
 
     def without(self, scene: Scene) -> Scene:

@@ -60,6 +60,8 @@ def write_raw(path: Path, raw: RawData) -> None:
             f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
         )
     radar = raw.radar.in_file_frame()
+    # where antennas move within the pulse, echoes appear shifted: ranges are told without the boresight's shift
+    radar = replace(radar, window=radar.start_stop().window)
     vectors = _vectors(radar)
     frequency = _frequencies(radar)
     vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
@@ -67,7 +69,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     recording = Recording(
         name=str(raw.metadata.get("scene", path.stem)),
         mode=mode,
-        bistatic=radar.receiver is not None,
+        bistatic=radar.receiver is not None and not radar.receives_itself,
         channels=raw.channels,
         vectors=vectors,
         n_samples=frequency.size,

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,10 @@ class Ghosts:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SarmitsubaWarning)  # of the prf, which is the point
             scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
-            self.raw = simulate(scene)
+            raw = simulate(scene)
+        self.raw = replace(
+            raw, radar=raw.radar.start_stop()
+        )  # from orbit the antenna moves on until the echo is back
         self.cell = 0.6 * self.length
         self.radar: Radar = self.raw.radar
         self.point = scene.points[0].position

@@ -199,9 +199,9 @@ def smear(quick: bool = False) -> Case:
     count = 3 if quick else 8
     for label, body, name, most in (
         ("ideal point, speed along the track", None, "azimuth_speed", 3.6),
-        ("ideal point, acceleration away", None, "range_acceleration", 0.4),
+        ("ideal point, acceleration away", None, "range_acceleration", 0.23),
         ("trihedral, speed along the track", corner, "azimuth_speed", 3.6),
-        ("trihedral, acceleration away", corner, "range_acceleration", 0.4),
+        ("trihedral, acceleration away", corner, "range_acceleration", 0.23),
     ):
         amounts = np.sort(rng.uniform(-most, most, count if body is None else count // 2))
         want, got = [], []
@@ -244,7 +244,7 @@ def smear(quick: bool = False) -> Case:
         formula="(C^2(s) + S^2(s)) / s^2, s^2 = 2 phi / pi, phi = pi D T^2 / 2 lambda, "
         "D = (|v - w|^2 - v^2) / R + a.d",
         source=SOURCE + "; Carrara et al., Spotlight SAR (1995), ch. 5",
-        x_label="azimuth speed over 3.6 m/s, acceleration over 0.4 m/s^2",
+        x_label="azimuth speed over 3.6 m/s, acceleration over 0.23 m/s^2",
         y_label="loss of the peak (dB)",
         comparisons=tuple(comparisons),
         note="Uniform aperture; the middle of the response is the peak up to a quadratic phase of pi.",
