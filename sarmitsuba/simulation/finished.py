@@ -78,7 +78,7 @@ class FinishedBlocks:
         return label["subset"], label["start"], label["stop"]
 
     def note(self, interval: int, *, settled: bool) -> None:
-        """Keep the pulses per block; where they are not settled, blocks are cut anew and those so far of no more use."""
+        """Keep the pulses per block; where they are not settled, blocks are cut anew and those so far dropped."""
         if not settled:
             self._begin()
         self.interval, self.settled = interval, settled
