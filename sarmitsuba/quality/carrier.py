@@ -39,8 +39,8 @@ class Carrier:
               D_{sliding} = -|p - q|
 
     c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach to it, psi
-    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: a line of sight at the
-    middle of a pixel's own aperture goes through it.
+    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: a line of sight at
+    the middle of a pixel's own aperture goes through it.
 
     Parameters
     ----------
