@@ -24,7 +24,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--define",
         action="append",
         default=[],
-        type=_definition,
+        type=definition,
         metavar="NAME=VALUE",
         help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
@@ -44,7 +44,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--material",
         action="append",
         default=[],
-        type=_definition,
+        type=definition,
         metavar="NAME=MATERIAL",
         help="what the file's material NAME is: concrete, brick, glass, metal, pec, ... (default: by its name)",
     )
@@ -79,11 +79,12 @@ def mesh_record(args: argparse.Namespace) -> MeshRecord | None:
     return {"up": args.up or "auto", "unit": args.unit or "auto", "materials": dict(args.material)}
 
 
-def _definition(text: str) -> tuple[str, str]:
+def definition(text: str) -> tuple[str, str]:
+    """Name and value of an argument ``NAME=VALUE``."""
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
 
 
-__all__ = ["add_scene_arguments", "mesh_record", "scene_of"]
+__all__ = ["add_scene_arguments", "definition", "mesh_record", "scene_of"]

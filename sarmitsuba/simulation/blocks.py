@@ -6,8 +6,9 @@ to the next, so their difference measures what did: shadows, glints, the rays' o
 takes no tracing, and one more synthesised pulse per block.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.raw import Layer
+from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -24,6 +26,7 @@ from sarmitsuba.trace.launch import LaunchGrid
 
 C64 = NDArray[np.complex64]
 F64 = NDArray[np.float64]
+_Trace = Callable[[], tuple[C64, TraceStatistics]]
 
 # the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
 # edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what
@@ -68,6 +71,7 @@ class Blocks:
     layers : labels of ``data``: subset after subset
     data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
     max_order : highest bounce order that is kept apart; 0 where all are summed
+    finished : where finished blocks are kept, and those of an interrupted run taken from; None keeps none
 
     Attributes
     ----------
@@ -81,7 +85,9 @@ class Blocks:
         layers: Sequence[Layer],
         data: C64,
         max_order: int,
+        finished: FinishedBlocks | None = None,
     ) -> None:
+        self.finished = finished
         self.tracer, self.rays, self.layers, self.data = tracer, rays, tuple(layers), data
         self.max_order = max_order
         settings = tracer.sampling.scene.settings
@@ -90,6 +96,9 @@ class Blocks:
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
             self.interval = self._fitting(-(-n // 2))  # two blocks at least: a seam tells their error
+        if finished is not None:
+            self.interval = finished.interval or self.interval
+            tracer.largest_grid = max(tracer.largest_grid, finished.grid_bytes)
         self._cut()
 
     def _cut(self) -> None:
@@ -127,7 +136,11 @@ class Blocks:
             stats = self.block(middle)
             if len(self.blocks) > 1:
                 stats = stats.plus(self.block(middle + 1))
-            shorter = self._shorter() if self.automatic and len(self.blocks) > 1 else self.interval
+            decided = self.finished is not None and self.finished.settled
+            open_ = self.automatic and len(self.blocks) > 1 and not decided
+            shorter = self._shorter() if open_ else self.interval
+            if self.finished is not None and not decided:
+                self.finished.note(shorter, settled=shorter == self.interval)
             if shorter == self.interval:
                 return stats
             self.interval = shorter
@@ -158,12 +171,28 @@ class Blocks:
         start, stop = self.blocks[index]
         more = int(index + 1 < len(self.blocks))
         pick = self._layers_of(subset)
-        lattices = self.rays.at(start + (stop + more - start) // 2)[subset]
-        profiles, stats = self._traced(lattices, start, stop + more)
+
+        def trace() -> tuple[C64, TraceStatistics]:
+            lattices = self.rays.at(start + (stop + more - start) // 2)[subset]
+            return self._traced(lattices, start, stop + more)
+
+        profiles, stats = self._kept(subset, start, stop + more, trace)
         self.data[pick, start:stop] = profiles[:, : stop - start]
         if more:
             self.seams[pick, index] = profiles[:, -1]
         return stats
+
+    def _kept(self, subset: int, start: int, stop: int, trace: _Trace) -> tuple[C64, TraceStatistics]:
+        """Profiles (n_layers, n_pulses, n_samples) and figures, from an interrupted run or traced and kept."""
+        if self.finished is None:
+            return trace()
+        found = self.finished.take(subset, start, stop)
+        if found is not None:
+            n_layers = len(self.layers) // self.rays.n_subsets
+            return found[0].reshape(n_layers, stop - start, self.data.shape[2]), found[1]
+        profiles, stats = trace()
+        self.finished.put(subset, start, stop, profiles, stats, self.tracer.largest_grid)
+        return profiles, stats
 
     def _traced(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:
         sampling = self.tracer.sampling
@@ -197,8 +226,15 @@ class Blocks:
                 step = tracer.most_pulses or step
                 for start in range(first, end, step):
                     stop = min(end, start + step)
-                    stats = tracer.direct(self.rays.at(start)[i], start, stop, target, self.max_order)
+                    trace = partial(self._direct, i, start, stop)
+                    target[:, start:stop], stats = self._kept(i, start, stop, trace)
                     yield (i * self.data.shape[1] + stop) / n, stats
+
+    def _direct(self, subset: int, start: int, stop: int) -> tuple[C64, TraceStatistics]:
+        """Profiles of every pulse of ``start:stop`` on its own, and figures."""
+        target = self.data[self._layers_of(subset)]
+        stats = self.tracer.direct(self.rays.at(start)[subset], start, stop, target, self.max_order)
+        return target[:, start:stop], stats
 
     # ------------------------------------------------------------ what blocks cost in accuracy
 

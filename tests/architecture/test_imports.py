@@ -18,6 +18,7 @@ FLOORS = (
     ("simulation",),
     ("interferometry", "link", "polarimetry", "quality"),
     ("focusing",),
+    ("importing",),
     ("io",),
     ("loader",),
     ("trace",),
