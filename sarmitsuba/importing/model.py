@@ -12,7 +12,15 @@ from sarmitsuba.importing.buildings import FOOT, Building, add_building
 from sarmitsuba.importing.facades import FacadeBuilder
 from sarmitsuba.importing.options import ImportOptions
 from sarmitsuba.importing.parts import Parts
-from sarmitsuba.importing.places import LOCAL, Places, check_width, local_of_geodetic, middle, on_plane
+from sarmitsuba.importing.places import (
+    LOCAL,
+    WIDEST,
+    Places,
+    check_width,
+    local_of_geodetic,
+    middle,
+    on_plane,
+)
 from sarmitsuba.importing.polygons import triangulate_in_space, why_unusable
 from sarmitsuba.importing.roofs import GABLED, PYRAMIDS, rise
 from sarmitsuba.importing.source import Footprint, Solid, Source
@@ -34,7 +42,7 @@ MATERIALS = {
     "balconies": "concrete",
 }
 # ground beside the buildings: for their layover, their shadow and the speckle around them, m and heights
-_MARGIN, _MARGIN_HEIGHTS = 40.0, 2.0
+_MARGIN, _MARGIN_HEIGHTS = 20.0, 1.5
 # an outline is left out where its parts cover that much of it
 _COVERED = 0.9
 
@@ -72,7 +80,7 @@ def make_model(source: Source, options: ImportOptions) -> Model:
     materials = _materials(source, options)
     crs = options.crs or source.crs or LOCAL
     if crs == LOCAL:
-        _scale(source, UNITS.get(options.unit, 1.0))
+        _localise(source, options)
     elif source.crs and options.unit not in ("auto", "m"):
         raise SceneError(f"{source.name}: --unit is of meshes and of --crs local, not of {crs}; leave it out")
     if (options.facades.windows or options.facades.balconies) and not source.footprints:
@@ -123,17 +131,30 @@ def _materials(source: Source, options: ImportOptions) -> dict[str, str]:
     return {**MATERIALS, **{n: k or DEFAULT for n, k in kinds.items()}, **options.materials}
 
 
-def _scale(source: Source, unit: float) -> None:
-    """Plain coordinates in metres; heights are so already."""
+def _localise(source: Source, options: ImportOptions) -> None:
+    """Plain coordinates in metres (heights are so already), about the origin where they are those of a map."""
     import shapely
 
-    if unit != 1.0:
-        scaled = [shapely.transform(f.polygon, lambda xy: unit * xy) for f in source.footprints]
-        source.footprints[:] = [replace(f, polygon=p) for f, p in zip(source.footprints, scaled, strict=True)]
-        source.solids[:] = [
-            Solid(s.name, tuple((part, tuple(unit * ring for ring in rings)) for part, rings in s.polygons))
-            for s in source.solids
-        ]
+    unit = UNITS.get(options.unit, 1.0)
+    points = unit * _corners(source)
+    finite = points[np.isfinite(points).all(axis=1)]
+    shift = np.zeros(2)
+    if len(finite) and options.anchor is None and np.abs(finite).max() > WIDEST:
+        shift = np.round(0.5 * (finite.min(axis=0) + finite.max(axis=0)))
+        source.notes.append(
+            f"{source.name}: the origin is moved to {shift[0]:.10g} m, {shift[1]:.10g} m of the file"
+        )
+    if unit == 1.0 and not shift.any():
+        return
+    outlines = [shapely.transform(f.polygon, lambda xy: unit * xy - shift) for f in source.footprints]
+    source.footprints[:] = [replace(f, polygon=p) for f, p in zip(source.footprints, outlines, strict=True)]
+    scale, move = np.array([unit, unit, 1.0]), np.append(shift, 0.0)
+    source.solids[:] = [
+        Solid(
+            s.name, tuple((part, tuple(scale * ring - move for ring in rings)) for part, rings in s.polygons)
+        )
+        for s in source.solids
+    ]
 
 
 def _drop_unusable(source: Source) -> None:
