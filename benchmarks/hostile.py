@@ -44,9 +44,50 @@ SCENE = """<scene version="3.0.0">
 </scene>"""
 BOMB = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10 if i else "haha" * 10}">' for i in range(12))
 TOKENS = (
-    *("0", "-1", "1e400", "nan", "inf", "-inf", "1e-320", "", "abc", "$n", "1" * 30, "9" * 400, "1,2,3", "-0", "1e308"),
-    *("x" * 5000, "../" * 2000 + "x", "/dev/zero", "/dev/stdin", "/etc/passwd", "é", "\x00", "\n", "&e11;", "&x;", "]]>"),
-    *("<", "&", "'", '"', "<!--", "4294967296", "2147483648", "18446744073709551615", "1e18", "true", "%s", "{}"),
+    *(
+        "0",
+        "-1",
+        "1e400",
+        "nan",
+        "inf",
+        "-inf",
+        "1e-320",
+        "",
+        "abc",
+        "$n",
+        "1" * 30,
+        "9" * 400,
+        "1,2,3",
+        "-0",
+        "1e308",
+    ),
+    *(
+        "x" * 5000,
+        "../" * 2000 + "x",
+        "/dev/zero",
+        "/dev/stdin",
+        "/etc/passwd",
+        "é",
+        "\x00",
+        "\n",
+        "&e11;",
+        "&x;",
+        "]]>",
+    ),
+    *(
+        "<",
+        "&",
+        "'",
+        '"',
+        "<!--",
+        "4294967296",
+        "2147483648",
+        "18446744073709551615",
+        "1e18",
+        "true",
+        "%s",
+        "{}",
+    ),
 )
 INSERTIONS = (
     f"<!DOCTYPE a [{BOMB}]>",
@@ -63,13 +104,15 @@ def mutate_text(rng: random.Random, data: bytes) -> bytes:
     """One to six changes: values, lines, characters, cuts and insertions."""
     text = data.decode("utf-8", "surrogateescape")
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
-        kind = rng.choice(("value", "value", "value", "insert", "line", "lines", "character", "cut", "end", "start"))
+        kind = rng.choice(
+            ("value", "value", "value", "insert", "line", "lines", "character", "cut", "end", "start")
+        )
         at = rng.randrange(len(text) + 1)
         if kind == "value":
             end = at
-            while at > 0 and text[at - 1] not in "\n\t\",;<> ":
+            while at > 0 and text[at - 1] not in '\n\t",;<> ':
                 at -= 1
-            while end < len(text) and text[end] not in "\n\t\",;<> ":
+            while end < len(text) and text[end] not in '\n\t",;<> ':
                 end += 1
             text = text[:at] + rng.choice(TOKENS) + text[end:]
         elif kind == "insert":
@@ -101,7 +144,9 @@ def mutate_bytes(rng: random.Random, data: bytes) -> bytes:
             break
         # heads hold the structure, and most of a file are samples
         at = rng.randrange(len(found)) if rng.random() < 0.4 else rng.randrange(min(len(found), 4000))
-        kind = rng.choice(("byte", "byte", "bit", "number", "number", "run", "cut", "grow", "end", "copy", "text"))
+        kind = rng.choice(
+            ("byte", "byte", "bit", "number", "number", "run", "cut", "grow", "end", "copy", "text")
+        )
         if kind == "byte":
             found[at] = rng.randrange(256)
         elif kind == "bit":
@@ -252,7 +297,11 @@ def make_samples(folder: Path) -> None:
     angle = np.linspace(0.0, 0.05, 24)
     place = 7000.0 * np.stack([np.cos(angle), np.sin(angle), np.ones(24)])
     frequency = 9.6e9 + 1e6 * np.arange(32.0)
-    data = {"fp": np.ones((32, 24), np.complex64), "freq": frequency[:, None], "r0": np.linalg.norm(place, axis=0)}
+    data = {
+        "fp": np.ones((32, 24), np.complex64),
+        "freq": frequency[:, None],
+        "r0": np.linalg.norm(place, axis=0),
+    }
     data |= dict(zip("xyz", place[:, None], strict=True))
     scipy.io.savemat(folder / "raw.mat", {"data": data})
     passes = Passes("made here", 1, 1.0, raw.data)
@@ -295,7 +344,9 @@ def read_one(kind: Kind, path: Path) -> tuple[str, str]:
     return outcome, text[:2000]
 
 
-def work(name: str, samples: Path, folder: Path, seeds: range, pipe: "multiprocessing.connection.Connection") -> None:
+def work(
+    name: str, samples: Path, folder: Path, seeds: range, pipe: "multiprocessing.connection.Connection"
+) -> None:
     """Read the files of the seeds, one after the other, and tell of each."""
     kind = KINDS[name]
     whole = (samples / kind.file).read_bytes()
@@ -350,7 +401,9 @@ def attack(name: str, samples: Path, folder: Path, seeds: range) -> tuple[Counte
 
 def main() -> int:
     """Draw, read, count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kinds", default=",".join(KINDS), help="comma separated")
     parser.add_argument("--count", type=int, default=2000)
     parser.add_argument("--first", type=int, default=0, help="first seed")
@@ -361,7 +414,9 @@ def main() -> int:
     print("| kind | " + " | ".join(columns) + " |\n" + "|---" * (len(columns) + 1) + "|", flush=True)
     record: dict[str, Any] = {"first": args.first, "count": args.count, "found": {}, "wrong": []}
     for name in args.kinds.split(","):
-        found, wrong = attack(name, args.out / "samples", args.out, range(args.first, args.first + args.count))
+        found, wrong = attack(
+            name, args.out / "samples", args.out, range(args.first, args.first + args.count)
+        )
         print(f"| {name} | " + " | ".join(str(found[c]) for c in columns) + " |", flush=True)
         record["found"][name] = dict(found)
         record["wrong"] += wrong
