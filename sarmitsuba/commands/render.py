@@ -100,6 +100,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "radar_file": args.radar,
             "definitions": dict(args.define),
             "mesh": mesh_record(args),
+            "allow_outside": args.allow_outside,
             "seed": settings.seed,
             "versions": results.versions(),
             "backend": backend,

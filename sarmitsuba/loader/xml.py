@@ -8,6 +8,7 @@ from pathlib import Path
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, plain_value
+from sarmitsuba.loader.references import check_document, check_files
 from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.parameters import did_you_mean, one_line
 
@@ -17,13 +18,14 @@ _NODE = re.compile(r'dictionary node "(.*)"')
 _PARSER_ERRORS = (RuntimeError, TypeError, ValueError, IndexError, KeyError, AttributeError)
 
 
-def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
+def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool = False) -> Element:
     """Read a scene file into elements.
 
     Parameters
     ----------
     path : XML file
     parameters : values of the file's ``$name`` parameters, without plugin overrides
+    allow_outside : it may include files from outside its folder
 
     Returns
     -------
@@ -31,13 +33,15 @@ def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
 
     Raises
     ------
-    SceneError : one line about what is malformed, and where
+    SceneError : one line about what is malformed, and where, or about a file that is not allowed
     """
-    read_text(path)
+    check_document(path, allow_outside=allow_outside)
     config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug
     try:
         state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
+        if not allow_outside:
+            check_files(path.name, [str(file) for file in state.files], path.parent)
         root = _tree(config, state, path.name, path.parent)
     except _PARSER_ERRORS as error:
         raise SceneError(_parser_message(str(error), path)) from None
@@ -158,7 +162,7 @@ def _parser_message(text: str, path: Path) -> str:
     what = _POSITION.sub("", last)
     match = re.match(r'Parsing of XML file ".*?" failed: (.*)', what)
     if match:
-        return f"{path.name}{place}: malformed XML: {match.group(1)}; check that every element is closed"
+        return f"{path.name}{place}: malformed XML: {one_line(match.group(1), 200)}; check that every element is closed"
     match = re.match(r'Error while loading (?:XML file )?"?(.*?)"?: (.*)', what)
     file_name, what = (Path(match.group(1)).name, match.group(2)) if match else (path.name, what)
     remedy = ""

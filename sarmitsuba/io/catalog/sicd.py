@@ -15,7 +15,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.nga import DAMAGED, said
+from sarmitsuba.io.nga import DAMAGED, plain_xml, refuse_document_type, said
 from sarmitsuba.io.sicd_document import Axes, document, image_of
 from sarmitsuba.radar.collection import Collection
 
@@ -81,8 +81,17 @@ def read_image(path: Path) -> SarImage:
     """
     sarkit = _sarkit(path)
     try:
-        with path.open("rb") as file, sarkit.NitfReader(file) as reader:
+        with path.open("rb") as file, plain_xml(), sarkit.NitfReader(file) as reader:
             tree = reader.metadata.xmltree
+            refuse_document_type(tree, str(path))
+            rows, columns = (
+                int(tree.findtext(f"{{*}}ImageData/{{*}}Num{what}")) for what in ("Rows", "Cols")
+            )
+            size = path.stat().st_size
+            if rows <= 0 or columns <= 0 or 2 * rows * columns > size:  # 2 bytes each
+                raise DataError(
+                    f"{path}: {rows} x {columns} pixels do not fit into the {size} bytes of the file; it is damaged"
+                )
             pixels = np.asarray(reader.read_image())
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as SICD: {said(error)}") from error
