@@ -238,7 +238,7 @@ def _announcing(console: Console, limit: float | None = None) -> "Ready":
     """Say what a run will take and with which effects, before it is traced; ``limit`` (s) of several passes."""
 
     def ready(run: "Run") -> None:
-        needs = run.needs()
+        needs = run.needs() if limit is None else run.needs().of_passes
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
         if run.finished is not None and str(run.finished):

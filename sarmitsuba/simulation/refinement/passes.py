@@ -108,7 +108,8 @@ class Passes:
         else:
             step = raw.data - self.data
             self.change = _by_channel(step, self.layers)
-            self.data += step * np.float32(self.share)
+            step *= np.float32(self.share)
+            self.data += step
 
     def save(self, path: Path) -> None:
         """Write all of it; the file appears whole or not at all."""
@@ -285,7 +286,7 @@ def refine(
             break
         start = clock()
         run = whole.at(2.0 ** (-0.5 * level))
-        run.needs().check()
+        run.needs().of_passes.check()
         if file:
             part = f"pass {passes.count}, level {level}"
             run.finished = FinishedBlocks(blocks_of(file), mark, run.plan, part)
