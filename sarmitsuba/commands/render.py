@@ -5,6 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, crew_of
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
@@ -13,6 +14,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.cluster.crew import DaskCrew
     from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
@@ -62,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep one set of rays instead of two: half the data and half the focusing, but no error estimate",
     )
     parser.add_argument("--no-focus", action="store_true", help="write the raw data and stop")
+    add_cluster_argument(parser)
     parser.add_argument(
         "--page",
         action="store_true",
@@ -82,6 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     check_focus_arguments(args)
     _check_settings(args)
+    check_cluster_argument(args)
     watch = StageTimer()
     with output_folder(args.output) as folder:
         from sarmitsuba.backend import ensure_backend
@@ -107,10 +111,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "image_request": scene.image.moved(scene.offset),
             "radar": results.radar_record(scene.radar),
         }
-        if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, record, mark)
-        else:
-            done = _raw_and_image(folder, scene, args, console, watch, record, mark)
+        with crew_of(args, console, settings.method) as crew:
+            if settings.method in _WITHOUT_RAW:
+                done = _image_only(folder, scene, args, console, watch, record, mark)
+            else:
+                done = _raw_and_image(folder, scene, args, console, watch, record, mark, crew)
         record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
@@ -197,6 +202,7 @@ def _raw_and_image(
     watch: StageTimer,
     record: dict[str, object],
     mark: str,
+    crew: "DaskCrew | None",
 ) -> Path:
     """Make the raw data or take those that are there, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
@@ -214,7 +220,7 @@ def _raw_and_image(
         keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
     else:
-        raw, keep = _simulate(folder, scene, args, console, watch, mark), []
+        raw, keep = _simulate(folder, scene, args, console, watch, mark, crew), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     for note in raw.metadata.get("notes", ()):
@@ -254,6 +260,7 @@ def _simulate(
     console: Console,
     watch: StageTimer,
     mark: str,
+    crew: "DaskCrew | None",
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
@@ -262,7 +269,7 @@ def _simulate(
     settings = scene.settings
     if not _many_passes(scene):
         with watch.stage("simulate"):
-            return simulate(scene, progress=console.progress, ready=_announcing(console))
+            return simulate(scene, progress=console.progress, ready=_announcing(console), crew=crew)
     from sarmitsuba.simulation.refinement.passes import refine
 
     if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
@@ -276,6 +283,7 @@ def _simulate(
                 azimuth_window=args.window,
                 progress=console.progress,
                 ready=_announcing(console, settings.time_limit),
+                crew=crew,
             )
         finally:
             folder.enter(results.PASSES)

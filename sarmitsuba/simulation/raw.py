@@ -3,6 +3,7 @@
 import time
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
@@ -36,6 +38,7 @@ def simulate(
     pass_index: int = 0,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
+    crew: Crew | None = None,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -48,6 +51,7 @@ def simulate(
     pass_index : other values shift the ray lattices and nothing else: independent samples of the same scene
     ready : called once the run is planned and fits, before it is traced
     clock : of the stages' seconds in the metadata
+    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.DaskCrew`; the result has the same bits
 
     Returns
     -------
@@ -66,7 +70,7 @@ def simulate(
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock)
+    run = Run(scene, plan=plan, clock=clock, crew=crew)
     run.needs().check()
     if ready:
         ready(run)
@@ -109,12 +113,17 @@ def _trace(
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     rays = run.rays(sampling, pass_index)
-    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
+    crew = run.crew
+    spread = None if crew is None else partial(crew.trace, run.job(sampling, pass_index))
+    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, spread)
     run.timer.lap("plan")
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
+        if crew is not None:  # the rate is that of all workers together
+            run.timer.lap("trace")
         rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-        progress("trace", done, 1.0, {"rays/s": rate})
+        workers = {} if crew is None else {"workers": float(crew.n_workers)}
+        progress("trace", done, 1.0, {"rays/s": rate, **workers})
     error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])
