@@ -235,7 +235,7 @@ def _raw_and_image(
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
-    return focus_into(folder, raw, args, console, watch, record)
+    return focus_into(folder, raw, args, console, watch, record, crew=crew)
 
 
 def _announcing(console: Console, limit: float | None = None) -> "Ready":
