@@ -10,7 +10,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
 from sarmitsuba.commands.view import PAGE, view_folder
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
@@ -232,6 +232,7 @@ def _raw_and_image(
     folder.clear(mark, keep=[*keep, *passes])
     with watch.stage("write raw"):
         results.save_raw(folder, raw, formats, leave_out=keep)
+    (folder.path / results.BLOCKS).unlink(missing_ok=True)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
@@ -245,6 +246,8 @@ def _announcing(console: Console, limit: float | None = None) -> "Ready":
         needs = run.needs()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
+        if run.finished is not None and str(run.finished):
+            console.say(str(run.finished))
         stages = needs.by_progress
         if limit is not None:  # passes report as one stage
             stages = {"refine": max(limit, stages.pop("trace", 0.0)), **stages}
@@ -268,12 +271,25 @@ def _simulate(
 
     settings = scene.settings
     if not _many_passes(scene):
+        blocks = folder.path / results.BLOCKS
         with watch.stage("simulate"):
-            return simulate(scene, progress=console.progress, ready=_announcing(console), crew=crew)
+            try:
+                return simulate(
+                    scene,
+                    progress=console.progress,
+                    ready=_announcing(console),
+                    state=blocks,
+                    mark=mark,
+                    crew=crew,
+                )
+            except RadarError:  # nothing comes back: another run would find the same
+                blocks.unlink(missing_ok=True)
+                raise
     from sarmitsuba.simulation.refinement.passes import refine
 
     if args.force:  # the passes of an interrupted run belong to the new results, not to the old ones
         folder.clear(mark)
+    folder.announce(results.PASSES)
     with watch.stage("simulate"):
         try:
             refined = refine(

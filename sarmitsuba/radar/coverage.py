@@ -90,9 +90,12 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     apart = prf / max(spread, 1e-30) * width
     needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=at_once)
     if own:
-        if not radar.mode_law.instantaneous_doppler:
-            needed += 4.0 * speed / lam * radar.half_turn
         share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
+        processed = 4.0 * speed / lam * radar.half_turn
+        if share < _SMALL_SHARE:  # the beam sees to what lies beyond a pixel's own aperture
+            needed = processed
+        elif not radar.mode_law.instantaneous_doppler:
+            needed += processed
     else:
         share = _share_by_place(seen, image, apart)
     if share >= _SMALL_SHARE:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.simulation.batches import Batch, Bench, Traced
+from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -68,6 +69,7 @@ class Blocks:
     layers : labels of ``data``: subset after subset
     data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
     max_order : highest bounce order that is kept apart; 0 where all are summed
+    finished : where finished blocks are kept, and those of an interrupted run taken from; None keeps none
     spread : traces batches elsewhere, in any order; None: here. The two blocks that settle the interval are always
         traced here
 
@@ -83,8 +85,10 @@ class Blocks:
         layers: Sequence[Layer],
         data: C64,
         max_order: int,
+        finished: FinishedBlocks | None = None,
         spread: Callable[[Sequence[Batch]], Iterator[Traced]] | None = None,
     ) -> None:
+        self.finished = finished
         self.tracer, self.rays, self.layers, self.data = tracer, rays, tuple(layers), data
         self.bench = Bench(tracer, rays, len(self.layers) // rays.n_subsets, max_order)
         self.spread = spread or self._here
@@ -94,6 +98,9 @@ class Blocks:
         self.interval: int = min(tracer.sampling.key_pulse_interval, n)
         if self.automatic and 1 < self.interval and n < 2 * self.interval:
             self.interval = self._fitting(-(-n // 2))  # two blocks at least: a seam tells their error
+        if finished is not None:
+            self.interval = finished.interval or self.interval
+            tracer.largest_grid = max(tracer.largest_grid, finished.grid_bytes)
         self._cut()
 
     def _cut(self) -> None:
@@ -124,7 +131,7 @@ class Blocks:
         """Have batches traced, ``before`` were; figures are told in their order, so that sums have the same bits."""
         waiting: dict[Batch, TraceStatistics] = {}
         told = 0
-        for n, traced in enumerate(self.spread(todo) if todo else (), before + 1):
+        for n, traced in enumerate(self._made(todo, self.spread), before + 1):
             self._keep(traced)
             waiting[traced.batch] = traced.statistics
             share = n / (before + len(todo))
@@ -133,6 +140,37 @@ class Blocks:
             while told < len(todo) and todo[told] in waiting:
                 yield share, waiting.pop(todo[told])
                 told += 1
+
+    def _made(
+        self, batches: Sequence[Batch], spread: Callable[[Sequence[Batch]], Iterator[Traced]]
+    ) -> Iterator[Traced]:
+        """What an interrupted run has left of some batches, then all others, traced and kept."""
+        todo = []
+        for batch in batches:
+            found = self.finished and self.finished.take(batch.subset, batch.start, batch.stop)
+            if self.finished is None or not found:
+                todo.append(batch)
+                continue
+            shape = (self.bench.n_layers, batch.stop - batch.start, self.data.shape[2])
+            yield Traced(batch, found[0].reshape(shape), found[1], self.finished.grid_bytes)
+        for traced in spread(todo) if todo else ():
+            if self.finished is not None:
+                batch = traced.batch
+                self.finished.put(
+                    batch.subset,
+                    batch.start,
+                    batch.stop,
+                    traced.profiles,
+                    traced.statistics,
+                    traced.grid_bytes,
+                )
+            yield traced
+
+    def _one(self, batch: Batch) -> TraceStatistics:
+        """A batch made here, in its place."""
+        (traced,) = self._made([batch], self._here)
+        self._keep(traced)
+        return traced.statistics
 
     def _here(self, batches: Sequence[Batch]) -> Iterator[Traced]:
         return map(self.bench.trace, batches)
@@ -162,7 +200,11 @@ class Blocks:
             stats = self.block(middle)
             if len(self.blocks) > 1:
                 stats = stats.plus(self.block(middle + 1))
-            shorter = self._shorter() if self.automatic and len(self.blocks) > 1 else self.interval
+            decided = self.finished is not None and self.finished.settled
+            open_ = self.automatic and len(self.blocks) > 1 and not decided
+            shorter = self._shorter() if open_ else self.interval
+            if self.finished is not None and not decided:
+                self.finished.note(shorter, settled=shorter == self.interval)
             if shorter == self.interval:
                 return stats
             self.interval = shorter
@@ -171,9 +213,8 @@ class Blocks:
     def sample(self) -> tuple[float, TraceStatistics]:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
         if self.interval == 1:
-            traced = self.bench.trace(self._every_pulse()[0])
-            self._keep(traced)
-            return traced.batch.stop / self.data.shape[1], traced.statistics
+            first = self._every_pulse()[0]
+            return first.stop / self.data.shape[1], self._one(first)
         return 1.0 / len(self.blocks), self.block_of_subset(self._middle, 0)
 
     @property
@@ -191,9 +232,7 @@ class Blocks:
 
     def block_of_subset(self, index: int, subset: int) -> TraceStatistics:
         """Trace one block with one ray subset, up to the first pulse of the next block."""
-        traced = self.bench.trace(self._batch(index, subset))
-        self._keep(traced)
-        return traced.statistics
+        return self._one(self._batch(index, subset))
 
     def _batch(self, index: int, subset: int) -> Batch:
         start, stop = self.blocks[index]

@@ -11,6 +11,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew, TraceJob, built
+from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
@@ -50,6 +51,7 @@ class Run:
     report : the rays that raw data took; None before, and where there is no mesh
     shortfalls : surface that the lattices made last are too coarse for
     notes : one line each; what was assumed, repaired or is worth a warning
+    finished : where raw data keep their finished blocks; None, the default, keeps none
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class Run:
         self.statistics = TraceStatistics()
         self.report: SamplingReport | None = None
         self.shortfalls: tuple[Shortfall, ...] = ()
+        self.finished: FinishedBlocks | None = None
         self.notes = [*scene.notes, *self.plan.notes]
         if self.sampling is not None and self.plan.flags.multi_bounce:
             left_out = mirrors_outside(self.scene, self.sampling.windows)

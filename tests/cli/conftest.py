@@ -49,7 +49,7 @@ class FakeNeeds:
 def fake_simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
     needs = FakeNeeds({"trace": 2.0, "focus": 1.0})
     plan = types.SimpleNamespace(summary=lambda: "max_depth 2")
-    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan))
+    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan, finished=None))
     progress("trace", 1, 2, {"rays/s": 1e6})
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)

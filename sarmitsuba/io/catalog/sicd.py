@@ -28,10 +28,16 @@ def write_image(path: Path, image: SarImage) -> None:
     Raises
     ------
     DataError
-        The image does not say how it was flown, or sarkit is missing.
+        The image does not say how it was flown, its slant-range pixels come from a track that is not straight and
+        level, or sarkit is missing.
     """
     sarkit = _sarkit(path)
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
+    if image.grid.kind == "slant" and not flight.straight_and_level:
+        raise DataError(
+            f"{path}: the track is curved or climbs, and SICD has no grid for slant-range pixels then; focus the raw "
+            "data with --grid ground"
+        )
     for channel in image.channels:
         target = path if len(image.channels) == 1 else path.with_name(f"{path.stem}_{channel}{path.suffix}")
         tree = document(image, channel, flight, target.stem)
