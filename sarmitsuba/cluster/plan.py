@@ -1,6 +1,21 @@
 r"""How long so many workers take for a run, what moves between them, and what that costs: a plan on paper."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
+
+from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS
+from sarmitsuba.memory import in_bytes
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.prediction.needs import duration
+from sarmitsuba.simulation.prediction.prediction import Prediction
+
+# what starting a worker's interpreter, Mitsuba and its kernels from the cache takes, s (benchmarks/scale.py)
+START = 5.0
+# network of the client, bytes/s: 1 Gbit/s
+NETWORK = 1.25e8
+# bytes of a pixel; of a triangle with its vertices and edges as they are pickled
+PIXEL, TRIANGLE = 8, 200
 
 
 @dataclass(frozen=True)
@@ -36,6 +51,40 @@ class ClusterPlan:
     scene_bytes: float
     bytes_per_second: float
     price_per_hour: float
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        prediction: Prediction,
+        workers: int,
+        *,
+        bytes_per_second: float = NETWORK,
+        price_per_hour: float = 0.0,
+    ) -> "ClusterPlan":
+        """Of a run whose seconds on one worker are predicted.
+
+        Notes
+        -----
+        Takes all key pulses and tiles to be equal; ignores that the client traces the two middle blocks while the
+        workers wait, that one launch of method raw holds several pulses, and what dies and is done again.
+        """
+        seconds = dict(prediction.seconds)
+        focus = seconds.pop("focus", 0.0)
+        shared = seconds.pop("trace", 0.0) + seconds.pop("synthesise", 0.0)
+        tiles = math.ceil(prediction.pixels / TILE_PIXELS)
+        return ClusterPlan(
+            workers=workers,
+            trace_seconds=shared,
+            focus_seconds=focus,
+            batches=prediction.key_pulses,
+            tiles=tiles if tiles > 1 else 0,
+            own_seconds=START + sum(seconds.values()),
+            raw_bytes=prediction.raw_bytes,
+            image_bytes=PIXEL * prediction.pixels,
+            scene_bytes=TRIANGLE * scene.geometry.n_faces,
+            bytes_per_second=bytes_per_second,
+            price_per_hour=price_per_hour,
+        )
 
     @property
     def moved_bytes(self) -> float:
@@ -76,6 +125,19 @@ class ClusterPlan:
     def efficiency(self) -> float:
         """Share of the worker hours that traces and focuses."""
         return (self.trace_seconds + self.focus_seconds) / (self.workers * self.seconds)
+
+    def as_dict(self) -> dict[str, float]:
+        """JSON-able form: what it is made of, and what comes of it."""
+        found = ("moved_bytes", "moving_seconds", "seconds", "worker_hours", "price", "efficiency")
+        return {**dataclasses.asdict(self), **{name: getattr(self, name) for name in found}}
+
+    def __str__(self) -> str:
+        """One line."""
+        return (
+            f"on {self.workers} workers like this machine: {duration(self.seconds)} (of it "
+            f"{duration(self.moving_seconds)} moving {in_bytes(round(self.moved_bytes))} at {8e-9 * self.bytes_per_second:g} Gbit/s), "
+            f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them at work"
+        )
 
 
 def _share(parts: int, workers: int) -> float:
