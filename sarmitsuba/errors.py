@@ -35,6 +35,10 @@ class ResourceError(SarmitsubaError):
     """A run that does not fit into the memory of this machine."""
 
 
+class ClusterError(SarmitsubaError):
+    """A cluster's scheduler or workers cannot be reached, or are lost again and again."""
+
+
 class OutputError(SarmitsubaError):
     """A result cannot be written (permissions, full disk)."""
 
@@ -49,6 +53,7 @@ class ExtensionError(SarmitsubaError):
 
 __all__ = [
     "BackendError",
+    "ClusterError",
     "DataError",
     "ExtensionError",
     "OutputError",
