@@ -36,6 +36,7 @@ RUNS = {
     "tower, hybrid": ("tower",),
     "tower, raw, 5 m": ("tower", "--method", "raw", "-D", "sar_antenna.azimuth_resolution=5"),
     "tower, image": ("tower", "--method", "image"),
+    "tower, three passes": ("tower", "--target-error", "-48"),
     "bridge, hybrid": ("bridge",),
     "sphere, hybrid": ("sphere",),
     "buildings16, hybrid": ("buildings16",),

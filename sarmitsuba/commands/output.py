@@ -9,8 +9,12 @@ from pathlib import Path
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.io.locking import sole_writer
 
 MANIFEST = ".sarmitsuba.json"
+_ON_THE_WAY = (
+    -1
+)  # bytes in the list of a file that is being written: it may be the old one, the new one or none
 
 
 class OutputFolder:
@@ -46,7 +50,7 @@ class OutputFolder:
     def owns(self, name: str) -> bool:
         """Whether the program wrote that file, as it is now."""
         path = self.path / name
-        return path.is_file() and self._bytes.get(name) == path.stat().st_size
+        return path.is_file() and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
 
     def check(self, mark: str, names: Iterable[str], *, force: bool) -> None:
         """Ask whether results may be written, before any work goes into them.
@@ -76,7 +80,7 @@ class OutputFolder:
     def check_space(self, needed: float) -> None:
         """Raise an OutputError where so many bytes do not fit, what they replace left aside."""
         free = shutil.disk_usage(self.path).free + sum(
-            size for name, size in self._bytes.items() if self.owns(name)
+            (self.path / name).stat().st_size for name in self._bytes if self.owns(name)
         )
         if needed > free:
             raise OutputError(
@@ -109,6 +113,13 @@ class OutputFolder:
         if path.is_file():
             self._bytes[name] = path.stat().st_size
             self._save()
+        elif self._bytes.pop(name, None) is not None:
+            self._save()
+
+    def announce(self, name: str) -> None:
+        """List a file that will be written, so that it is the program's own whenever the process is killed."""
+        self._bytes[name] = _ON_THE_WAY
+        self._save()
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -121,6 +132,7 @@ class OutputFolder:
         """
         self._check_own(name)
         path = self.path / name
+        self.announce(name)
         try:
             yield path
         finally:
@@ -134,7 +146,8 @@ class OutputFolder:
             )
 
     def _save(self) -> None:
-        if not self._bytes and not (self.path / MANIFEST).exists():
+        if not self._bytes:
+            (self.path / MANIFEST).unlink(missing_ok=True)
             return
         parameters.write(self.path / MANIFEST, {"mark": self.mark, "files": self._bytes})
 
@@ -146,7 +159,7 @@ def output_folder(path: str) -> Iterator[OutputFolder]:
     Raises
     ------
     OutputError
-        It is a file, or it cannot be made or written to.
+        It is a file, it cannot be made or written to, or another run is writing into it.
     """
     folder = Path(path)
     if folder.exists() and not folder.is_dir():
@@ -162,7 +175,8 @@ def output_folder(path: str) -> Iterator[OutputFolder]:
             f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
         ) from error
     try:
-        yield OutputFolder(folder)
+        with sole_writer(folder):
+            yield OutputFolder(folder)
     finally:
         if not existed and not any(folder.iterdir()):
             folder.rmdir()

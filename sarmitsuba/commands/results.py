@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
+BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
@@ -90,16 +91,22 @@ def expected_names(
 
 
 def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool) -> float:
-    """Bytes that the results take at least: every channel, once more for its ray subsets; bounce orders come on top."""
+    """Bytes that the results take at least: every channel, once more for its ray subsets; bounce orders come on top.
+
+    Of raw data once more, for their finished blocks.
+    """
     from sarmitsuba.focusing import default_grid
 
     planes = len(scene.radar.channels) * (3 if scene.settings.keep_subsets else 1)
-    total = 0.0
+    blocks = total = 0.0
+    if raw:
+        blocks = scene.radar.track.n_pulses * scene.radar.window.n_samples * len(scene.radar.channels)
+        blocks *= 2 if scene.settings.keep_subsets else 1
     if raw and any(entry.name == "hdf5" for entry in formats.raw):
         total += scene.radar.track.n_pulses * scene.radar.window.n_samples
     if image and any(entry.name == "hdf5" for entry in formats.image):
         total += float(np.prod(default_grid(scene.radar, scene.image).shape))
-    return 8.0 * planes * total
+    return 8.0 * (planes * total + blocks)
 
 
 def save_raw(folder: OutputFolder, raw: RawData, formats: Formats, leave_out: Sequence[Path] = ()) -> None:
@@ -256,6 +263,7 @@ def radar_record(radar: Radar) -> dict[str, object]:
 
 
 __all__ = [
+    "BLOCKS",
     "MARK",
     "PASSES",
     "PICTURE",

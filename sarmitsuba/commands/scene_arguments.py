@@ -28,7 +28,11 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
-
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let the scene include files, and name meshes, from outside its own folder",
+    )
     mesh = parser.add_argument_group("mesh", "what a mesh file does not say")
     mesh.add_argument(
         "--up",
@@ -61,7 +65,13 @@ def scene_of(args: argparse.Namespace) -> "Scene":
         from sarmitsuba.loader.from_mesh import MeshOptions
 
         mesh = MeshOptions(**told)
-    return load_scene(args.scene, radar=radar, parameters=dict(args.define), mesh=mesh)
+    return load_scene(
+        args.scene,
+        radar=radar,
+        parameters=dict(args.define),
+        mesh=mesh,
+        allow_outside=args.allow_outside,
+    )
 
 
 class MeshRecord(TypedDict):

@@ -28,7 +28,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
-        raise OutputError(f"{target}: cannot write: {_reason(error)}") from error
+        raise OutputError(f"{target}: cannot write: {reason_of(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -39,11 +39,11 @@ def make_folder(folder: Path | str) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot create the folder: {_reason(error)}") from error
+        raise OutputError(f"{folder}: cannot create the folder: {reason_of(error)}") from error
     return folder
 
 
-def _reason(error: OSError) -> str:
+def reason_of(error: OSError) -> str:
     """One line, with a remedy where there is an obvious one; HDF5 hides the number in its text."""
     text = error.strerror or str(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT) or "errno = 28" in str(error):
@@ -53,4 +53,4 @@ def _reason(error: OSError) -> str:
     return " ".join(text.split())
 
 
-__all__ = ["atomic_path", "make_folder"]
+__all__ = ["atomic_path", "make_folder", "reason_of"]

@@ -3,6 +3,8 @@
 import time
 import warnings
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,10 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.blocks import Blocks
+from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Ready, Run
@@ -36,6 +41,9 @@ def simulate(
     pass_index: int = 0,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
+    state: Path | str | None = None,
+    mark: str | None = None,
+    crew: Crew | None = None,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -48,6 +56,10 @@ def simulate(
     pass_index : other values shift the ray lattices and nothing else: independent samples of the same scene
     ready : called once the run is planned and fits, before it is traced
     clock : of the stages' seconds in the metadata
+    state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
+        same bits; remove it when the data are safe. None keeps nothing
+    mark : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
+    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.DaskCrew`; the result has the same bits
 
     Returns
     -------
@@ -59,6 +71,8 @@ def simulate(
         When not a single path comes back.
     ResourceError
         The run does not fit into memory.
+    OutputError
+        ``state`` cannot be written.
 
     Notes
     -----
@@ -66,11 +80,17 @@ def simulate(
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock)
+    run = Run(scene, plan=plan, clock=clock, crew=crew)
     run.needs().check()
-    if ready:
-        ready(run)
-    return echoes(run, pass_index=pass_index, progress=progress)
+    if state is not None:
+        run.finished = FinishedBlocks(state, mark or fingerprint(scene), run.plan, f"pass {pass_index}")
+    try:
+        if ready:
+            ready(run)
+        return echoes(run, pass_index=pass_index, progress=progress)
+    finally:
+        if run.finished is not None:
+            run.finished.close()
 
 
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
@@ -109,12 +129,17 @@ def _trace(
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     rays = run.rays(sampling, pass_index)
-    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
+    crew = run.crew
+    spread = None if crew is None else partial(crew.trace, run.job(sampling, pass_index))
+    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, run.finished, spread)
     run.timer.lap("plan")
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
+        if crew is not None:  # the rate is that of all workers together
+            run.timer.lap("trace")
         rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-        progress("trace", done, 1.0, {"rays/s": rate})
+        workers = {} if crew is None else {"workers": float(crew.n_workers)}
+        progress("trace", done, 1.0, {"rays/s": rate, **workers})
     error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])

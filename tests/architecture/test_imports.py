@@ -15,6 +15,7 @@ FLOORS = (
     ("studio",),
     ("page",),
     ("view",),
+    ("cluster",),
     ("simulation",),
     ("interferometry", "link", "polarimetry", "quality"),
     ("focusing",),
@@ -72,6 +73,7 @@ DATA = {
 BACKEND_USERS = {
     "__main__",
     "cli",
+    "cluster",
     "commands",
     "cost",
     "doctor",

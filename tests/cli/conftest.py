@@ -46,10 +46,10 @@ class FakeNeeds:
         return "expected: little"
 
 
-def fake_simulate(scene: Scene, *, progress: Any, ready: Any) -> RawData:
+def fake_simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
     needs = FakeNeeds({"trace": 2.0, "focus": 1.0})
     plan = types.SimpleNamespace(summary=lambda: "max_depth 2")
-    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan))
+    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan, finished=None))
     progress("trace", 1, 2, {"rays/s": 1e6})
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
@@ -97,7 +97,7 @@ def simulations(fake_stages: dict[str, Any], monkeypatch: pytest.MonkeyPatch) ->
     """Scenes that were simulated, one entry a run."""
     runs: list[Scene] = []
 
-    def simulate(scene: Scene, *, progress: Any, ready: Any) -> RawData:
+    def simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
         runs.append(scene)
         return fake_simulate(scene, progress=progress, ready=ready)
 

@@ -1,7 +1,7 @@
 """What a run needs, from its sampling alone: rays, bytes and seconds, before any of it is allocated."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ LANE = 52
 SLAB_NODES, NODE = 4_000_000, 40
 # bytes that compiling the kernels, transforms and the pages of libraries take at first use
 FIRST_USE = 70_000_000
+# copies of the raw data that passes hold beside those that are being made
+PASSES_HELD = 3
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
 RASTER_PIXEL, RASTER_PLANE = 16, 60
 # a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
@@ -116,6 +118,16 @@ class Needs:
         except ResourceError as error:
             return str(error)
         return ""
+
+    @property
+    def of_passes(self) -> "Needs":
+        """The same where passes are added up: their mean, what the last one changed, and the step to the new mean."""
+        more = PASSES_HELD * self.raw_bytes
+        return replace(
+            self,
+            stages={name: size + more for name, size in self.stages.items()},
+            parts={name: size + (more if name == "raw data" else 0) for name, size in self.parts.items()},
+        )
 
     def check(self) -> None:
         """Refuse a run that does not fit.

@@ -22,7 +22,9 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.fingerprint import fingerprint
+from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.raw import echoes
 from sarmitsuba.simulation.refinement.error_bars import (
     PASSES,
@@ -72,6 +74,8 @@ class Passes:
     levels : of every pass, how often its rays were doubled
     weight : of all passes together
     rays : of one key pulse of the last pass
+    ratio_db : error of the image less that of the raw data, as it was measured last; None where it was not
+    source : of the error that ``ratio_db`` was measured of
     change : (n_channels, n_pulses, n_samples) complex64, the last pass less the mean of those before it; None of one
     share : weight of the last pass in the mean
     """
@@ -88,6 +92,8 @@ class Passes:
     rays: int = 0
     change: NDArray[np.complex64] | None = None
     share: float = 1.0
+    ratio_db: float | None = None
+    source: Source = SUBSETS
 
     def add(self, raw: RawData, level: int) -> None:
         """Take in one more pass, weighted by its rays."""
@@ -103,7 +109,8 @@ class Passes:
         else:
             step = raw.data - self.data
             self.change = _by_channel(step, self.layers)
-            self.data += step * np.float32(self.share)
+            step *= np.float32(self.share)
+            self.data += step
 
     def save(self, path: Path) -> None:
         """Write all of it; the file appears whole or not at all."""
@@ -116,6 +123,8 @@ class Passes:
             "weight": self.weight,
             "share": self.share,
             "rays": self.rays,
+            "ratio_db": self.ratio_db,
+            "source": self.source,
             "layers": [dataclasses.astuple(layer) for layer in self.layers],
             "metadata": to_json(self.metadata),
         }
@@ -157,6 +166,8 @@ class Passes:
                 levels=[int(v) for v in record["levels"]],
                 weight=float(record["weight"]),
                 rays=int(record["rays"]),
+                ratio_db=None if record["ratio_db"] is None else float(record["ratio_db"]),
+                source=PASSES if record["source"] == PASSES else SUBSETS,
             )
         except _DAMAGE as error:
             reason = " ".join(str(error).split())
@@ -205,6 +216,7 @@ def refine(
     progress: Progress | None = None,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
+    crew: Crew | None = None,
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
@@ -218,13 +230,15 @@ def refine(
     scene : method ``hybrid`` or ``raw``
     target_error_db : energy of the error over that of the image; default the scene's; 0 = no target
     time_limit : s, of this run; default the scene's; 0 = no limit. At least one pass is made
-    state : file that holds the passes between runs; None keeps nothing
+    state : file that holds the passes between runs; the finished blocks of the pass in work stand beside it, in a
+        file that ends in ``.blocks``. None keeps nothing
     grid : of the image; default what the scene asks for
     range_window, azimuth_window : of the image
     max_passes : bound on all passes
     progress : called after every pass with the error and, where there is one, the limit
     ready : called once the first pass is planned and fits, before it is traced
     clock : that ``time_limit`` is measured with
+    crew : workers that share the tracing of every pass
 
     Returns
     -------
@@ -259,7 +273,7 @@ def refine(
         range_window,
         azimuth_window,
     )
-    whole = Run(scene, clock=clock)
+    whole = Run(scene, clock=clock, crew=crew)
     goal = _Goal(target, limit, max_passes, clock)
     took = 0.0  # seconds of the last pass with its check
     while True:
@@ -275,16 +289,24 @@ def refine(
             break
         start = clock()
         run = whole.at(2.0 ** (-0.5 * level))
-        run.needs().check()
-        if ready:
-            ready(run)
-            ready = None
-        passes.add(echoes(run, pass_index=passes.count), level)
+        run.needs().of_passes.check()
+        if file:
+            part = f"pass {passes.count}, level {level}"
+            run.finished = FinishedBlocks(blocks_of(file), mark, run.plan, part)
+        try:
+            if ready:
+                ready(run)
+                ready = None
+            passes.add(echoes(run, pass_index=passes.count), level)
+        finally:
+            if run.finished is not None:
+                run.finished.close()
         took = clock() - start
         passes.seconds += took
         passes.history.append((passes.seconds, float("nan")))
         if file:
             passes.save(file)
+            blocks_of(file).unlink()  # they are in the pass now
     return _finished(focuser, goal, noisy)
 
 
@@ -330,9 +352,7 @@ class _Focuser:
     ) -> None:
         self.scene, self.passes, self.grid = scene, passes, grid
         self.range_window, self.azimuth_window = range_window, azimuth_window
-        self.ratio_db: float | None = None  # image error less raw error
         self.image: SarImage | None = None  # of the passes so far, where it was focused
-        self.source: Source = SUBSETS
 
     def raw(self) -> RawData:
         passes = self.passes
@@ -372,16 +392,21 @@ class _Focuser:
     def error_db(self, goal: _Goal) -> float:
         """Of the image, worst channel."""
         self.image = None
-        raw_error = self._raw_error_db()
-        source: Source = SUBSETS if self.passes.change is None else PASSES
-        if source != self.source:  # another estimate, another ratio
-            self.ratio_db, self.source = None, source
-        error = raw_error + (self.ratio_db or 0.0)
-        if self.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
+        raw_error, passes = self._raw_error_db(), self.passes
+        source: Source = SUBSETS if passes.change is None else PASSES
+        if source != passes.source:  # another estimate, another ratio
+            passes.ratio_db, passes.source = None, source
+        error = raw_error + (passes.ratio_db or 0.0)
+        if passes.ratio_db is None or (goal.target < 0.0 and error <= goal.target + 0.3):
             self.image = self.focus(self.raw())
             error = max(self.bars(self.image).error_db)
-            self.ratio_db = error - raw_error
+            passes.ratio_db = error - raw_error
         return error
+
+
+def blocks_of(state: Path) -> Path:
+    """File beside the state file that keeps the finished blocks of the pass in work."""
+    return state.with_suffix(".blocks")
 
 
 def _by_channel(data: NDArray[np.complex64], layers: Sequence[Layer]) -> NDArray[np.complex64]:
@@ -425,4 +450,4 @@ def _next_level(passes: Passes, took: float, left: float) -> int | None:
     return level if took <= 1.5 * left and left > 0.0 else None
 
 
-__all__ = ["STATE_FILE", "Passes", "Refinement", "refine"]
+__all__ = ["STATE_FILE", "Passes", "Refinement", "blocks_of", "refine"]

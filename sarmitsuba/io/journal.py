@@ -1,0 +1,154 @@
+"""A file that arrays are appended to, each with a checksum: what a killed writer had finished is read again.
+
+Layout: the magic line, then records. A record is a header of fixed size (magic, lengths of label and payload, CRC-32 of
+label and payload), the label as JSON, and the payload as its bytes. A record that is cut off or damaged ends the
+journal: it and what follows are dropped, everything before it holds.
+"""
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import OutputError
+from sarmitsuba.io.atomic import reason_of
+
+MAGIC = b"sarmitsuba journal 1\n"
+_RECORD = b"rec\n"
+_HEADER = struct.Struct("<4sIQI")  # magic, bytes of the label, bytes of the payload, CRC-32
+Label = Mapping[str, Any]
+
+
+class Journal:
+    """An open journal.
+
+    Parameters
+    ----------
+    path : file; made where there is none, else its sound records are kept
+
+    Attributes
+    ----------
+    labels : of the records, in order
+
+    Raises
+    ------
+    OutputError
+        The file is not a journal, or the operating system refused: full disk, permissions, a missing folder.
+
+    Notes
+    -----
+    A record is whole on the disk as soon as :meth:`append` returns, for whatever ends the process. It is not forced
+    through the system's own cache: of a power failure the checksum tells the records that arrived.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.labels: list[dict[str, Any]] = []
+        self._payloads: list[tuple[int, int]] = []  # offset and bytes
+        try:
+            self._file: BinaryIO = open(self.path, "r+b" if self.path.exists() else "w+b", buffering=0)
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot write: {reason_of(error)}") from error
+        head = self._file.read(len(MAGIC))
+        if (
+            head != MAGIC[: len(head)]
+        ):  # a beginning of it is what is left of a journal that was killed at birth
+            self._file.close()
+            raise OutputError(
+                f"{self.path}: this file is not one that the program wrote here, and would be lost; move it, or choose "
+                "another -o"
+            )
+        self._end = len(MAGIC)
+        if head == MAGIC:
+            for label, offset, size in self._sound():
+                self.labels.append(label)
+                self._payloads.append((offset, size))
+                self._end = offset + size
+            self._cut(self._end)
+        else:
+            self.clear()
+
+    def _sound(self) -> Iterator[tuple[dict[str, Any], int, int]]:
+        """Label, offset and bytes of the payload of every record up to the first damaged one."""
+        end = self.path.stat().st_size
+        while True:
+            header = self._file.read(_HEADER.size)
+            if len(header) < _HEADER.size:
+                return
+            magic, n_label, n_payload, expected = _HEADER.unpack(header)
+            offset = self._file.tell() + n_label
+            if magic != _RECORD or offset + n_payload > end:  # asked before that much is read
+                return
+            text, payload = self._file.read(n_label), self._file.read(n_payload)
+            if zlib.crc32(payload, zlib.crc32(text)) != expected:
+                return
+            yield json.loads(text), offset, n_payload
+
+    def append(self, label: Label, array: NDArray[Any]) -> None:
+        """Add a record: a JSON-able label and an array, of which the bytes are kept.
+
+        Raises
+        ------
+        OutputError
+            The disk refused; the records before stand.
+        """
+        text = json.dumps(label).encode()
+        payload = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+        header = _HEADER.pack(_RECORD, len(text), len(payload), zlib.crc32(payload, zlib.crc32(text)))
+        start = self._end
+        self._write(header + text)
+        self._write(payload)
+        self.labels.append(dict(label))
+        self._payloads.append((start + len(header) + len(text), len(payload)))
+
+    def payload(self, index: int, dtype: type[np.generic]) -> NDArray[Any]:
+        """The flat array of a record."""
+        offset, size = self._payloads[index]
+        out = np.empty(size // np.dtype(dtype).itemsize, dtype=dtype)
+        self._file.seek(offset)
+        self._file.readinto(out.view(np.uint8))  # type: ignore[attr-defined]
+        return out
+
+    def clear(self) -> None:
+        """Drop every record."""
+        self.labels, self._payloads = [], []
+        self._cut(0)
+        self._end = 0
+        self._write(MAGIC)
+
+    def close(self) -> None:
+        """Close the file; its records stay."""
+        self._file.close()
+
+    def remove(self) -> None:
+        """Close and delete it."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def _write(self, data: bytes | memoryview) -> None:
+        view, done = memoryview(data), 0
+        try:
+            self._file.seek(self._end)
+            while done < len(view):
+                done += self._file.write(view[done:])
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: cannot write: {reason_of(error)}; what is finished is kept, and the same command "
+                "goes on from there"
+            ) from error
+        self._end += len(view)
+
+    def _cut(self, size: int) -> None:
+        """Drop what stands past a size."""
+        try:
+            self._file.truncate(size)
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot write: {reason_of(error)}") from error
+
+
+__all__ = ["MAGIC", "Journal"]
