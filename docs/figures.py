@@ -4,6 +4,7 @@ Run ``python docs/figures.py [NAME ...]``; writes ``docs/images/NAME.png``. With
 takes a few minutes: ``methods`` traces every pulse once.
 """
 
+import json
 import re
 import sys
 import tempfile
@@ -212,6 +213,43 @@ def moving() -> Figure:
     return figure
 
 
+def facades() -> Figure:
+    """Six houses of the city that import.md shows, imported with plain walls and with relief."""
+    images = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "city.geojson").write_text(json.dumps(_footprints()))
+        for title, relief in {
+            "plain walls": [],
+            "windows and balconies": ["--facades", "windows,balconies"],
+        }.items():
+            scene = str(folder / "city.xml")
+            given = ["import", str(folder / "city.geojson"), "-o", scene, "--force", "--quiet"]
+            status = main([*given, "--material", "ground=asphalt_concrete", *relief])
+            assert status == 0, f"import {relief} ended with {status}"
+            extent = ["-D", "range_film.image_extent_azimuth=76", "-D", "range_film.image_extent_range=120"]
+            images[title] = _render(scene, ["-D", "heading_deg=-8", *extent, "--no-error-bars"])
+    return _shown(images, (-35.0, 5.0))
+
+
+def _footprints() -> dict[str, object]:
+    """Houses turned by 8 degrees in two streets, as GeoJSON with OpenStreetMap's tags."""
+    rng = np.random.default_rng(7)
+    turn = np.radians(8.0)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    degrees = np.degrees(1.0 / 6.371e6) / np.array([np.cos(np.radians(48.137)), 1.0])
+    features = []
+    for i in range(6):
+        size = rng.uniform([12.0, 18.0], [14.0, 24.0])
+        ring = 0.5 * size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+        middle = np.array([36.0 * (i % 3 - 1), 32.0 * (i // 3 - 0.5)])
+        ring = (ring + middle) @ axes
+        tags = {"building": "yes", "building:levels": int(rng.integers(3, 8))}
+        place = {"type": "Polygon", "coordinates": [(ring * degrees + [11.575, 48.137]).tolist()]}
+        features.append({"type": "Feature", "id": f"way/{i}", "properties": tags, "geometry": place})
+    return {"type": "FeatureCollection", "features": features}
+
+
 def focusers() -> Figure:
     """Every focuser on the same echoes of a dozen points on weak clutter."""
     rng = np.random.default_rng(4)
@@ -386,12 +424,17 @@ def _panels(
     lying: bool = False,
 ) -> Figure:
     """Images beside each other, or lying on their sides one below the other."""
+    images = {title: _render(scene, [*options, "--window", window]) for title, options in variants.items()}
+    return _shown(images, scale, lying=lying)
+
+
+def _shown(images: dict[str, SarImage], scale: tuple[float, float], *, lying: bool = False) -> Figure:
+    """Images on one grey scale."""
     figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
-    rows, columns = (len(variants), 1) if lying else (1, len(variants))
+    rows, columns = (len(images), 1) if lying else (1, len(images))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
-    for axes, (title, options) in zip(panels, variants.items(), strict=True):
-        image = _render(scene, [*options, "--window", window])
+    for axes, (title, image) in zip(panels, images.items(), strict=True):
         grid = image.grid
         decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
         spans = [(grid.range[0], grid.range[-1]), (grid.azimuth[0], grid.azimuth[-1])]
@@ -451,6 +494,7 @@ FIGURES = {
         methods,
         effects,
         moving,
+        facades,
         azimuth_ambiguities,
         focusers,
         interferogram_tower,

@@ -1,5 +1,6 @@
 """The README's commands and its Python, run from top to bottom as a notebook."""
 
+import json
 import os
 import re
 import sys
@@ -44,6 +45,10 @@ def own_files(folder: Path) -> None:
         trimesh.transformations.rotation_matrix(-1.5707963267948966, [1.0, 0.0, 0.0])
     )  # glTF: y up
     scene.export(folder / "city.glb")
+    ring = [[11.575, 48.137], [11.5752, 48.137], [11.5752, 48.1371], [11.575, 48.137]]
+    house_on_a_map = {"type": "Polygon", "coordinates": [ring]}
+    row = {"type": "Feature", "properties": {"building": "yes", "height": 9}, "geometry": house_on_a_map}
+    (folder / "city.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [row]}))
 
 
 def run_as_notebook(cells: list[str], folder: Path) -> None:
@@ -61,14 +66,14 @@ def shell_cell(line: str) -> str:
     return f"!{words}\nassert _exit_code == 0, _exit_code"
 
 
-QUICK = ("scenes", "render city.glb", "picture")
+QUICK = ("scenes", "render city.glb", "picture", "import")
 
 
 def test_readme_quick_commands_and_python(tmp_path: Path) -> None:
     """The commands that take seconds, and the Python block."""
     own_files(tmp_path)
     quick = [line for line in commands() if line.removeprefix("python -m sarmitsuba ").startswith(QUICK)]
-    assert len(quick) >= 3
+    assert len(quick) >= 4
     run_as_notebook([*map(shell_cell, quick), *blocks("python")], tmp_path)
     assert (tmp_path / "out" / "mesh" / "quicklook.png").is_file()
 
