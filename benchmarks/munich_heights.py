@@ -7,6 +7,7 @@ every block of pixels that shows one building alone with what the first antenna 
 """
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -27,6 +28,8 @@ SHARE, WITHIN = 0.9, 2.0
 # lower ones are kerbs and ledges; buildings of fewer blocks are left out of the statistics by building
 LEAST_HEIGHT, LEAST_BLOCKS = 3.0, 4
 LEAST_COHERENCE = 0.5
+# what else lies in a block costs coherence: errors are stated between these, too
+COHERENCES = (0.5, 0.8, 0.95, 0.98, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +155,10 @@ def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) 
         **pair.as_dict(),
         "height_sigma_m": float(np.median(found.sigma[compared])),
         "blocks": _spread(by_block),
+        "by_coherence": {
+            f"{low:g} to {high:g}": _spread(error[compared & _within(found.coherence, low, high)])
+            for low, high in itertools.pairwise(COHERENCES)
+        },
         "buildings": _spread(by_building),
         "per_building": {
             k: {"mesh_m": m, "found_m": f, "blocks": n} for k, (m, f, n) in per_building.items()
@@ -160,6 +167,11 @@ def evaluate(out: Path, radar: str, definitions: dict[str, str], lowest: float) 
     (out / "munich_heights.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
     picture(out / "munich_heights.png", pair, found, truth, per_building, record)
     return record
+
+
+def _within(coherence: F64, low: float, high: float) -> NDArray[np.bool_]:
+    """Blocks of a coherence from low up to high, which one itself belongs to."""
+    return np.asarray((coherence >= low) & ((coherence < high) | (high == 1.0)))
 
 
 def _spread(error: F64) -> dict[str, float]:
@@ -267,6 +279,10 @@ def main() -> None:
     for what in ("blocks", "buildings"):
         s = record[what]
         print(f"{what}: median error {s['median_m']:.2f} m, spread {s['spread_m']:.2f} m over {s['count']}")
+    for what, s in record["by_coherence"].items():
+        print(
+            f"coherence {what}: median error {s['median_m']:.2f} m, spread {s['spread_m']:.2f} m over {s['count']}"
+        )
     print(
         f"phase noise alone: {record['height_sigma_m']:.2f} m a block of {record['independent_looks']:.0f} looks"
     )

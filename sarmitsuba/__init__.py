@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.errors import (
         BackendError,
+        ClusterError,
         DataError,
         ExtensionError,
         OutputError,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Anchor": "sarmitsuba.radar.geodesy",
     "BackendError": "sarmitsuba.errors",
+    "ClusterError": "sarmitsuba.errors",
     "DataError": "sarmitsuba.errors",
     "ExtensionError": "sarmitsuba.errors",
     "FilmDescription": "sarmitsuba.radar.film",
@@ -117,6 +119,7 @@ def __dir__() -> list[str]:
 __all__ = [
     "Anchor",
     "BackendError",
+    "ClusterError",
     "DataError",
     "ExtensionError",
     "FilmDescription",

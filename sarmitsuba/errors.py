@@ -1,8 +1,18 @@
 """The project's own errors and warnings: one line each, with where, what, value, bound and remedy."""
 
+# characters of a message; what is longer repeats the input, and is cut in the middle so that the remedy stays
+_LONGEST = 900
+_CONTROL = {**dict.fromkeys(range(32), " "), **dict.fromkeys((0x7F, 0x85, 0x2028, 0x2029), " ")}
+
 
 class SarmitsubaError(Exception):
-    """Base of every error that a user can cause; its text is one complete line."""
+    """Base of every error that a user can cause; its text is one complete line of bounded length, whatever was read."""
+
+    def __init__(self, text: str = "") -> None:
+        line = text.translate(_CONTROL)
+        if len(line) > _LONGEST:
+            line = f"{line[: _LONGEST - 300]} [...] {line[-290:]}"
+        super().__init__(line)
 
 
 class SceneError(SarmitsubaError):
@@ -25,6 +35,10 @@ class ResourceError(SarmitsubaError):
     """A run that does not fit into the memory of this machine."""
 
 
+class ClusterError(SarmitsubaError):
+    """A cluster's scheduler or workers cannot be reached, or are lost again and again."""
+
+
 class OutputError(SarmitsubaError):
     """A result cannot be written (permissions, full disk)."""
 
@@ -39,6 +53,7 @@ class ExtensionError(SarmitsubaError):
 
 __all__ = [
     "BackendError",
+    "ClusterError",
     "DataError",
     "ExtensionError",
     "OutputError",

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 D = TypeVar("D", bound="DataclassInstance")
+# names that an error lists; longer lists stand on the page
+MOST_NAMED, PAGE = 40, "docs/scene_format.md"
 _PARAM = "param"  # key in the metadata of a field
 
 # what a person may write for true and false
@@ -261,7 +263,8 @@ class ParamTable:
             return
         if name in self.hints:
             raise self.error(f'{where}: unknown parameter "{one_line(name)}"; {self.hints[name]}')
-        guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {', '.join(self.names)}"
+        known = ", ".join(self.names) if len(self.names) <= MOST_NAMED else f"those of {PAGE}"
+        guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {known}"
         raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
 
     def markdown(self) -> str:

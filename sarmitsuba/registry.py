@@ -118,12 +118,13 @@ class Registry(Generic[T]):
             importlib.import_module(point.value)
 
 
-def load_extension(module_or_file: str) -> None:
+def load_extension(module_or_file: str, *, again: bool = True) -> None:
     """Import a user's module, which registers what it holds.
 
     Parameters
     ----------
     module_or_file : dotted name of an importable module, or path of a ``.py`` file
+    again : import a file also where this process has imported one of its name before
 
     Raises
     ------
@@ -138,6 +139,8 @@ def load_extension(module_or_file: str) -> None:
         if not path.is_file():
             raise ExtensionError(f"{path}: there is no such extension file")
         name = f"sarmitsuba_extension_{path.stem}"
+        if not again and name in sys.modules:
+            return
         spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None and spec.loader is not None
         module = importlib.util.module_from_spec(spec)

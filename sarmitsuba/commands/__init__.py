@@ -10,6 +10,7 @@ from sarmitsuba.commands import (
     doctor,
     explain,
     focus,
+    importing,
     insar,
     interferogram,
     link,
@@ -39,6 +40,7 @@ COMMANDS = (
     link,
     cost,
     scenes,
+    importing,
     validate,
     doctor,
 )

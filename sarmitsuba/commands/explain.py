@@ -6,6 +6,7 @@ import json
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
+from sarmitsuba.errors import ClusterError
 
 NAME = "explain"
 HELP = "show the effects plan of a scene, with predicted time and memory"
@@ -25,6 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plan-only", action="store_true", help="show the plan without predicting time and memory"
     )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="also say what N workers of a cluster would take, each like this machine (render --cluster)",
+    )
     parser.add_argument("--json", action="store_true", help="print as JSON")
 
 
@@ -33,6 +40,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.simulation.prediction.explanation import explain
 
+    if args.workers is not None and (args.workers < 1 or args.plan_only):
+        raise ClusterError(
+            f"explain: --workers {args.workers} needs a number of at least 1, and a prediction; leave --plan-only out"
+        )
     ensure_backend()
     scene = scene_of(args)
     settings = scene.settings
@@ -42,7 +53,13 @@ def run(args: argparse.Namespace, console: Console) -> int:
         settings = dataclasses.replace(settings, keep_subsets=True)
     scene = dataclasses.replace(scene, settings=settings)
     found = explain(scene, predicted=not args.plan_only)
-    console.say(json.dumps(found.as_dict(), indent=2) if args.json else str(found))
+    facts, text = found.as_dict(), str(found)
+    if args.workers and found.prediction is not None:
+        from sarmitsuba.cluster import ClusterPlan
+
+        plan = ClusterPlan.of(scene, found.prediction, args.workers)
+        facts, text = {**facts, "cluster": plan.as_dict()}, f"{text}\n{plan}"
+    console.say(json.dumps(facts, indent=2) if args.json else text)
     return 0
 
 

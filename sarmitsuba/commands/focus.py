@@ -10,8 +10,10 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.cluster.crew import DaskCrew
     from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
 
@@ -302,6 +304,7 @@ def focus_into(
     watch: StageTimer,
     record: dict[str, object],
     request: "ImageRequest | None" = None,
+    crew: "DaskCrew | None" = None,
 ) -> Path:
     """Focus, write the image and its pictures into the folder, add to the record. Return the picture's path."""
     from sarmitsuba.commands import results
@@ -309,11 +312,17 @@ def focus_into(
 
     if args.focuser == _ALL:
         return _compare(folder, raw, args, console, watch, record, request)
+    focuser: str | Focuser = args.focuser
+    if crew is not None:
+        from sarmitsuba.cluster.focusing import shared
+        from sarmitsuba.focusing.focuser import parse_focuser
+
+        focuser = shared(parse_focuser(args.focuser), crew)
     with watch.stage("focus"):
         image = focus(
             raw,
             request=request,
-            focuser=args.focuser,
+            focuser=focuser,
             range_window=args.window,
             azimuth_window=args.window,
             motion_compensation=args.motion_compensation,

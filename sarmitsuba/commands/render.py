@@ -5,6 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sarmitsuba.commands.cluster_arguments import add_cluster_argument, check_cluster_argument, crew_of
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.focus import add_focus_arguments, check_focus_arguments, check_focusing, focus_into
 from sarmitsuba.commands.scene_arguments import add_scene_arguments, mesh_record, scene_of
@@ -13,6 +14,7 @@ from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
+    from sarmitsuba.cluster.crew import DaskCrew
     from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.scene.scene import Scene
@@ -62,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep one set of rays instead of two: half the data and half the focusing, but no error estimate",
     )
     parser.add_argument("--no-focus", action="store_true", help="write the raw data and stop")
+    add_cluster_argument(parser)
     parser.add_argument(
         "--page",
         action="store_true",
@@ -82,6 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     check_focus_arguments(args)
     _check_settings(args)
+    check_cluster_argument(args)
     watch = StageTimer()
     with output_folder(args.output) as folder:
         from sarmitsuba.backend import ensure_backend
@@ -100,6 +104,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "radar_file": args.radar,
             "definitions": dict(args.define),
             "mesh": mesh_record(args),
+            "allow_outside": args.allow_outside,
             "seed": settings.seed,
             "versions": results.versions(),
             "backend": backend,
@@ -107,10 +112,11 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "image_request": scene.image.moved(scene.offset),
             "radar": results.radar_record(scene.radar),
         }
-        if settings.method in _WITHOUT_RAW:
-            done = _image_only(folder, scene, args, console, watch, record, mark)
-        else:
-            done = _raw_and_image(folder, scene, args, console, watch, record, mark)
+        with crew_of(args, console, settings.method) as crew:
+            if settings.method in _WITHOUT_RAW:
+                done = _image_only(folder, scene, args, console, watch, record, mark)
+            else:
+                done = _raw_and_image(folder, scene, args, console, watch, record, mark, crew)
         record["warnings"], record["notes"] = console.warnings, console.notes
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
@@ -197,6 +203,7 @@ def _raw_and_image(
     watch: StageTimer,
     record: dict[str, object],
     mark: str,
+    crew: "DaskCrew | None",
 ) -> Path:
     """Make the raw data or take those that are there, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
@@ -214,7 +221,7 @@ def _raw_and_image(
         keep = [path] if raw.domain == args.raw else []
         record["raw_file"] = str(path)
     else:
-        raw, keep = _simulate(folder, scene, args, console, watch, mark), []
+        raw, keep = _simulate(folder, scene, args, console, watch, mark, crew), []
         known = {"scene": scene.name, "look_side": raw.radar.look_side}
         raw = dataclasses.replace(raw, metadata={**known, **raw.metadata, results.MARK: mark})
     for note in raw.metadata.get("notes", ()):
@@ -230,7 +237,7 @@ def _raw_and_image(
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
-    return focus_into(folder, raw, args, console, watch, record)
+    return focus_into(folder, raw, args, console, watch, record, crew=crew)
 
 
 def _announcing(console: Console, limit: float | None = None) -> "Ready":
@@ -257,6 +264,7 @@ def _simulate(
     console: Console,
     watch: StageTimer,
     mark: str,
+    crew: "DaskCrew | None",
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
@@ -268,7 +276,12 @@ def _simulate(
         with watch.stage("simulate"):
             try:
                 return simulate(
-                    scene, progress=console.progress, ready=_announcing(console), state=blocks, mark=mark
+                    scene,
+                    progress=console.progress,
+                    ready=_announcing(console),
+                    state=blocks,
+                    mark=mark,
+                    crew=crew,
                 )
             except RadarError:  # nothing comes back: another run would find the same
                 blocks.unlink(missing_ok=True)
@@ -287,6 +300,7 @@ def _simulate(
                 azimuth_window=args.window,
                 progress=console.progress,
                 ready=_announcing(console, settings.time_limit),
+                crew=crew,
             )
         finally:
             folder.enter(results.PASSES)

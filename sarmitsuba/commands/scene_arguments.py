@@ -24,11 +24,15 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--define",
         action="append",
         default=[],
-        type=_definition,
+        type=definition,
         metavar="NAME=VALUE",
         help="set a $NAME of the scene file, or a parameter such as sar_path.max_depth; may be repeated",
     )
-
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let the scene include files, and name meshes, from outside its own folder",
+    )
     mesh = parser.add_argument_group("mesh", "what a mesh file does not say")
     mesh.add_argument(
         "--up",
@@ -44,7 +48,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "--material",
         action="append",
         default=[],
-        type=_definition,
+        type=definition,
         metavar="NAME=MATERIAL",
         help="what the file's material NAME is: concrete, brick, glass, metal, pec, ... (default: by its name)",
     )
@@ -61,7 +65,13 @@ def scene_of(args: argparse.Namespace) -> "Scene":
         from sarmitsuba.loader.from_mesh import MeshOptions
 
         mesh = MeshOptions(**told)
-    return load_scene(args.scene, radar=radar, parameters=dict(args.define), mesh=mesh)
+    return load_scene(
+        args.scene,
+        radar=radar,
+        parameters=dict(args.define),
+        mesh=mesh,
+        allow_outside=args.allow_outside,
+    )
 
 
 class MeshRecord(TypedDict):
@@ -79,11 +89,12 @@ def mesh_record(args: argparse.Namespace) -> MeshRecord | None:
     return {"up": args.up or "auto", "unit": args.unit or "auto", "materials": dict(args.material)}
 
 
-def _definition(text: str) -> tuple[str, str]:
+def definition(text: str) -> tuple[str, str]:
+    """Name and value of an argument ``NAME=VALUE``."""
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
 
 
-__all__ = ["add_scene_arguments", "mesh_record", "scene_of"]
+__all__ = ["add_scene_arguments", "definition", "mesh_record", "scene_of"]

@@ -163,11 +163,12 @@ def _of_the_radar(
     if radar.mode_law.own_apertures and (
         np.isfinite(radar.half_aperture) or radar.antenna.pattern != "isotropic"
     ):
-        facts["squint_sine"] = float(flight(radar)[1][middle])
+        forward, sine, _ = flight(radar)
+        facts["squint_sine"] = float(sine[middle])
         speed = radar.footprint_speed
         if abs(1.0 - speed) > _FIXED:
             line = radar.aim_point - radar.track.center_position
-            closest = float(np.linalg.norm(line - (line @ radar.track.along) * radar.track.along))
+            closest = float(np.linalg.norm(line - (line @ forward[middle]) * forward[middle]))
             facts["turning_range"] = closest / (1.0 - speed)
     if radar.all_round:
         facts["all_round"] = True

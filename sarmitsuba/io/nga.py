@@ -2,9 +2,14 @@
 
 import datetime
 import struct
-from typing import Any, TypeAlias
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sarmitsuba.errors import DataError
+
+if TYPE_CHECKING:
+    import lxml.etree
 
 # an element of a document, as sarkit wraps it: a mapping by the names of the standard
 Element: TypeAlias = Any
@@ -44,9 +49,40 @@ def polarisations(channel: str, what: str) -> tuple[str, str]:
     return POLARISATIONS[channel[0]], POLARISATIONS[channel[1]]
 
 
+@contextmanager
+def plain_xml() -> Iterator[None]:
+    """Within it lxml, which sarkit reads documents with, expands no entity and opens no other file or address."""
+    import lxml.etree
+
+    before = lxml.etree.get_default_parser()
+    strict = lxml.etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    lxml.etree.set_default_parser(strict)
+    try:
+        yield
+    finally:
+        lxml.etree.set_default_parser(before)
+
+
+def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:
+    """Raise a DataError where a document has a document type: neither standard has one, and it can hide content."""
+    if tree.docinfo.internalDTD is not None or tree.docinfo.doctype:
+        raise DataError(f"{what}: its document has a document type (<!DOCTYPE), which the standard has not")
+
+
 def said(error: BaseException) -> str:
     """A library's message in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
-__all__ = ["DAMAGED", "EPOCH", "LETTERS", "MODE_TYPES", "OTHER_MODE", "Element", "polarisations", "said"]
+__all__ = [
+    "DAMAGED",
+    "EPOCH",
+    "LETTERS",
+    "MODE_TYPES",
+    "OTHER_MODE",
+    "Element",
+    "plain_xml",
+    "polarisations",
+    "refuse_document_type",
+    "said",
+]

@@ -76,13 +76,23 @@ def _remedy(timing: PulseTiming) -> str:
 
 def _of_the_pulses(where: str, t: PulseTiming, remedy: str) -> list[Finding]:
     found = []
-    if t.prf < t.lowest_prf * (1.0 - 1e-9):
+    if t.prf < t.processed_bandwidth * (1.0 - 1e-9):
         found.append(
             Finding(
                 "doppler",
-                f"{where}: prf = {t.prf:.6g} Hz is below the Doppler bandwidth {t.lowest_prf:.6g} Hz; raise prf, "
-                "coarsen azimuth_resolution or narrow the beam",
+                f"{where}: prf = {t.prf:.6g} Hz is below the Doppler bandwidth {t.processed_bandwidth:.6g} Hz; raise "
+                "prf, coarsen azimuth_resolution or narrow the beam",
                 True,
+            )
+        )
+    elif t.prf < t.lowest_prf * (1.0 - 1e-9):
+        found.append(
+            Finding(
+                "azimuth_ghosts",
+                f"{where}: prf = {t.prf:.6g} Hz samples the Doppler bandwidth of the image, "
+                f"{t.processed_bandwidth:.6g} Hz, and not that of the beam, {t.lowest_prf:.6g} Hz: what lies beside "
+                f"the image within the beam folds into it; with ground there, take prf = {t.lowest_prf:.6g} Hz or more",
+                False,
             )
         )
     if t.duty_cycle >= 1.0:

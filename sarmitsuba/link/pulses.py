@@ -31,9 +31,11 @@ class PulseTiming:
     duty_cycle : share of the time that the transmitter is on
     peak_power, average_power : W
     processed_bandwidth : Doppler bandwidth that the image is made of: of every pixel's own aperture, or what the image
-        spreads over at one instant where the beam is steered, Hz
+        spreads over at one instant where the beam is steered, Hz; no prf below it makes the image
     beam_bandwidth : Doppler spread between the beam's half-power directions, Hz; infinite when isotropic
-    lowest_prf : what the prf must not be below, Hz: `processed_bandwidth`, or where a beam is steered `beam_bandwidth`
+    lowest_prf : below it ground beside the image folds into it, Hz: `processed_bandwidth`, and where a beam is steered
+        over an image that fills a part of it, the bandwidth of the beam or, of pixels with apertures of their own, of
+        these
     highest_prf : above it the echoes of one pulse last longer than the interval leaves free, Hz
     echo_begins, echo_ends : delay after the pulse's start of the first and after the last echo of the swath, s
     nadir_begins, nadir_ends : that of the echo from straight below, s; its own pulse's is compressed to its own range,
@@ -97,13 +99,17 @@ def pulse_timing(radar: Radar, grid: ImageGrid, height: float) -> PulseTiming:
     nadir = (below, below + wave.pulse_width)
     speed = float(np.linalg.norm(track.velocity[track.center_index]))
     beam = _beam_bandwidth(radar, speed)
-    if np.isfinite(radar.half_aperture):
-        processed = 4.0 * speed / wave.wavelength * radar.half_aperture
+    used = (
+        4.0 * speed / wave.wavelength * radar.half_aperture
+    )  # of the beam, at every instant; infinite: all of it
+    if np.isfinite(used) and not radar.mode_law.instantaneous_doppler:
+        processed = used
     else:
-        processed = doppler_bandwidth(
+        spread = doppler_bandwidth(
             position, velocity, _box(grid), wave.wavelength, instantaneous=_at_once(radar)
         )
-    lowest = processed if np.isfinite(radar.half_aperture) or np.isinf(beam) else beam
+        processed = min(used, spread)
+    lowest = used if np.isfinite(used) else processed if np.isinf(beam) else beam
     highest = 1.0 / (ends - begins + wave.pulse_width)
     return PulseTiming(
         prf=prf,

@@ -11,7 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.cleaning import clean_mesh
+from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.units import doubtful_unit
@@ -175,37 +175,30 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
 def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
-    vertices, faces, material, group, counts, convex, notes = [], [], [], [], [], [], []
-    n_vertices = n_groups = 0
     for surface in surfaces:
-        # NaN and infinity are counted by the mesh check
-        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices[np.isfinite(surface.vertices)])
-        try:
-            v, f, repaired = clean_mesh(surface.name, surface.vertices, surface.faces)
-        except SceneError as error:
-            raise SceneError(f"{label}: {error}") from error
-        g = np.zeros(f.shape[0], dtype=np.int32) if surface.smooth else smooth_groups(v, f)
-        vertices.append(v)
-        faces.append(f + n_vertices)
-        group.append(g + n_groups)
-        material.append(np.full(f.shape[0], surface.material, dtype=np.int32))
-        counts.append(f.shape[0])
+        _check_size(f'{label}: mesh "{surface.name}"', surface.vertices)
+    try:
+        joined = clean_meshes(
+            [s.name for s in surfaces], [s.vertices for s in surfaces], [s.faces for s in surfaces]
+        )
+    except SceneError as error:
+        raise SceneError(f"{label}: {error}") from error
+    v, f, notes = joined.vertices, joined.faces, joined.notes
+    convex = [s.convex and not repaired for s, repaired in zip(surfaces, joined.repaired, strict=True)]
+    if len(surfaces) == 1 and f.shape[0] <= MAX_PROVEN_FACES:
         # of several bodies it would be of no use to know which are convex
-        alone = len(surfaces) == 1 and f.shape[0] <= MAX_PROVEN_FACES
-        convex.append((surface.convex and not repaired) or (alone and is_convex_body(v, f)))
-        n_vertices += v.shape[0]
-        n_groups += int(g.max()) + 1
-        notes += repaired
+        convex = [convex[0] or is_convex_body(v, f)]
     if len(notes) > _MAX_MESH_NOTES:
         notes = [
             *notes[:_MAX_MESH_NOTES],
             f"... and {len(notes) - _MAX_MESH_NOTES} more such repairs of meshes",
         ]
+    counts = np.bincount(joined.mesh, minlength=len(surfaces))
     geometry = Geometry(
-        vertices=np.concatenate(vertices),
-        faces=np.concatenate(faces).astype(np.int32),
-        face_material=np.concatenate(material),
-        face_group=np.concatenate(group).astype(np.int32),
+        vertices=v,
+        faces=f,
+        face_material=np.array([s.material for s in surfaces], dtype=np.int32)[joined.mesh],
+        face_group=_groups(joined, np.array([s.smooth for s in surfaces])),
         mesh_names=tuple(s.name for s in surfaces),
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         mesh_convex=tuple(convex),
@@ -214,9 +207,29 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
     return geometry, [f"{label}: {note}" for note in notes]
 
 
+def _groups(joined: JoinedMeshes, smooth: NDArray[np.bool_]) -> I32:
+    """(n_f,) int32 smooth groups of all meshes; those that are ``smooth``, (n_meshes,), are one group each."""
+    whole = smooth[joined.mesh]
+    facets = ~whole
+    label = joined.mesh + joined.mesh.size  # beyond every group of facets
+    label[facets] = smooth_groups(joined.vertices, joined.faces[facets], mesh=joined.mesh[facets])
+    if not whole.any():
+        return label.astype(np.int32)
+    # numbered in the order of their first faces
+    _, first, group = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(first.size, dtype=np.int32)
+    rank[np.argsort(first)] = np.arange(first.size)
+    return rank[group.reshape(-1)]
+
+
 def _check_size(what: str, coordinates: F64) -> None:
-    if (np.abs(coordinates) > MAX_COORDINATE).any():
-        largest = float(np.nanmax(np.abs(coordinates)))
+    """Raise a SceneError where a finite coordinate is a mistake of units; the mesh check counts the others."""
+    size = np.abs(coordinates)
+    if (
+        not (size <= MAX_COORDINATE).all()
+        and (size := size[np.isfinite(size)]).max(initial=0.0) > MAX_COORDINATE
+    ):
+        largest = float(size.max())
         raise SceneError(
             f"{what}: coordinate {largest:g} m lies beyond {MAX_COORDINATE:g} m; check units and to_world"
         )

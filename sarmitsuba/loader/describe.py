@@ -1,6 +1,6 @@
 """What a scene says of its radar: sensor, film and integrator, read from their elements."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import RadarError, SceneError
@@ -10,6 +10,9 @@ from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.scene.settings import TraceSettings
+
+# where the origin of the file's frame lies on the Earth
+_ANCHOR = ("latitude_deg", "longitude_deg", "height")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,10 @@ def _sensor(root: Element, radar_root: Element | None, label: str) -> tuple[Elem
         )
     found = [_pick_sensor(tree) for tree in (radar_root, root) if tree is not None]
     sensor = next((s for s in found if s is not None), None)
+    if sensor is not None and found[-1] is not None and sensor is not found[-1]:
+        # the frame on the Earth is the geometry's, whatever radar looks at it
+        place = {name: value for name, value in found[-1].values.items() if name in _ANCHOR}
+        sensor = replace(sensor, values={**sensor.values, **place})
     if sensor is None:
         others = [e.plugin for e in root.of_kind("sensor")]
         has = f"only {', '.join(others)}" if others else "none"

@@ -57,23 +57,33 @@ def add_mesh_file(collector: Collector, path: Path, options: MeshOptions) -> Non
     """
     parts = read_parts(path, path.name)
     check_chosen(options.materials, {part.material for part in parts if part.material}, path.name)
-    turn, said = _turn(path, parts, options)
-    scale = _scale(path, parts, turn, options)
-    matrix = scale * turn
+    matrix, said = upright(path.name, path.suffix, parts, options)
+    collector.notes.append(said)
     vertices = [part.vertices @ matrix.T for part in parts]
-    span = np.ptp(np.concatenate(vertices), axis=0)
-    collector.notes.append(
-        f"{path.name}: {said}, unit {options.unit if options.unit != 'auto' else 'm'}: {span[0]:.4g} m x "
-        f"{span[1]:.4g} m wide and {span[2]:.4g} m high (--up and --unit change that)"
-    )
     collector.add_parts(path.name, parts, vertices, options.materials)
 
 
-def _turn(path: Path, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
+def upright(name: str, suffix: str, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
+    """(3, 3) matrix from a file's coordinates to metres east, north and up, and what is said of it.
+
+    Raises
+    ------
+    SceneError : the coordinates cannot be metres, and no unit is given
+    """
+    turn, said = _turn(suffix, parts, options)
+    matrix = _scale(name, parts, turn, options) * turn
+    span = np.ptp(np.concatenate([part.vertices @ matrix.T for part in parts]), axis=0)
+    return matrix, (
+        f"{name}: {said}, unit {options.unit if options.unit != 'auto' else 'm'}: {span[0]:.4g} m x "
+        f"{span[1]:.4g} m wide and {span[2]:.4g} m high (--up and --unit change that)"
+    )
+
+
+def _turn(suffix: str, parts: list[MeshPart], options: MeshOptions) -> tuple[F64, str]:
     """(3, 3) rotation of the file's axes into east, north, up, and what is said of it."""
     if options.up != "auto":
         up, said = options.up, f"{options.up} up as asked"
-    elif path.suffix.lower() in _GLTF:
+    elif suffix.lower() in _GLTF:
         up, said = "y", "y up as glTF has it"
     else:
         up = "y" if up_axis(_triangles(parts)) == 1 else "z"
@@ -83,14 +93,14 @@ def _turn(path: Path, parts: list[MeshPart], options: MeshOptions) -> tuple[F64,
     return np.eye(3), said
 
 
-def _scale(path: Path, parts: list[MeshPart], turn: F64, options: MeshOptions) -> float:
+def _scale(name: str, parts: list[MeshPart], turn: F64, options: MeshOptions) -> float:
     """Metres of the file's unit."""
     if options.unit != "auto":
         return UNITS[options.unit]
     doubt = doubtful_unit(_triangles(parts) @ turn.T)
     if doubt:
         raise SceneError(
-            f"{path.name}: the unit cannot be the metre, {doubt}; give --unit {', '.join(UNITS)}, or "
+            f"{name}: the unit cannot be the metre, {doubt}; give --unit {', '.join(UNITS)}, or "
             '--unit m if it is right, or --up where "up" is wrong'
         )
     return 1.0
@@ -100,4 +110,4 @@ def _triangles(parts: list[MeshPart]) -> F64:
     return np.concatenate([part.vertices[part.faces] for part in parts])
 
 
-__all__ = ["SUFFIXES", "UNITS", "UPS", "MeshOptions", "add_mesh_file", "is_mesh_file"]
+__all__ = ["SUFFIXES", "UNITS", "UPS", "MeshOptions", "add_mesh_file", "is_mesh_file", "upright"]

@@ -14,6 +14,7 @@ from sarmitsuba.loader.from_mitsuba import scene_from_mitsuba
 from sarmitsuba.loader.library import resolve, resolve_radar
 from sarmitsuba.loader.overrides import check_used, split_parameters
 from sarmitsuba.loader.plugins import register_plugins
+from sarmitsuba.loader.references import check_meshes
 from sarmitsuba.loader.shapes import placed_shapes
 from sarmitsuba.loader.xml import parse_dict, parse_file, read_text
 from sarmitsuba.scene.scene import Scene
@@ -27,6 +28,7 @@ def load_scene(
     radar: Path | str | None = None,
     parameters: Mapping[str, str] | None = None,
     mesh: MeshOptions | None = None,
+    allow_outside: bool = False,
 ) -> Scene:
     """Load a scene file, a shipped scene, a dict as for ``mi.load_dict``, or what Mitsuba has loaded.
 
@@ -37,6 +39,7 @@ def load_scene(
     radar : XML file (or shipped name) whose sensor, film and integrator replace the scene's
     parameters : values of the file's ``$name`` parameters, and ``plugin.parameter`` to override a plugin's
     mesh : unit, up axis and materials of a mesh file
+    allow_outside : a file may include others, and name meshes, from outside its own folder
 
     Returns
     -------
@@ -58,7 +61,7 @@ def load_scene(
     plain, overrides = split_parameters(parameters or {}, tables.TABLES)
     file = resolve(scene) if isinstance(scene, Path | str) else None
     radar_file = None if radar is None else resolve_radar(radar)
-    radar_root = None if radar_file is None else parse_file(radar_file, plain)
+    radar_root = None if radar_file is None else parse_file(radar_file, plain, allow_outside=allow_outside)
     loaded, root = None, None
     from_mesh = file is not None and is_mesh_file(file)
     if mesh is not None and not from_mesh:
@@ -68,7 +71,7 @@ def load_scene(
     if file is not None and from_mesh:
         root = Element("scene", "scene", "", file.name, file.parent, {})
     elif file is not None:
-        root = parse_file(file, plain)
+        root = parse_file(file, plain, allow_outside=allow_outside)
     elif not _holds_objects(scene) and isinstance(scene, Mapping):
         root = parse_dict(scene, _DICT)
     else:
@@ -80,6 +83,8 @@ def load_scene(
     if root is None:
         return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
 
+    if file is not None and not allow_outside:
+        check_meshes(walk(root))
     described = describe(root, radar_root, overrides, label)
     collector = Collector("scene" if file is None else file.stem, file, described, overrides)
     if file is not None and from_mesh:

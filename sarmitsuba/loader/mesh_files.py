@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
+from sarmitsuba.mesh.ply import read_ply
 from sarmitsuba.parameters import one_line
 
 F64 = NDArray[np.float64]
@@ -70,9 +71,11 @@ class MeshPart:
 
 def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     """Triangles of a ply, obj or stl file, vertices as they are."""
-    import trimesh
-
     with _reading(path, where):
+        if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
+            return read[0], _checked(*read, path, where)
+        import trimesh
+
         if path.suffix.lower() == ".obj":
             options = {"file_type": "obj", "skip_materials": True, "maintain_order": True}
             loaded = trimesh.load_scene(BytesIO(_obj_geometry(path)), process=False, **options)

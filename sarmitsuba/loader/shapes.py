@@ -188,8 +188,14 @@ def mesh_path(element: Element) -> Path:
     if not isinstance(name, str) or not name:
         raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
     path = element.folder / name
-    if not path.is_file():
-        raise SceneError(f'{element.where}: mesh file "{name}" not found in {element.folder}; check filename')
+    try:
+        found = path.is_file()
+    except OSError:  # longer than the system takes
+        found = False
+    if not found:
+        raise SceneError(
+            f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}; check filename'
+        )
     return path
 
 

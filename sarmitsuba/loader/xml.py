@@ -1,12 +1,14 @@
 """Scene files and dicts as trees of elements, read by Mitsuba's own parser with every number in float64."""
 
 import re
+from bisect import bisect_left
 from collections.abc import Mapping
 from pathlib import Path
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, plain_value
+from sarmitsuba.loader.references import check_document, check_files
 from sarmitsuba.loader.tables import TABLES
 from sarmitsuba.parameters import did_you_mean, one_line
 
@@ -16,13 +18,14 @@ _NODE = re.compile(r'dictionary node "(.*)"')
 _PARSER_ERRORS = (RuntimeError, TypeError, ValueError, IndexError, KeyError, AttributeError)
 
 
-def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
+def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool = False) -> Element:
     """Read a scene file into elements.
 
     Parameters
     ----------
     path : XML file
     parameters : values of the file's ``$name`` parameters, without plugin overrides
+    allow_outside : it may include files from outside its folder
 
     Returns
     -------
@@ -30,13 +33,15 @@ def parse_file(path: Path, parameters: Mapping[str, str]) -> Element:
 
     Raises
     ------
-    SceneError : one line about what is malformed, and where
+    SceneError : one line about what is malformed, and where, or about a file that is not allowed
     """
-    read_text(path)
+    check_document(path, allow_outside=allow_outside)
     config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug
     try:
         state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
+        if not allow_outside:
+            check_files(path.name, [str(file) for file in state.files], path.parent)
         root = _tree(config, state, path.name, path.parent)
     except _PARSER_ERRORS as error:
         raise SceneError(_parser_message(str(error), path)) from None
@@ -95,33 +100,48 @@ def _tree(
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve_references(config, state)
     elements = []
+    lines = _Lines(state)
     for node in state.nodes:
         props = node.props
         plugin, name = props.plugin_name(), props.id()
         kind = _kind(str(node.type), plugin, label)
-        location = mi.parser.file_location(state, node)
-        place = _NODE.search(location)
-        if place and place[1].endswith(f".{name}"):
-            label_here, name = f'{kind} "{place[1]}"', ""  # a key such as "bsdf" is no name
+        if state.node_paths:  # of a dict
+            place = _NODE.search(mi.parser.file_location(state, node))
+            if place and place[1].endswith(f".{name}"):
+                called, name = f'{kind} "{place[1]}"', ""  # a key such as "bsdf" is no name
+            else:
+                called = f'{kind} "{name}"' if name else f"{kind} {plugin}"
         else:
-            line = _POSITION.search(location)
-            label_here = (
-                f'{kind} "{name}"'
-                if name
-                else f"{kind} {plugin}{f' ({line[1].split(chr(44))[0]})' if line else ''}"
-            )
+            called = f'{kind} "{name}"' if name else f"{kind} {plugin} (line {lines.of(node)})"
+        given = {key: props[key] for key in props.keys()}
         values = {
-            key: plain_value(props[key])
-            for key in props.keys()
-            if not isinstance(props[key], mi.Properties.ResolvedReference)
+            key: plain_value(value)
+            for key, value in given.items()
+            if not isinstance(value, mi.Properties.ResolvedReference)
         }
-        elements.append(Element(kind, plugin, name, f"{label}: {label_here}", folder, values))
+        elements.append(Element(kind, plugin, name, f"{label}: {called}", folder, values))
     for node, element in zip(state.nodes, elements, strict=True):
         for key in node.props.keys():
             value = node.props[key]
             if isinstance(value, mi.Properties.ResolvedReference):
                 element.children.append((key, elements[value.index()]))
     return elements[0]
+
+
+class _Lines:
+    """Line numbers of the nodes of files; Mitsuba's own search reads the file anew for each node."""
+
+    def __init__(self, state: "mi.parser.ParserState") -> None:
+        self._state = state
+        self._ends: dict[int, list[int]] = {}
+
+    def of(self, node: "mi.parser.SceneNode") -> int:
+        """Line that a node stands in, from 1."""
+        number = node.file_index
+        if number not in self._ends:
+            text = Path(str(self._state.files[number])).read_bytes()
+            self._ends[number] = [found.start() for found in re.finditer(b"\n", text)]
+        return bisect_left(self._ends[number], node.offset) + 1
 
 
 def _kind(node_type: str, plugin: str, label: str) -> str:
@@ -142,7 +162,7 @@ def _parser_message(text: str, path: Path) -> str:
     what = _POSITION.sub("", last)
     match = re.match(r'Parsing of XML file ".*?" failed: (.*)', what)
     if match:
-        return f"{path.name}{place}: malformed XML: {match.group(1)}; check that every element is closed"
+        return f"{path.name}{place}: malformed XML: {one_line(match.group(1), 200)}; check that every element is closed"
     match = re.match(r'Error while loading (?:XML file )?"?(.*?)"?: (.*)', what)
     file_name, what = (Path(match.group(1)).name, match.group(2)) if match else (path.name, what)
     remedy = ""

@@ -1,5 +1,8 @@
 """Triangle meshes as they come: refused when they cannot mean anything, cleaned when they can."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -43,53 +46,116 @@ def clean_mesh(name: str, vertices: ArrayLike, faces: ArrayLike) -> tuple[F64, I
     Ignores coplanar overlap of faces with different corners, T-junctions and self-intersection: the tracer
     takes the nearest surface, and they need no repair.
     """
-    v = np.asarray(vertices, dtype=np.float64)
-    f = _checked_faces(name, v, np.asarray(faces))
-    notes: list[str] = []
-    n_given = f.shape[0]
+    joined = clean_meshes([name], [vertices], [faces])
+    return joined.vertices, joined.faces, joined.notes
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedMeshes:
+    """Cleaned meshes one after the other.
+
+    Parameters
+    ----------
+    vertices : (n_v, 3) float64, m
+    faces : (n_f, 3) int32, into all vertices
+    mesh : (n_f,) int64, number of each face's mesh
+    notes : of all meshes, in their order
+    repaired : (n_meshes,) bool, whether a note is of it
+    """
+
+    vertices: F64
+    faces: I32
+    mesh: I64
+    notes: list[str]
+    repaired: NDArray[np.bool_]
+
+
+def clean_meshes(
+    names: Sequence[str], vertices: Sequence[ArrayLike], faces: Sequence[ArrayLike]
+) -> JoinedMeshes:
+    """Clean every mesh as `clean_mesh` does, all in the same array operations: a city has thousands of small ones.
+
+    Raises
+    ------
+    SceneError
+        As of `clean_mesh`, about the first mesh that is wrong.
+    """
+    v, f, mesh, mesh_of_vertex = _joined(names, vertices, faces)
+    n_meshes = len(names)
+    n_given = np.bincount(mesh, minlength=n_meshes)
 
     keep = ~_zero_area(v, f)
-    n_flat = n_given - int(keep.sum())
-    if n_flat:
-        notes.append(f'mesh "{name}": removed {n_flat} of {n_given} faces without area')
-    f = f[keep]
-    if not f.size:
-        raise SceneError(f'mesh "{name}": all {n_given} faces have zero area; check its scale and to_world')
+    f, mesh = f[keep], mesh[keep]
+    n_kept = np.bincount(mesh, minlength=n_meshes)
+    for i in np.flatnonzero(n_kept == 0).tolist():
+        raise SceneError(
+            f'mesh "{names[i]}": all {n_given[i]} faces have zero area; check its scale and to_world'
+        )
 
-    first, n_same, n_flipped = _unique_faces(weld(v), f)
-    if n_same + n_flipped:
-        n_copies = f"{n_same + n_flipped} duplicate faces of {n_given}"
-        notes.append(f'mesh "{name}": removed {n_copies} ({n_flipped} flipped copies)')
-        f = f[first]
+    # a position of one mesh is another than the same position of the next
+    position = weld(v)
+    first, n_same, n_flipped = _unique_faces(position + mesh_of_vertex * (int(position.max()) + 1), f, mesh)
+    f, mesh = f[first], mesh[first]
+
+    n_flat, n_copies = n_given - n_kept, n_same + n_flipped
+    notes = []
+    for i in np.flatnonzero(n_flat + n_copies).tolist():
+        if n_flat[i]:
+            notes.append(f'mesh "{names[i]}": removed {n_flat[i]} of {n_given[i]} faces without area')
+        if n_copies[i]:
+            copies = f"{n_copies[i]} duplicate faces of {n_given[i]}"
+            notes.append(f'mesh "{names[i]}": removed {copies} ({n_flipped[i]} flipped copies)')
 
     used = np.zeros(v.shape[0], dtype=bool)
     used[f] = True
     if not used.all():
         f = (np.cumsum(used) - 1)[f]
         v = v[used]
-    return np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.int32), notes
+    return JoinedMeshes(
+        np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.int32), mesh, notes, n_flat + n_copies > 0
+    )
 
 
-def _checked_faces(name: str, v: F64, f: NDArray[np.generic]) -> I64:
-    """Faces as int64; raises a SceneError where they or the vertices cannot mean a mesh."""
+def _joined(
+    names: Sequence[str], vertices: Sequence[ArrayLike], faces: Sequence[ArrayLike]
+) -> tuple[F64, I64, I64, I64]:
+    """All vertices and faces, the mesh of every face and of every vertex; each mesh is checked."""
+    given = [(np.asarray(v, dtype=np.float64), np.asarray(f)) for v, f in zip(vertices, faces, strict=True)]
+    for name, (v, f) in zip(names, given, strict=True):
+        _check_form(name, v, f)
+    n_v, n_f = (np.array([len(pair[k]) for pair in given]) for k in (0, 1))
+    numbers = np.arange(len(given))
+    mesh, mesh_of_vertex = np.repeat(numbers, n_f), np.repeat(numbers, n_v)
+    v = np.concatenate([corners for corners, _ in given])
+    f = np.concatenate([indices for _, indices in given], dtype=np.int64, casting="unsafe")
+    if not np.isfinite(v).all() or ((f < 0) | (f >= n_v[mesh][:, None])).any():
+        for name, (corners, indices) in zip(names, given, strict=True):
+            _check_numbers(name, corners, indices.astype(np.int64))
+    return v, f + (np.cumsum(n_v) - n_v)[mesh][:, None], mesh, mesh_of_vertex
+
+
+def _check_form(name: str, v: F64, f: NDArray[np.generic]) -> None:
+    """Raise a SceneError where shapes or types cannot mean a mesh."""
     if v.ndim != 2 or v.shape[-1] != 3:
         raise SceneError(f'mesh "{name}": vertices have the shape {v.shape}, not (n, 3)')
     if v.shape[0] == 0 or f.size == 0:
         counts = f"{v.shape[0]} vertices, {f.size // 3} faces"
         raise SceneError(f'mesh "{name}": empty ({counts}); give it triangles or remove it')
-    if f.ndim != 2 or f.shape[-1] != 3 or not np.issubdtype(f.dtype, np.integer):
+    if f.ndim != 2 or f.shape[-1] != 3 or f.dtype.kind not in "iu":
         found = f"the shape {f.shape} of {f.dtype}"
         raise SceneError(f'mesh "{name}": faces have {found}, not (n, 3) of integers')
+
+
+def _check_numbers(name: str, v: F64, index: I64) -> None:
+    """Raise a SceneError where vertices are not finite or faces refer to none."""
     bad = int((~np.isfinite(v)).any(axis=1).sum())
     if bad:
         count = f"{bad} of {v.shape[0]}"
         raise SceneError(f'mesh "{name}": {count} vertices are NaN or infinite; repair the mesh')
-    index = f.astype(np.int64)
     wrong = int(((index < 0) | (index >= v.shape[0])).any(axis=1).sum())
     if wrong:
-        count, last = f"{wrong} of {f.shape[0]}", v.shape[0] - 1
+        count, last = f"{wrong} of {index.shape[0]}", v.shape[0] - 1
         raise SceneError(f'mesh "{name}": {count} faces have corners outside 0 ... {last}; repair the mesh')
-    return index
 
 
 def _zero_area(v: F64, f: I64) -> NDArray[np.bool_]:
@@ -102,8 +168,11 @@ def _zero_area(v: F64, f: I64) -> NDArray[np.bool_]:
     return np.asarray(cross <= rounding * longest)
 
 
-def _unique_faces(vertex: I64, f: I64) -> tuple[I64, int, int]:
-    """Pick one face of each set of copies (ascending), and count the same-wound and flipped ones that go."""
+def _unique_faces(vertex: I64, f: I64, mesh: I64) -> tuple[I64, I64, I64]:
+    """Pick one face of each set of copies (ascending); per mesh the counts of same-wound and flipped ones that go.
+
+    ``vertex`` labels the positions, each mesh with labels of its own.
+    """
     ids = vertex[f]
     low = ids.argmin(axis=1)
     # rotate the smallest label to the front: equal faces agree in all three, flipped ones swap the last two
@@ -118,8 +187,11 @@ def _unique_faces(vertex: I64, f: I64) -> tuple[I64, int, int]:
     starts = order[~copy]
     group = np.cumsum(~copy) - 1
     n_odd = np.bincount(group, weights=flipped[order])
-    n_flipped = int(np.minimum(n_odd, np.bincount(group) - n_odd).sum())
-    return np.sort(starts), int(copy.sum()) - n_flipped, n_flipped
+    n_flipped = np.minimum(n_odd, np.bincount(group) - n_odd)
+    n_meshes = int(mesh.max()) + 1
+    flipped_of_mesh = np.bincount(mesh[starts], n_flipped, n_meshes).astype(np.int64)
+    copies_of_mesh = np.bincount(mesh[order[copy]], minlength=n_meshes)
+    return np.sort(starts), copies_of_mesh - flipped_of_mesh, flipped_of_mesh
 
 
-__all__ = ["clean_mesh"]
+__all__ = ["JoinedMeshes", "clean_mesh", "clean_meshes"]

@@ -1,9 +1,35 @@
-"""Meshes to PLY files."""
+"""Meshes to PLY files, and from those of the plain binary layout."""
 
+import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+# places, normals and colours of vertices, x, y and z first (texture coordinates split vertices), and faces of lists
+# alone: what exporters of triangles write
+_HEADER = re.compile(
+    rb"ply\r?\nformat binary_little_endian 1\.0\r?\n"
+    rb"((?:comment [^\n]*\n|obj_info [^\n]*\n)*)"
+    rb"element vertex (\d{1,10})\r?\n"
+    rb"((?:property (?:float|float32|double|float64|uchar|uint8)"
+    rb" (?:[xyz]|n[xyz]|red|green|blue|alpha)\r?\n)+)"
+    rb"element face (\d{1,10})\r?\n"
+    rb"property list (?:uchar|uint8) (int|uint|int32|uint32) vertex_ind(?:ices|ex)\r?\n"
+    rb"end_header\r?\n"
+)
+_LONGEST_HEADER = 8192  # bytes
+_TYPES = {
+    **dict.fromkeys((b"float", b"float32"), "<f4"),
+    **dict.fromkeys((b"double", b"float64"), "<f8"),
+    **dict.fromkeys((b"uchar", b"uint8"), "u1"),
+}
+
+
+_FACE = np.dtype([("n", "u1"), ("corner", "<i4", (3,))])
 
 
 def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
@@ -16,7 +42,7 @@ def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
     faces : (n_f, 3) int
     """
     v = np.asarray(vertices, dtype="<f8")
-    rows = np.zeros(len(np.asarray(faces)), dtype=[("n", "u1"), ("corner", "<i4", (3,))])
+    rows = np.zeros(len(np.asarray(faces)), dtype=_FACE)
     rows["n"] = 3
     rows["corner"] = faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {v.shape[0]}"]
@@ -25,4 +51,44 @@ def write_ply(path: Path, vertices: ArrayLike, faces: ArrayLike) -> None:
     path.write_bytes("\n".join(header).encode() + v.tobytes() + rows.tobytes())
 
 
-__all__ = ["write_ply"]
+def read_ply(path: Path) -> tuple[F64, I64] | None:
+    """Read triangles of a binary file of the plain layout; None: it has another, and wants a reader of all layouts.
+
+    A city has thousands of small files, and this takes a tenth of the time per file that general readers take.
+
+    Parameters
+    ----------
+    path : of an existing file
+
+    Returns
+    -------
+    vertices : (n_v, 3) float64, unit and axes of the file
+    faces : (n_f, 3) int64, not checked against the number of vertices
+    """
+    with path.open("rb") as file:
+        data = file.read(_LONGEST_HEADER)
+        header = _HEADER.match(data)
+        if header is None:
+            return None
+        data += file.read()
+    properties = [tuple(line.split()[1:]) for line in header[3].splitlines()]
+    if [name for _, name in properties[:3]] != [b"x", b"y", b"z"] or len({k for k, _ in properties[:3]}) > 1:
+        return None
+    kind = _TYPES[properties[0][0]]
+    stride = sum(np.dtype(_TYPES[each]).itemsize for each, _ in properties)
+    n_vertices, n_faces = int(header[2]), int(header[4])
+    first_face = header.end() + n_vertices * stride
+    # one byte that says three, and three numbers; lists of other lengths make another size
+    if kind == "u1" or len(data) != first_face + 13 * n_faces:
+        return None
+    rows = np.frombuffer(data, _FACE, n_faces, first_face)
+    if not (rows["n"] == 3).all():
+        return None
+    corners = np.ndarray((n_vertices, 3), kind, data, header.end(), (stride, np.dtype(kind).itemsize))
+    faces = rows["corner"]
+    if header[5].startswith(b"u"):
+        faces = faces.view("<u4")
+    return corners.astype(np.float64), faces.astype(np.int64)
+
+
+__all__ = ["read_ply", "write_ply"]

@@ -15,7 +15,9 @@ I64 = NDArray[np.int64]
 _MAX_FACES_AT_EDGE = 32
 
 
-def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0) -> I32:
+def smooth_groups(
+    vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0, mesh: I64 | None = None
+) -> I32:
     """Label the smooth pieces of surface: faces joined over shared edges that bend less than an angle.
 
     Edges are matched by the position of their ends, so meshes that repeat vertices at every corner work. The
@@ -26,10 +28,11 @@ def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0
     vertices : (n_v, 3) float, m
     faces : (n_f, 3) int, none of zero area
     angle_deg : largest bend that still joins, degrees
+    mesh : (n_f,) number of the mesh of every face, where there are several: faces of two are never joined
 
     Returns
     -------
-    (n_f,) int32, group of every face, 0 ... n_groups - 1
+    (n_f,) int32, group of every face, 0 ... n_groups - 1, in the order of their first faces
 
     Notes
     -----
@@ -43,6 +46,10 @@ def smooth_groups(vertices: ArrayLike, faces: ArrayLike, angle_deg: float = 20.0
         return np.zeros(0, dtype=np.int32)
     normal = _unit_normals(v, f)
     ids = weld(v)[f]
+    if mesh is not None:
+        # a place in one mesh is another than in the next; numbered without gaps, so that pairs of them fit 64 bits
+        _, ids = np.unique(ids + mesh[:, None] * (int(ids.max()) + 1), return_inverse=True)
+        ids = ids.reshape(f.shape)
     start = ids.ravel()
     end = np.roll(ids, -1, axis=1).ravel()
     forward = start < end

@@ -129,6 +129,7 @@ def _scene(record: dict[str, Json]) -> Scene | None:
         radar=resolve_radar(radar) if isinstance(radar, str) else None,
         parameters=definitions,
         mesh=options,
+        allow_outside=record.get("allow_outside") is True,
     )
 
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.metrics import Chip
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.radar.flight import Flight
 
 F64 = NDArray[np.float64]
 
@@ -38,27 +39,29 @@ class Carrier:
     .. math:: D_{spotlight} = |p - c|, \qquad D_{stripmap} = x \sin\psi + \rho \cos\psi, \qquad
               D_{sliding} = -|p - q|
 
-    c the antenna at mid-aperture, x the position along the track, rho the range of closest approach, psi the squint
-    of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: a pixel's line of sight at the
-    middle of its own aperture goes through it.
+    c the antenna at mid-aperture, x the position along its line of flight, rho the range of closest approach to it, psi
+    the squint of a pixel's own aperture, q the point that a sliding spotlight's beam turns about: the line of sight at
+    the middle of a pixel's own aperture goes through it.
 
     Parameters
     ----------
     grid : of the image
     wavelength : m
     center : (3,) float64, m, frame of the grid; antenna at mid-aperture
+    forward : (3,) float64, unit vector of its flight there; in orbit it climbs or sinks seen from the scene
     squint_sine : sine of the squint of pixels that have apertures of their own; None where all share one
     turning_range : m, range of closest approach of q; infinite for a beam fixed to the track
 
     Notes
     -----
-    For a track that is straight and level over the aperture of one pixel. On an aperture of many degrees what remains
+    For a track that is straight over the aperture of one pixel. On an aperture of many degrees what remains
     is wide, but centred.
     """
 
     grid: ImageGrid
     wavelength: float
     center: F64
+    forward: F64
     squint_sine: float | None
     turning_range: float = np.inf
 
@@ -86,9 +89,15 @@ class Carrier:
             raise DataError(
                 "image: it does not say where the antenna was; only slant images may leave that out"
             )
+        velocity = np.asarray(grid.along, dtype=np.float64)
+        if "flight" in facts:
+            flown = Flight.from_dict(facts["flight"])
+            first, middle, last = flown.span
+            velocity = flown.velocity_at(np.asarray(middle)) if last > first else flown.velocity
+        forward = velocity / np.linalg.norm(velocity)
         sine = facts.get("squint_sine")
         turning = float(facts.get("turning_range", np.inf))
-        return cls(grid, image.wavelength, center, None if sine is None else float(sine), turning)
+        return cls(grid, image.wavelength, center, forward, None if sine is None else float(sine), turning)
 
     def distance(self, azimuth: ArrayLike, range: ArrayLike) -> F64:
         """D at grid coordinates, m, of any shapes that fit each other."""
@@ -161,7 +170,7 @@ class Carrier:
         return Chip(self.removed(data, rows, columns), rows.start, columns.start)
 
     def place(self, point: F64) -> tuple[float, float]:
-        """Grid coordinates at which a point of any height is imaged (zero-Doppler geometry of a level track).
+        """Grid coordinates at which a point of any height is imaged: of the same range and Doppler on the image plane.
 
         Parameters
         ----------
@@ -174,15 +183,20 @@ class Carrier:
         """
         grid = self.grid
         line = point - self.center
-        x = float(line @ grid.along)
-        rho = float(np.linalg.norm(line - x * grid.along))
-        azimuth = float((point - grid.origin) @ grid.along)
-        if grid.kind == "slant":
-            return azimuth, rho
-        square = rho**2 - float(self.center[2] - grid.height) ** 2
+        drop = grid.height - float(self.center[2])
+        along, across = float(self.forward @ grid.along), float(self.forward @ grid.across)
+        # (a, b) from the foot of the antenna along and across, on the plane: a along + b across = wanted
+        wanted = float(line @ self.forward) - float(self.forward[2]) * drop
+        left = float(line @ line) - drop**2  # a^2 + b^2
+        scale = along**2 + across**2
+        square = left * scale - wanted**2
         if square < 0.0:
             raise DataError(f"point at {point.tolist()} m is nearer to the track than the image plane")
-        return azimuth, float(np.sqrt(square) + (self.center - grid.origin) @ grid.across)
+        root = float(np.sqrt(square)) / scale
+        foot = self.center - grid.origin
+        a = wanted * along / scale - root * across + float(foot @ grid.along)
+        b = wanted * across / scale + root * along + float(foot @ grid.across)
+        return a, b if grid.kind == "ground" else float(np.hypot(b, grid.origin[2] - grid.height))
 
     def scene_position(self, azimuth: float, range: float) -> F64:
         """(3,) float64, m, frame of the user's file: where grid coordinates lie on the image's plane."""
@@ -194,16 +208,16 @@ class Carrier:
         return np.asarray(flat + azimuth * grid.along + across * grid.across + grid.offset)
 
     def _cylinder(self, azimuth: ArrayLike, range: ArrayLike) -> tuple[F64, F64]:
-        """Position along the track from mid-aperture, and distance from the track's line, m."""
+        """Position along the line of flight from mid-aperture, and distance from that line, m."""
         grid = self.grid
-        shift = grid.origin - self.center
-        x = np.asarray(azimuth, dtype=np.float64) + float(shift @ grid.along)
         r = np.asarray(range, dtype=np.float64)
-        if grid.kind == "slant" and not shift.any():
-            return x, r
         if grid.kind == "slant":
             r = np.sqrt(np.maximum(r**2 - (grid.origin[2] - grid.height) ** 2, 0.0))
-        return x, np.hypot(r + float(shift @ grid.across), float(self.center[2] - grid.height))
+        foot = np.array([*grid.origin[:2], grid.height]) - self.center
+        along, across = np.broadcast_arrays(np.asarray(azimuth, dtype=np.float64), r)
+        line = foot + along[..., None] * grid.along + across[..., None] * grid.across
+        x = line @ self.forward
+        return np.asarray(x), np.asarray(np.linalg.norm(line - x[..., None] * self.forward, axis=-1))
 
 
 __all__ = ["Carrier", "Lobes"]

@@ -12,6 +12,8 @@ from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 
+_STRAIGHT = 1e-3  # m
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -94,6 +96,14 @@ class Collection:
     def own_apertures(self) -> bool:
         """Whether every pixel was seen during a time of its own."""
         return self.signal.aperture < self.duration * (1.0 - 1e-9)
+
+    @property
+    def straight_and_level(self) -> bool:
+        """Whether the flight is a level line, to a millimetre."""
+        rows = self.polynomial()
+        bend = rows[2:] * self.duration ** np.arange(2, len(rows))[:, None]
+        climb = float(rows[1, 2]) * self.duration if len(rows) > 1 else 0.0
+        return bool(np.abs(bend).max(initial=0.0) < _STRAIGHT and abs(climb) < _STRAIGHT)
 
     @property
     def pulse_rate(self) -> float:

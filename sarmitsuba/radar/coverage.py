@@ -90,9 +90,10 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     apart = prf / max(spread, 1e-30) * width
     needed = doppler_bandwidth(position, velocity, seen, lam, instantaneous=at_once)
     if own:
-        if not radar.mode_law.instantaneous_doppler:
-            needed += 4.0 * speed / lam * radar.half_turn
+        used = 0.0 if radar.mode_law.instantaneous_doppler else 4.0 * speed / lam * radar.half_turn
         share = _share_by_beam(radar, prf * lam / (2.0 * speed), width / max(apart, 1e-30))
+        # what the beam leaves of the ghosts decides: where that is nothing, only the pixels' own band has to fit
+        needed = needed + used if share >= _SMALL_SHARE else used
     else:
         share = _share_by_place(seen, image, apart)
     if share >= _SMALL_SHARE:

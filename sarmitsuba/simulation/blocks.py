@@ -8,15 +8,14 @@ takes no tracing, and one more synthesised pulse per block.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.block import plan_block
 from sarmitsuba.echo.raw import Layer
+from sarmitsuba.simulation.batches import Batch, Bench, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets
 from sarmitsuba.simulation.sampling.rays import Rays
@@ -26,7 +25,6 @@ from sarmitsuba.trace.launch import LaunchGrid
 
 C64 = NDArray[np.complex64]
 F64 = NDArray[np.float64]
-_Trace = Callable[[], tuple[C64, TraceStatistics]]
 
 # the energy of a path's change between two pulses grows at least as this power of the time between them: one for the
 # edges of shadows, which cross as many scatterers as they have time for, two for glints, less where rays change what
@@ -72,6 +70,8 @@ class Blocks:
     data : (n_layers, n_pulses, n_samples) complex64, filled; subsets are not weighted by their shares yet
     max_order : highest bounce order that is kept apart; 0 where all are summed
     finished : where finished blocks are kept, and those of an interrupted run taken from; None keeps none
+    spread : traces batches elsewhere, in any order; None: here. The two blocks that settle the interval are always
+        traced here
 
     Attributes
     ----------
@@ -86,10 +86,12 @@ class Blocks:
         data: C64,
         max_order: int,
         finished: FinishedBlocks | None = None,
+        spread: Callable[[Sequence[Batch]], Iterator[Traced]] | None = None,
     ) -> None:
         self.finished = finished
         self.tracer, self.rays, self.layers, self.data = tracer, rays, tuple(layers), data
-        self.max_order = max_order
+        self.bench = Bench(tracer, rays, len(self.layers) // rays.n_subsets, max_order)
+        self.spread = spread or self._here
         settings = tracer.sampling.scene.settings
         self.automatic = settings.key_pulse_interval == 0 and settings.method != "raw"
         n = data.shape[1]
@@ -110,18 +112,80 @@ class Blocks:
             (self.data.shape[0], max(len(self.blocks) - 1, 0), self.data.shape[2]), dtype=np.complex64
         )
         self.done: set[int] = set()
+        self.first = {start: index for index, (start, _) in enumerate(self.blocks)}
 
     def trace(self) -> Iterator[tuple[float, TraceStatistics]]:
         """Fill ``data``; yields the share done and the figures of what was just traced."""
         if self.interval == 1:
-            yield from self._every_pulse()
+            yield from self._all(self._every_pulse(), 0)
             return
         stats = self.settle()
-        yield len(self.done) / len(self.blocks), stats
-        for i in range(len(self.blocks)):
-            if i not in self.done:
-                stats = self.block(i)
-                yield len(self.done) / len(self.blocks), stats
+        settled = len(self.done)
+        yield settled / len(self.blocks), stats
+        subsets = range(self.rays.n_subsets)
+        todo = [self._batch(i, k) for i in range(len(self.blocks)) if i not in self.done for k in subsets]
+        yield from self._all(todo, settled * self.rays.n_subsets)
+        self.done |= set(range(len(self.blocks)))
+
+    def _all(self, todo: Sequence[Batch], before: int) -> Iterator[tuple[float, TraceStatistics]]:
+        """Have batches traced, ``before`` were; figures are told in their order, so that sums have the same bits."""
+        waiting: dict[Batch, TraceStatistics] = {}
+        told = 0
+        for n, traced in enumerate(self._made(todo, self.spread), before + 1):
+            self._keep(traced)
+            waiting[traced.batch] = traced.statistics
+            share = n / (before + len(todo))
+            if todo[told] not in waiting:
+                yield share, TraceStatistics()
+            while told < len(todo) and todo[told] in waiting:
+                yield share, waiting.pop(todo[told])
+                told += 1
+
+    def _made(
+        self, batches: Sequence[Batch], spread: Callable[[Sequence[Batch]], Iterator[Traced]]
+    ) -> Iterator[Traced]:
+        """What an interrupted run has left of some batches, then all others, traced and kept."""
+        todo = []
+        for batch in batches:
+            found = self.finished and self.finished.take(batch.subset, batch.start, batch.stop)
+            if self.finished is None or not found:
+                todo.append(batch)
+                continue
+            shape = (self.bench.n_layers, batch.stop - batch.start, self.data.shape[2])
+            yield Traced(batch, found[0].reshape(shape), found[1], self.finished.grid_bytes)
+        for traced in spread(todo) if todo else ():
+            if self.finished is not None:
+                batch = traced.batch
+                self.finished.put(
+                    batch.subset,
+                    batch.start,
+                    batch.stop,
+                    traced.profiles,
+                    traced.statistics,
+                    traced.grid_bytes,
+                )
+            yield traced
+
+    def _one(self, batch: Batch) -> TraceStatistics:
+        """A batch made here, in its place."""
+        (traced,) = self._made([batch], self._here)
+        self._keep(traced)
+        return traced.statistics
+
+    def _here(self, batches: Sequence[Batch]) -> Iterator[Traced]:
+        return map(self.bench.trace, batches)
+
+    def _keep(self, traced: Traced) -> None:
+        """Put a batch in its place; what a block has beyond its end is for the seam."""
+        batch, pick = traced.batch, self._layers_of(traced.batch.subset)
+        stop = batch.stop
+        if batch.together:
+            index = self.first[batch.start]
+            stop = self.blocks[index][1]
+            if batch.stop > stop:
+                self.seams[pick, index] = traced.profiles[:, -1]
+        self.data[pick, batch.start : stop] = traced.profiles[:, : stop - batch.start]
+        self.tracer.largest_grid = max(self.tracer.largest_grid, traced.grid_bytes)
 
     def settle(self) -> TraceStatistics:
         """Trace the two blocks in the middle and, where they turn out too long, shorter ones in their place.
@@ -149,8 +213,8 @@ class Blocks:
     def sample(self) -> tuple[float, TraceStatistics]:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""
         if self.interval == 1:
-            share, stats = next(self._every_pulse())
-            return share * self.rays.n_subsets, stats
+            first = self._every_pulse()[0]
+            return first.stop / self.data.shape[1], self._one(first)
         return 1.0 / len(self.blocks), self.block_of_subset(self._middle, 0)
 
     @property
@@ -168,73 +232,29 @@ class Blocks:
 
     def block_of_subset(self, index: int, subset: int) -> TraceStatistics:
         """Trace one block with one ray subset, up to the first pulse of the next block."""
+        return self._one(self._batch(index, subset))
+
+    def _batch(self, index: int, subset: int) -> Batch:
         start, stop = self.blocks[index]
-        more = int(index + 1 < len(self.blocks))
-        pick = self._layers_of(subset)
-
-        def trace() -> tuple[C64, TraceStatistics]:
-            lattices = self.rays.at(start + (stop + more - start) // 2)[subset]
-            return self._traced(lattices, start, stop + more)
-
-        profiles, stats = self._kept(subset, start, stop + more, trace)
-        self.data[pick, start:stop] = profiles[:, : stop - start]
-        if more:
-            self.seams[pick, index] = profiles[:, -1]
-        return stats
-
-    def _kept(self, subset: int, start: int, stop: int, trace: _Trace) -> tuple[C64, TraceStatistics]:
-        """Profiles (n_layers, n_pulses, n_samples) and figures, from an interrupted run or traced and kept."""
-        if self.finished is None:
-            return trace()
-        found = self.finished.take(subset, start, stop)
-        if found is not None:
-            n_layers = len(self.layers) // self.rays.n_subsets
-            return found[0].reshape(n_layers, stop - start, self.data.shape[2]), found[1]
-        profiles, stats = trace()
-        self.finished.put(subset, start, stop, profiles, stats, self.tracer.largest_grid)
-        return profiles, stats
-
-    def _traced(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:
-        sampling = self.tracer.sampling
-        plan = plan_block(
-            sampling.scene.radar,
-            start,
-            stop,
-            sampling.window.center,
-            sampling.phase_box,
-            sampling.scene.settings.gridding_width,
-            extra_slant_range=sampling.extra_slant_range,
-            extra_range_rate=sampling.extra_range_rate,
-        )
-        return self.tracer.block(rays, plan, len(self.layers) // self.rays.n_subsets, self.max_order)
+        return Batch(subset, start, stop + int(index + 1 < len(self.blocks)), together=True)
 
     def _layers_of(self, subset: int) -> slice:
         each = len(self.layers) // self.rays.n_subsets
         return slice(subset * each, (subset + 1) * each)
 
-    def _every_pulse(self) -> Iterator[tuple[float, TraceStatistics]]:
+    def _every_pulse(self) -> list[Batch]:
         sampling, tracer = self.tracer.sampling, self.tracer
-        n_subsets = self.rays.n_subsets
-        n = self.data.shape[1] * n_subsets
-        row = len(self.layers) // n_subsets * 2 * sampling.scene.radar.window.n_samples * 2 * 16
-        for i in range(n_subsets):
-            target = self.data[self._layers_of(i)]
+        row = self.bench.n_layers * 2 * sampling.scene.radar.window.n_samples * 2 * 16
+        batches = []
+        for i in range(self.rays.n_subsets):
             for window in sampling.windows:
                 first, end = window.pulses
                 most = max(g.n_rays for g in self.rays.at(first)[i] if g.serves(first))
                 step = int(max(1, min(MAX_LANES // most, MAX_GRID_BYTES // row, end - first)))
                 step = tracer.most_pulses or step
-                for start in range(first, end, step):
-                    stop = min(end, start + step)
-                    trace = partial(self._direct, i, start, stop)
-                    target[:, start:stop], stats = self._kept(i, start, stop, trace)
-                    yield (i * self.data.shape[1] + stop) / n, stats
-
-    def _direct(self, subset: int, start: int, stop: int) -> tuple[C64, TraceStatistics]:
-        """Profiles of every pulse of ``start:stop`` on its own, and figures."""
-        target = self.data[self._layers_of(subset)]
-        stats = self.tracer.direct(self.rays.at(start)[subset], start, stop, target, self.max_order)
-        return target[:, start:stop], stats
+                starts = range(first, end, step)
+                batches += [Batch(i, k, min(end, k + step), together=False) for k in starts]
+        return batches
 
     # ------------------------------------------------------------ what blocks cost in accuracy
 
@@ -334,7 +354,7 @@ class Blocks:
 
     def _at(self, rays: Sequence[LaunchGrid], pulse: int) -> C64:
         """Profiles (n_layers, n_samples) of one pulse with other rays."""
-        profiles, _ = self._traced(rays, pulse, pulse + 1)
+        profiles, _ = self.bench.block(rays, pulse, pulse + 1)
         return profiles[:, 0]
 
 

@@ -3,6 +3,7 @@
 import time
 import warnings
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -41,6 +43,7 @@ def simulate(
     clock: Clock = time.perf_counter,
     state: Path | str | None = None,
     mark: str | None = None,
+    crew: Crew | None = None,
 ) -> RawData:
     """Trace a scene and return the range-compressed echoes of every pulse.
 
@@ -56,6 +59,7 @@ def simulate(
     state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
         same bits; remove it when the data are safe. None keeps nothing
     mark : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
+    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.DaskCrew`; the result has the same bits
 
     Returns
     -------
@@ -76,7 +80,7 @@ def simulate(
     """
     if seed is not None:
         scene = replace(scene, settings=replace(scene.settings, seed=seed))
-    run = Run(scene, plan=plan, clock=clock)
+    run = Run(scene, plan=plan, clock=clock, crew=crew)
     run.needs().check()
     if state is not None:
         run.finished = FinishedBlocks(state, mark or fingerprint(scene), run.plan, f"pass {pass_index}")
@@ -125,12 +129,17 @@ def _trace(
     """Fill ``data`` (layers, pulses, samples) block by block."""
     tracer = run.tracer(sampling)
     rays = run.rays(sampling, pass_index)
-    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, run.finished)
+    crew = run.crew
+    spread = None if crew is None else partial(crew.trace, run.job(sampling, pass_index))
+    blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order, run.finished, spread)
     run.timer.lap("plan")
     for done, batch in blocks.trace():
         run.statistics = run.statistics.plus(batch)
+        if crew is not None:  # the rate is that of all workers together
+            run.timer.lap("trace")
         rate = run.statistics.rays / max(run.timer.seconds.get("trace", 0.0), 1e-9)
-        progress("trace", done, 1.0, {"rays/s": rate})
+        workers = {} if crew is None else {"workers": float(crew.n_workers)}
+        progress("trace", done, 1.0, {"rays/s": rate, **workers})
     error_db = blocks.error_db
     for plane, layer in zip(data, run.layers.layers, strict=True):  # each subset is a whole image of its own
         plane *= np.float32(SUBSET_SHARES[layer.subset])

@@ -10,6 +10,7 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew, TraceJob, built
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
@@ -21,7 +22,7 @@ from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
 
 # told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
@@ -36,6 +37,7 @@ class Run:
     scene : as loaded
     plan : overrides the automatic effects plan
     clock : of the run's stages
+    crew : workers that share the tracing of raw data; None: this process traces alone
 
     Attributes
     ----------
@@ -53,7 +55,12 @@ class Run:
     """
 
     def __init__(
-        self, scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+        self,
+        scene: Scene,
+        *,
+        plan: EffectsPlan | None = None,
+        clock: Clock = time.perf_counter,
+        crew: Crew | None = None,
     ) -> None:
         ensure_backend()
         if scene.settings.method in ("image", "raster") and scene.radar.all_round:
@@ -61,18 +68,18 @@ class Run:
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
                 "take method hybrid or raw"
             )
-        self.timer = StageTimer(clock)
+        self.timer, self.crew = StageTimer(clock), crew
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.geometry.n_faces:
-            self.trace_scene = self._built(scene)
+            self.trace_scene, self._built_from = built(scene), scene
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
         if self.sampling is not None and self.scene.geometry is not scene.geometry:  # what moved was stopped
-            self.trace_scene = self._built(self.scene)
+            self.trace_scene, self._built_from = built(self.scene), self.scene
         if self.sampling is not None:
             self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
         self.layers = LayerPlan.of(self.scene, self.plan)
@@ -85,11 +92,6 @@ class Run:
             left_out = mirrors_outside(self.scene, self.sampling.windows)
             self.notes += [left_out] if left_out else []
         self.timer.lap("plan")
-
-    @staticmethod
-    def _built(scene: Scene) -> TraceScene:
-        wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
-        return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna)
 
     def at(self, factor: float) -> "Run":
         """The run with its rays so many times as far apart; it shares the geometry and every decision."""
@@ -119,6 +121,10 @@ class Run:
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
         return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
+
+    def job(self, sampling: SamplingPlan, pass_index: int) -> TraceJob:
+        """What another process needs to trace a part of the run's raw data."""
+        return TraceJob(self._built_from, sampling, self.layers, self.plan.max_depth, pass_index)
 
     def rays(self, sampling: SamplingPlan, pass_index: int) -> Rays:
         """Lattices of every ray subset, for every pulse; other values of ``pass_index`` give independent ones.

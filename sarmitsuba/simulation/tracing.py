@@ -105,16 +105,19 @@ class Tracer:
         return profiles, stats
 
     def direct(
-        self, rays: Sequence[LaunchGrid], start: int, stop: int, data: NDArray[np.complex64], max_order: int
-    ) -> TraceStatistics:
-        """Trace every pulse of ``start:stop``, of one sector of the track and no more than allowed, in one launch."""
+        self, rays: Sequence[LaunchGrid], start: int, stop: int, n_layers: int, max_order: int
+    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        """Trace every pulse of ``start:stop``, of one sector of the track and no more than allowed, in one launch.
+
+        Profiles (n_layers, n_pulses, n_samples) and figures.
+        """
         sampling = self.sampling
         radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
         self.pose(float(radar.track.time[start]))
         plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
         accumulator = DirectAccumulator(
             plan,
-            data.shape[0] // len(radar.channels),
+            n_layers // len(radar.channels),
             len(radar.channels),
             max_order,
             radar.waveform.wavelength,
@@ -127,9 +130,9 @@ class Tracer:
         stats = self.launch_all(
             rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
         )
-        data[:, pick] = finish(accumulator.grid(), plan, radar)
+        profiles = finish(accumulator.grid(), plan, radar)
         self.timer.lap("synthesise")
-        return stats
+        return profiles, stats
 
     def launch_all(
         self,

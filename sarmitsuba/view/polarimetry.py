@@ -41,7 +41,7 @@ def composite_figure(
     )
     _labels(axes, image)
     first = str(image.metadata.get("scene", ""))
-    law = f"{legend};  brightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
+    law = f"{legend}\nbrightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
     axes.set_title("\n".join(line for line in (first, title, law) if line), fontsize=8)
     return figure
 

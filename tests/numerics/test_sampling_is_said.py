@@ -228,3 +228,25 @@ def test_wide_rays_over_bodies_that_shade_each_other_are_said(scene_file) -> Non
     # one convex body: its tubes end at its own edges
     alone = sarmitsuba.load_scene(scene_file(), parameters=wide)
     assert said(lambda: sarmitsuba.simulate(alone)) == []
+
+
+@pytest.mark.parametrize(("prf", "enough"), [(1700.0, True), (1250.0, False)])
+def test_a_prf_whose_ghosts_the_beam_holds_down_is_no_news(tmp_path: Path, prf: float, enough: bool) -> None:
+    """A strip of 8 km by the shipped Sentinel-1-like radar: ambiguities of -24.8 dB at its prf of 1700 Hz.
+
+    Loading and link budget agree: what one calls enough the other does, too.
+    """
+    path = tmp_path / "strip.xml"
+    path.write_text(
+        '<scene version="3.0.0"><shape type="rectangle"><bsdf type="radar_material">'
+        '<string name="material" value="concrete"/><float name="rms_height" value="0.01"/></bsdf>'
+        '<transform name="to_world"><scale value="4000"/></transform></shape></scene>'
+    )
+    parameters = {"image_extent_limit": "8000", "sar_antenna.prf": str(prf)}
+    scene = []
+    texts = said(
+        lambda: scene.append(sarmitsuba.load_scene(path, radar="sentinel1_stripmap", parameters=parameters))
+    )
+    assert any("is below the Doppler bandwidth" in text for text in texts) == (not enough)
+    found = {finding.name for finding in sarmitsuba.link_budget(scene[0]).impossible}
+    assert ("doppler" in found) == (not enough)

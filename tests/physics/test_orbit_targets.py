@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sarmitsuba import render, theory
+from sarmitsuba import image_quality, render, theory
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
@@ -95,3 +95,43 @@ def test_an_anchor_alone_changes_nothing() -> None:
     )
     assert np.array_equal(here.data, there.data)
     assert here.anchor != there.anchor
+
+
+@pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
+def test_quality_finds_points_of_a_squinted_orbit_in_place_and_phase(mode: str) -> None:
+    """Points on the ground and above it, passes drawn: seen from the scene a satellite climbs or sinks.
+
+    A carrier of a level flight is up to half a turn a pixel off, and puts points above the ground beside their places.
+    """
+    rng = np.random.default_rng([43, len(mode)])
+    for _ in range(2):
+        places = np.column_stack([rng.uniform(-9.0, 9.0, (2, 2)), [0.0, rng.uniform(10.0, 25.0)]])
+        radar = RadarDescription(
+            mode=mode,
+            orbit_altitude=rng.uniform(450e3, 700e3),
+            orbit_pass=("ascending", "descending")[rng.integers(2)],
+            look_side=("left", "right")[rng.integers(2)],
+            incidence_angle_deg=rng.uniform(25.0, 50.0),
+            squint_angle_deg=rng.uniform(-2.5, 2.5),
+            latitude_deg=rng.uniform(-60.0, 60.0),
+            pattern="rectangular",
+            antenna_length=4.8,
+            elevation_beamwidth_deg=2.0,
+            bandwidth=100e6,
+            azimuth_resolution=4.0 if mode == "stripmap" else 1.5,
+            aim_x=0.0,
+            aim_y=0.0,
+            aim_z=0.0,
+        )
+        film = FilmDescription(image_extent_azimuth=160.0, image_extent_range=80.0, image_height=0.0)
+        points = [PointTarget(f"{z:.0f}", np.array([x, y, z]), 10.0) for x, y, z in places]
+        image = render(build_scene(points=points, radar=radar, film=film))
+        found = image_quality(image).points
+        assert len(found) == 2
+        for point in found:
+            assert (
+                abs(point.azimuth_error) < 0.01 * image.azimuth_resolution_cell
+            )  # tol: the peak's interpolation
+            assert abs(point.range_error) < 0.01 * image.range_resolution_cell
+        # tol: the other point's side lobes, 3e-2 at most
+        assert abs(found[0].phase_error) < np.radians(3.0)

@@ -182,6 +182,25 @@ def test_what_cannot_be_is_said(
     assert "\n" not in found.text and found.text in str(budget)
 
 
+@pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
+def test_an_automatic_prf_is_possible_and_what_a_steered_beam_folds_is_said(mode: str) -> None:
+    radar = replace(
+        BEAM, mode=mode, antenna_length=1.5, azimuth_resolution=0.8 if mode == "stripmap" else 0.5
+    )
+    budget, scene = budget_of(radar)
+    t, wide = budget.timing, replace(radar, prf=1.01 * budget.timing.lowest_prf)
+    assert budget.impossible == ()
+    assert names(budget) == ({"azimuth_ghosts"} if mode != "stripmap" else set())
+    assert names(budget_of(wide)[0]) == set()
+    if mode != "stripmap":
+        # tol: the image is seen from both ends of the aperture too, and its near side is nearer
+        spread = 2.0 * 100.0 * 60.0 / (scene.radar.waveform.wavelength * 10e3)
+        assert t.processed_bandwidth == pytest.approx(spread, rel=0.03)
+        assert t.processed_bandwidth < t.prf < t.lowest_prf
+        starved = budget_of(replace(radar, prf=0.9 * t.processed_bandwidth))[0]
+        assert "doppler" in {finding.name for finding in starved.impossible}
+
+
 def test_what_has_a_price_is_said() -> None:
     small, _ = budget_of(replace(SPACE, antenna_length=3.0, antenna_height=0.4, prf=2400.0))
     assert "antenna_area" in names(small) and "antenna_area" not in names(budget_of(SPACE)[0])

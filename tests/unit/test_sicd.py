@@ -13,6 +13,7 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image, write_image
+from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
@@ -166,3 +167,30 @@ def test_what_cannot_be_written_or_read_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(DataError, match="bad") as caught:
             read_image(tmp_path / "bad.nitf")
         assert "\n" not in str(caught.value)
+
+
+def test_from_orbit(tmp_path: Path) -> None:
+    """Ground pixels project to their places; slant ones have no grid in the standard."""
+    scene = load_scene("trihedral", radar="terrasar_spotlight", parameters={"image_extent_limit": "60"})
+    scene = scene.replace(image_grid="ground")
+    point = np.array([3.0, -2.0, 0.0])
+    raw = ideal_echoes(scene.radar, point, 4.0)
+    image = focus(raw, request=scene.image, focuser="backprojection")
+    path = tmp_path / "orbit.nitf"
+    write_image(image, path)
+    assert findings(path) == []
+    tree, pixels = opened(path)
+    helper, model = sksicd.XmlHelper(tree), projection.MetadataParams.from_xml(tree)
+    spacing = np.array([helper.load(f"{{*}}Grid/{{*}}{name}/{{*}}SS") for name in ("Row", "Col")])
+    brightest = np.array(np.unravel_index(np.abs(pixels).argmax(), pixels.shape))
+    sets = projection.compute_projection_sets(
+        model, (brightest - helper.load("{*}ImageData/{*}SCPPixel")) * spacing
+    )
+    ground = image.anchor.to_ecef([0.0, 0.0, 0.0])
+    place = projection.r_rdot_to_ground_plane_mono(model.LOOK, sets, ground, image.anchor.axes[2])
+    assert np.linalg.norm(image.anchor.from_ecef(place) - point) < 0.5 * np.hypot(
+        *spacing
+    )  # tol: half a pixel
+    slant = focus(raw, request=replace(scene.image, grid="slant"), focuser="backprojection")
+    with pytest.raises(DataError, match="--grid ground"):
+        write_image(slant, tmp_path / "slant.nitf")

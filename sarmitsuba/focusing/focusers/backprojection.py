@@ -1,8 +1,10 @@
 """Time-domain backprojection for any track and any set of pixels."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
 from types import ModuleType
 from typing import ClassVar
 
@@ -47,6 +49,8 @@ C64 = NDArray[np.complex64]
 _MAX_LAYERS = 4
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
+# pixels of one launch
+TILE_PIXELS = 1 << 20
 # nodes of the azimuth window over a pixel's own aperture
 _WINDOW_NODES = 1025
 
@@ -74,7 +78,7 @@ def backproject(
     oversampling: int = 0,
     progress: Progress = silent,
     batch_bytes: int = 4 << 20,
-    tile_pixels: int = 1 << 20,
+    tile_pixels: int = TILE_PIXELS,
 ) -> C64:
     r"""Focus range-compressed data by summing every pulse at every pixel's own range.
 
@@ -108,35 +112,120 @@ def backproject(
     Ignores the antenna's motion within a pulse and the atmosphere. Pixels that no pulse saw are zero. Memory beyond
     the image is bounded: pulses and pixels go in batches. Bistatic ranges are evaluated pixel by pixel, without lines.
     """
-    if raw.domain != "compressed":
-        raise DataError("backprojection: the data are not range compressed; call range_compress first")
-    refusal = bistatic_refusal(raw.radar)
-    if refusal:
-        raise DataError(f"backprojection: {refusal}")
-    types = arrays()
-    plan = plan_profiles(
-        raw.radar, parse_window(range_window), interpolation=interpolation, oversampling=oversampling
+    tiles = Tiles(
+        raw,
+        target,
+        parse_window(range_window),
+        parse_window(azimuth_window),
+        interpolation,
+        oversampling,
+        batch_bytes,
+        tile_pixels,
     )
-    window, n_pulses = parse_window(azimuth_window), raw.radar.track.n_pulses
-    own = np.isfinite(raw.radar.half_aperture)
-    weights = np.ones(n_pulses) if own else window.aperture(n_pulses)
-    weighting = Weighting(
-        beam=None if raw.radar.antenna.pattern == "isotropic" else Beam.of(types, raw.radar.antenna),
-        band=_band(types, raw.radar, window) if own else None,
-    )
-    shape = target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
-    n_layers = len(raw.layers)
-    image = np.empty((n_layers, int(np.prod(shape))), dtype=np.complex64)
-    meter = _Meter(progress, float(image.size) * n_pulses)
-    for start in range(0, n_layers, _MAX_LAYERS):
-        layers = slice(start, min(start + _MAX_LAYERS, n_layers))
-        if isinstance(target, ImageGrid):
-            launches = grid_lines(raw.radar, plan, target, tile_pixels)
-        else:
-            launches = point_lines(target, tile_pixels)
-        for lines in launches:
-            _focus_lines(types, raw, layers, plan, weights, weighting, lines, image, meter, batch_bytes)
-    return image.reshape(n_layers, *shape)
+    image = np.empty((len(raw.layers), int(np.prod(tiles.shape))), dtype=np.complex64)
+    meter = _Meter(progress, float(image.size) * raw.radar.track.n_pulses)
+    for layers, lines in tiles.launches():
+        tiles.focus(layers, lines, image, meter.add)
+    return image.reshape(len(raw.layers), *tiles.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """Pixels of some layers between two places of the flat image.
+
+    Parameters
+    ----------
+    layers : which
+    start, stop : places in the flat image
+    pixels : (layers, stop - start) complex64
+    """
+
+    layers: slice
+    start: int
+    stop: int
+    pixels: C64
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles:
+    """A backprojection in launches that need nothing of each other; parameters as for :func:`backproject`.
+
+    Raises
+    ------
+    DataError
+        The data are not range compressed, or bistatic in a way that the sum cannot be made for.
+    """
+
+    raw: RawData
+    target: ImageGrid | ArrayLike
+    range_window: Window
+    azimuth_window: Window
+    interpolation: str
+    oversampling: int
+    batch_bytes: int = 4 << 20
+    tile_pixels: int = TILE_PIXELS
+
+    def __post_init__(self) -> None:
+        if self.raw.domain != "compressed":
+            raise DataError("backprojection: the data are not range compressed; call range_compress first")
+        refusal = bistatic_refusal(self.raw.radar)
+        if refusal:
+            raise DataError(f"backprojection: {refusal}")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of one layer's pixels."""
+        target = self.target
+        return target.shape if isinstance(target, ImageGrid) else (np.asarray(target).shape[0],)
+
+    @cached_property
+    def plan(self) -> ProfilePlan:
+        """How echoes are interpolated."""
+        return plan_profiles(
+            self.raw.radar,
+            self.range_window,
+            interpolation=self.interpolation,
+            oversampling=self.oversampling,
+        )
+
+    @cached_property
+    def weights(self) -> F64:
+        """Of the pulses."""
+        n_pulses = self.raw.radar.track.n_pulses
+        own = np.isfinite(self.raw.radar.half_aperture)
+        return np.ones(n_pulses) if own else self.azimuth_window.aperture(n_pulses)
+
+    def launches(self) -> Iterator[tuple[slice, PixelLines]]:
+        """Layers and pixels of every launch."""
+        n_layers = len(self.raw.layers)
+        for start in range(0, n_layers, _MAX_LAYERS):
+            layers = slice(start, min(start + _MAX_LAYERS, n_layers))
+            if isinstance(self.target, ImageGrid):
+                lines = grid_lines(self.raw.radar, self.plan, self.target, self.tile_pixels)
+            else:
+                lines = point_lines(self.target, self.tile_pixels)
+            for some in lines:
+                yield layers, some
+
+    def tile(self, number: int) -> Tile:
+        """Focus one launch by its number."""
+        layers, lines = next(islice(self.launches(), number, None))
+        image = np.zeros((len(self.raw.layers), int(np.prod(self.shape))), dtype=np.complex64)
+        self.focus(layers, lines, image, lambda work: None)
+        inside = lines.index[lines.index >= 0]
+        start, stop = int(inside.min()), int(inside.max()) + 1
+        return Tile(layers, start, stop, image[layers, start:stop].copy())
+
+    def focus(self, layers: slice, lines: PixelLines, image: C64, told: Callable[[float], None]) -> None:
+        """Sum all pulses for one launch and store its calibrated pixels in ``image`` (layers, flat)."""
+        types, radar = arrays(), self.raw.radar
+        weighting = Weighting(
+            beam=None if radar.antenna.pattern == "isotropic" else Beam.of(types, radar.antenna),
+            band=_band(types, radar, self.azimuth_window) if np.isfinite(radar.half_aperture) else None,
+        )
+        _focus_lines(
+            types, self.raw, layers, self.plan, self.weights, weighting, lines, image, told, self.batch_bytes
+        )
 
 
 def _focus_lines(
@@ -148,7 +237,7 @@ def _focus_lines(
     weighting: Weighting,
     lines: PixelLines,
     image: C64,
-    meter: _Meter,
+    told: Callable[[float], None],
     batch_bytes: int,
 ) -> None:
     """Sum all pulses for one launch and store its calibrated pixels in ``image``."""
@@ -187,7 +276,7 @@ def _focus_lines(
         state = accumulate(types, state, middle, line, pulses, scales, plan.kernel, n_layers, weighting)
         dr.eval(state)
         dr.sync_thread()
-        meter.add(float(np.count_nonzero(lines.index >= 0)) * n * n_layers)
+        told(float(np.count_nonzero(lines.index >= 0)) * n * n_layers)
 
     scale = reference**2 / radar.amplitude_constant
     whole = float(weights.sum())
@@ -348,4 +437,4 @@ class Backprojection(Focuser):
 
 FOCUSERS.register(Backprojection())
 
-__all__ = ["Backprojection", "backproject", "backproject_numpy"]
+__all__ = ["TILE_PIXELS", "Backprojection", "Tile", "Tiles", "backproject", "backproject_numpy"]

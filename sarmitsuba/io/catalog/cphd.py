@@ -8,6 +8,7 @@ with the two-way delays of the scatterer and of the reference point, and per vec
 Written are the echoes as they focus: the amplitude a_p of a point is the root of its radar cross section, in m.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +24,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.nga import DAMAGED, LETTERS, said
+from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
 from sarmitsuba.radar.collection import Signal
 from sarmitsuba.radar.geodesy import Anchor
@@ -215,9 +216,13 @@ def read_raw(path: Path) -> RawData:
     """
     sarkit = _sarkit(path)
     try:
-        with path.open("rb") as file, sarkit.Reader(file) as reader:
+        with path.open("rb") as file, plain_xml():
+            _check_header(path, sarkit.read_file_header(file)[1])
+            file.seek(0)
+            reader = sarkit.Reader(file)
             tree = reader.metadata.xmltree
-            _check_size(path, tree)
+            refuse_document_type(tree, str(path))
+            _check_size(path, tree, sarkit.get_pvp_dtype(tree).itemsize)
             helper = sarkit.XmlHelper(tree)
             if helper.load("{*}Global/{*}DomainType") != "FX":
                 raise DataError(
@@ -248,14 +253,30 @@ def read_raw(path: Path) -> RawData:
     return replace(raw, radar=radar, request=_request(raw, anchor, corners))
 
 
-def _check_size(path: Path, tree: "lxml.etree._ElementTree") -> None:
-    """Raise a DataError where the samples that the document promises do not fit into the file."""
-    promised = sum(
-        int(node.findtext("{*}NumVectors")) * int(node.findtext("{*}NumSamples"))
-        for node in tree.findall("{*}Data/{*}Channel")
-    )
-    if not 0 < promised <= path.stat().st_size // 2:  # two bytes at least each
-        raise DataError(f"{path}: the file is too short for {promised} samples; it was cut off or is damaged")
+def _check_header(path: Path, header: Mapping[str, str]) -> None:
+    """Raise a DataError where a block that the header promises does not lie within the file."""
+    size = path.stat().st_size
+    for block in ("XML", "PVP", "SIGNAL"):
+        first, length = (int(header[f"{block}_BLOCK_{what}"]) for what in ("BYTE_OFFSET", "SIZE"))
+        if not (0 <= first and 0 < length <= size - first):
+            raise DataError(
+                f"{path}: the {block} block of {length} bytes from {first} is not within the {size} bytes of the file; "
+                "it was cut off or is damaged"
+            )
+
+
+def _check_size(path: Path, tree: "lxml.etree._ElementTree", vector_bytes: int) -> None:
+    """Raise a DataError where what the document promises, ``vector_bytes`` a vector included, does not fit the file."""
+    promised = 0
+    for node in tree.findall("{*}Data/{*}Channel"):
+        vectors, samples = (int(node.findtext(f"{{*}}Num{what}")) for what in ("Vectors", "Samples"))
+        if vectors <= 0 or samples <= 0:
+            raise DataError(f"{path}: a channel of {vectors} vectors with {samples} samples holds nothing")
+        promised += vectors * (2 * samples + vector_bytes)  # two bytes a sample at least
+    if not 0 < promised <= path.stat().st_size:
+        raise DataError(
+            f"{path}: the file is too short for the {promised} bytes of its channels; it was cut off or is damaged"
+        )
 
 
 def _lit_in_turn(radar: Radar, center: F64, length: F64) -> Radar:

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+from h5py._objects import phil as h5py_lock
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
@@ -29,6 +30,8 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
+from sarmitsuba.io.isolated import survive
+from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
@@ -140,7 +143,7 @@ def write_raw(path: Path | str, raw: RawData) -> None:
 def read_image(path: Path | str) -> SarImage:
     """Read an image written by :func:`write_image`."""
 
-    def load(file: h5py.File) -> SarImage:
+    def load(file: h5py.File, planes: bool) -> SarImage:
         anchor = groups.read_fields(groups.group_of(file, "anchor"), Anchor)
         grid = groups.read_fields(groups.group_of(file, "grid"), ImageGrid, offset=np.zeros(3), anchor=anchor)
         _check_shape("grid", {"origin": (3,), "along": (3,), "across": (3,)}, grid)
@@ -148,7 +151,7 @@ def read_image(path: Path | str) -> SarImage:
             raise DataError(
                 f"/grid: kind {grid.kind!r} with axes {grid.azimuth.shape} and {grid.range.shape}"
             )
-        data, layers = _read_planes(file, _IMAGE)
+        data, layers = _read_planes(file, _IMAGE, planes)
         facts = groups.group_of(file, "calibration")
         incidence = groups.numbers(facts, "incidence_angle")
         if data.shape[1:] != grid.shape or incidence.shape != grid.range.shape:
@@ -170,7 +173,7 @@ def read_image(path: Path | str) -> SarImage:
 def read_raw(path: Path | str) -> RawData:
     """Read raw data written by :func:`write_raw`."""
 
-    def load(file: h5py.File) -> RawData:
+    def load(file: h5py.File, planes: bool) -> RawData:
         track = groups.read_fields(groups.group_of(file, "track"), Track)
         receiver, flown = (
             groups.read_fields(groups.group_of(file, name), Track) if groups.has(file, name) else None
@@ -199,7 +202,7 @@ def read_raw(path: Path | str) -> RawData:
         _check_shape("radar/pointing", axes, radar.pointing)
         if radar.receiver_pointing is not None:
             _check_shape(aside, axes, radar.receiver_pointing)
-        data, layers = _read_planes(file, _ECHOES)
+        data, layers = _read_planes(file, _ECHOES, planes)
         (domain,) = groups.texts_of(groups.group_of(file, _ECHOES.root), "domain")
         if domain not in ("compressed", "chirped") or (
             domain == "compressed" and data.shape[2] != radar.window.n_samples
@@ -208,7 +211,8 @@ def read_raw(path: Path | str) -> RawData:
         asked = groups.has(file, "image_request")
         request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
         metadata = _read_metadata(file)
-        _check_echoes(data)
+        if planes:
+            _check_echoes(data)
         return RawData(data, layers, domain, radar, metadata, request, flown)  # type: ignore[arg-type]
 
     return _read(path, "raw data", "raw data", load)
@@ -230,11 +234,13 @@ def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) ->
                 raise guarded.error
 
 
-def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File], T]) -> T:
+def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File, bool], T]) -> T:
+    """What ``load`` makes of the file, with its planes; without them, in a process apart, it comes first."""
     path = Path(path)
     if not path.is_file():
         raise DataError(f"{path}: no such file; give the {wanted} file that `sarmitsuba render` wrote")
-    try:
+
+    def read(planes: bool) -> T:
         with h5py.File(path, "r") as file:
             found = file.attrs.get("format")
             if found != f"sarmitsuba {content}":
@@ -243,7 +249,12 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
             if version != FORMAT_VERSION:
                 remedy = "update sarmitsuba" if version > FORMAT_VERSION else "simulate again"
                 raise DataError(f"format version {version}, this program reads {FORMAT_VERSION}; {remedy}")
-            return load(file)
+            return load(file, planes)
+
+    try:
+        with h5py_lock:  # no other thread holds it when the process forks
+            survive(path, lambda: read(planes=False))
+        return read(planes=True)
     except (
         ArithmeticError,
         AttributeError,
@@ -256,7 +267,7 @@ def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File
         TypeError,
         ValueError,
     ) as error:  # h5py and HDF5 report damage by any of them
-        reason = " ".join(str(error).split())
+        reason = one_line(error, 300)
         raise DataError(f"{path}: cannot read {wanted}: {reason or type(error).__name__}") from error
 
 
@@ -320,8 +331,10 @@ def _write_plane(file: h5py.File, kind: _Kind, path: str, plane: NDArray[np.comp
             made.dims[i].attach_scale(file[scale])
 
 
-def _read_planes(file: h5py.File, kind: _Kind) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
-    """The planes that ``/layers`` names; without it the channels."""
+def _read_planes(
+    file: h5py.File, kind: _Kind, planes_too: bool
+) -> tuple[NDArray[np.complex64], tuple[Layer, ...]]:
+    """The planes that ``/layers`` names; without it the channels. Unless they are wanted, zeros of no size."""
     if groups.has(file, "layers"):
         names = groups.dataset(file, "layers").asstr()[()]
         paths = [str(name) for name in np.atleast_1d(names)]
@@ -344,7 +357,13 @@ def _read_planes(file: h5py.File, kind: _Kind) -> tuple[NDArray[np.complex64], t
         planes.append(plane)
     if not planes or len({plane.shape for plane in planes}) > 1:
         raise DataError("there are no planes, or planes of several shapes")
-    data = np.empty((len(planes), *planes[0].shape), dtype=np.complex64)
+    shape = (len(planes), *planes[0].shape)
+    if not planes_too:
+        for plane in planes:
+            if plane.chunks is not None:
+                plane.id.get_num_chunks()  # goes through their index
+        return np.broadcast_to(np.complex64(0.0), shape), tuple(layers)
+    data = np.empty(shape, dtype=np.complex64)
     for row, plane in zip(data, planes, strict=True):
         plane.read_direct(row)
     return data, tuple(layers)

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
+from sarmitsuba.io.isolated import survive
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
+from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.polarisation import CHANNELS
 
 _STRUCT = "data"
@@ -51,6 +53,16 @@ def read_raw(path: Path) -> RawData:
 
 def read_history(path: Path) -> PhaseHistory:
     """The phase history of one file."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; give a MATLAB file with phase histories, or a folder of them")
+    try:
+        survive(path, lambda: _history(path))
+    except DataError as error:
+        raise DataError(f"{path}: cannot be read as a MATLAB file: {error}") from None
+    return _history(path)
+
+
+def _history(path: Path) -> PhaseHistory:
     fields = _fields(path)
     missing = [name for name in _NEEDED if name not in fields]
     if missing:
@@ -116,24 +128,25 @@ def _second_antenna(path: Path, fields: Mapping[str, object]) -> tuple[str, ...]
 
 def _fields(path: Path) -> dict[str, object]:
     """Fields of the struct ``data``."""
-    if not path.is_file():
-        raise DataError(f"{path}: no such file; give a MATLAB file with phase histories, or a folder of them")
     try:
         content = scipy.io.loadmat(path, variable_names=[_STRUCT])
     except NotImplementedError as error:
         raise DataError(f"{path}: is of MATLAB's version 7.3; save it in MATLAB with -v7") from error
     except (
         ArithmeticError,
+        AssertionError,
         AttributeError,
         LookupError,
         MemoryError,
+        NameError,
         OSError,
+        RuntimeError,
         TypeError,
         ValueError,
         zlib.error,
         scipy.io.matlab.MatReadError,
     ) as error:  # loadmat reports damage by any of them
-        reason = " ".join(str(error).split())
+        reason = one_line(error, 300)
         raise DataError(
             f"{path}: cannot be read as a MATLAB file, is it whole?: {reason or type(error).__name__}"
         ) from error

@@ -15,7 +15,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.nga import DAMAGED, said
+from sarmitsuba.io.nga import DAMAGED, plain_xml, refuse_document_type, said
 from sarmitsuba.io.sicd_document import Axes, document, image_of
 from sarmitsuba.radar.collection import Collection
 
@@ -28,10 +28,16 @@ def write_image(path: Path, image: SarImage) -> None:
     Raises
     ------
     DataError
-        The image does not say how it was flown, or sarkit is missing.
+        The image does not say how it was flown, its slant-range pixels come from a track that is not straight and
+        level, or sarkit is missing.
     """
     sarkit = _sarkit(path)
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
+    if image.grid.kind == "slant" and not flight.straight_and_level:
+        raise DataError(
+            f"{path}: the track is curved or climbs, and SICD has no grid for slant-range pixels then; focus the raw "
+            "data with --grid ground"
+        )
     for channel in image.channels:
         target = path if len(image.channels) == 1 else path.with_name(f"{path.stem}_{channel}{path.suffix}")
         tree = document(image, channel, flight, target.stem)
@@ -75,8 +81,17 @@ def read_image(path: Path) -> SarImage:
     """
     sarkit = _sarkit(path)
     try:
-        with path.open("rb") as file, sarkit.NitfReader(file) as reader:
+        with path.open("rb") as file, plain_xml(), sarkit.NitfReader(file) as reader:
             tree = reader.metadata.xmltree
+            refuse_document_type(tree, str(path))
+            rows, columns = (
+                int(tree.findtext(f"{{*}}ImageData/{{*}}Num{what}")) for what in ("Rows", "Cols")
+            )
+            size = path.stat().st_size
+            if rows <= 0 or columns <= 0 or 2 * rows * columns > size:  # 2 bytes each
+                raise DataError(
+                    f"{path}: {rows} x {columns} pixels do not fit into the {size} bytes of the file; it is damaged"
+                )
             pixels = np.asarray(reader.read_image())
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as SICD: {said(error)}") from error

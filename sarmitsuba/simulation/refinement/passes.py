@@ -22,6 +22,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.raw import echoes
@@ -215,6 +216,7 @@ def refine(
     progress: Progress | None = None,
     ready: Ready | None = None,
     clock: Clock = time.perf_counter,
+    crew: Crew | None = None,
 ) -> Refinement:
     """Add passes of rays until the estimated sampling error meets the target or the time is up.
 
@@ -236,6 +238,7 @@ def refine(
     progress : called after every pass with the error and, where there is one, the limit
     ready : called once the first pass is planned and fits, before it is traced
     clock : that ``time_limit`` is measured with
+    crew : workers that share the tracing of every pass
 
     Returns
     -------
@@ -270,7 +273,7 @@ def refine(
         range_window,
         azimuth_window,
     )
-    whole = Run(scene, clock=clock)
+    whole = Run(scene, clock=clock, crew=crew)
     goal = _Goal(target, limit, max_passes, clock)
     took = 0.0  # seconds of the last pass with its check
     while True:

@@ -1,0 +1,9 @@
+"""Many machines: batches of pulses and tiles of pixels in the worker processes of a Dask cluster.
+
+Importing this package imports no Dask.
+"""
+
+from sarmitsuba.cluster.address import ClusterAddress
+from sarmitsuba.cluster.plan import ClusterPlan
+
+__all__ = ["ClusterAddress", "ClusterPlan"]

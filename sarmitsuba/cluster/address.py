@@ -1,0 +1,60 @@
+"""Which cluster: workers on this machine, or the scheduler that those of other machines answer to."""
+
+import re
+from dataclasses import dataclass
+
+from sarmitsuba.echo.threads import n_threads
+from sarmitsuba.errors import ClusterError
+
+# cores of a worker on this machine where nobody says how many workers: more workers hold the scene more often, fewer
+# lose more where one dies
+CORES_PER_WORKER = 4
+LOCAL = "local"
+
+
+@dataclass(frozen=True)
+class ClusterAddress:
+    """Where the workers are.
+
+    Parameters
+    ----------
+    scheduler : address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; empty: this machine
+    workers : processes to start on this machine; 0 with a scheduler
+    """
+
+    scheduler: str
+    workers: int
+
+    @staticmethod
+    def parse(text: str) -> "ClusterAddress":
+        """Read ``local``, ``local:N`` or a scheduler's address (``HOST:PORT``, ``tcp://...``, ``tls://...``).
+
+        Raises
+        ------
+        ClusterError
+            It is none of these, or more workers are asked for than there are cores.
+        """
+        word, colon, number = text.partition(":")
+        if word == LOCAL and not colon:
+            return ClusterAddress("", max(min(2, n_threads()), n_threads() // CORES_PER_WORKER))
+        if word == LOCAL:
+            if not number.isdecimal() or not 1 <= int(number) <= n_threads():
+                raise ClusterError(
+                    f"cluster {text}: {number or 'nothing'} is no number of workers from 1 to {n_threads()}, the cores "
+                    "of this machine; give local, or local:N"
+                )
+            return ClusterAddress("", int(number))
+        if not re.fullmatch(r"(?:[a-z]+://)?[^\s/]+:\d+", text):
+            raise ClusterError(
+                f"cluster {text}: not the address of a Dask scheduler; give HOST:PORT as `dask scheduler` prints it, "
+                "or local"
+            )
+        return ClusterAddress(text, 0)
+
+    @property
+    def threads(self) -> int:
+        """Cores of each worker on this machine."""
+        return max(1, n_threads() // max(1, self.workers))
+
+
+__all__ = ["ClusterAddress"]

@@ -1,0 +1,59 @@
+"""Backprojection by the workers of a cluster: each launch of pixels is a task, and every worker has all raw data."""
+
+from dataclasses import dataclass, field, fields
+from functools import partial
+
+import numpy as np
+
+from sarmitsuba.cluster.crew import DaskCrew
+from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, OptionValue
+from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backprojection, Tiles
+
+
+@dataclass(frozen=True)
+class SharedBackprojection(Backprojection):
+    """:class:`Backprojection` with the same pixels, made by a crew where they are more than one launch."""
+
+    crew: "DaskCrew | None" = field(default=None, repr=False)
+    tile_pixels: int = field(default=TILE_PIXELS, repr=False)
+
+    @property
+    def options(self) -> dict[str, OptionValue]:
+        """Those of the backprojection: who does it is none."""
+        return {option.name: getattr(self, option.name) for option in fields(Backprojection)}
+
+    def focus(self, task: FocusTask) -> Focused:
+        """Focus."""
+        tiles = Tiles(
+            task.raw,
+            task.grid,
+            task.range_window,
+            task.azimuth_window,
+            self.interpolation,
+            self.oversampling,
+            tile_pixels=self.tile_pixels,
+        )
+        count = sum(1 for _ in tiles.launches())
+        if self.crew is None or count < 2:
+            return super().focus(task)
+        image = np.empty((len(task.raw.layers), int(np.prod(tiles.shape))), dtype=np.complex64)
+        for done, tile in enumerate(self.crew.spread(partial(_same, tiles), Tiles.tile, range(count)), 1):
+            image[tile.layers, tile.start : tile.stop] = tile.pixels
+            task.progress("focus", float(done), float(count), {"workers": float(self.crew.n_workers)})
+        pixels = image.reshape(len(task.raw.layers), *tiles.shape)
+        return Focused(pixels, lambda point: matched_weights(task.raw.radar, point, task.azimuth_window))
+
+
+def shared(focuser: Focuser, crew: DaskCrew) -> Focuser:
+    """The focuser as the crew does it; itself where it is not backprojection."""
+    if type(focuser) is not Backprojection:
+        return focuser
+    return SharedBackprojection(focuser.interpolation, focuser.oversampling, crew)
+
+
+def _same(tiles: Tiles) -> Tiles:
+    return tiles
+
+
+__all__ = ["SharedBackprojection", "shared"]

@@ -1,0 +1,87 @@
+"""What runs in a worker process: it builds the scene once a run, and traces or focuses what it is given."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+from distributed import Worker, WorkerPlugin, get_worker
+
+from sarmitsuba.backend import dr, ensure_backend
+from sarmitsuba.registry import load_extension
+from sarmitsuba.version import __version__
+
+# of every worker there is one: a task uses all of its threads, so that it takes one task at a time
+SLOT = "sarmitsuba"
+
+Tool = TypeVar("Tool")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+class ToolPlugin(WorkerPlugin, Generic[Tool, Task, Result]):
+    """Holds what a run's tasks need, in every worker that there is or that joins later, also after one died.
+
+    Parameters
+    ----------
+    make : makes the tool in the worker, before its first task
+    use : does one task with the tool
+    variant : of Mitsuba, that of the client
+    extensions : the user's extension modules
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Tool],
+        use: Callable[[Tool, Task], Result],
+        variant: str,
+        extensions: tuple[str, ...],
+    ) -> None:
+        self.make, self.use, self.variant, self.extensions = make, use, variant, extensions
+
+    async def setup(self, worker: Worker) -> None:
+        """Join a worker."""
+        self.tool: Tool | None = None
+        self.threads, self.number = int(worker.state.nthreads), worker.name
+        # Dr.Jit and Mitsuba keep their state by thread: one serves them
+        self.thread = ThreadPoolExecutor(1)
+        await worker.set_resources(**{SLOT: 1})
+
+    def teardown(self, worker: Worker) -> None:
+        """Leave a worker."""
+        self.thread.shutdown(wait=False, cancel_futures=True)
+
+    def run(self, task: Task) -> Result:
+        """Do one task; called in a worker."""
+        return self.thread.submit(self._run, task).result()
+
+    def _run(self, task: Task) -> Result:
+        if self.tool is None:
+            self._keep_to_own_cores()
+            ensure_backend(self.variant)
+            dr.set_thread_count(self.threads)
+            for extension in self.extensions:
+                load_extension(extension, again=False)
+            self.tool = self.make()
+        return self.use(self.tool, task)
+
+    def _keep_to_own_cores(self) -> None:
+        """Of several numbered workers on a machine each has cores of its own, for this thread and those it starts."""
+        if isinstance(self.number, int) and hasattr(os, "sched_setaffinity"):
+            cores = sorted(os.sched_getaffinity(0))
+            own = cores[self.number * self.threads : (self.number + 1) * self.threads]
+            if own:
+                os.sched_setaffinity(0, own)
+
+
+def run_task(plugin: str, task: object) -> object:
+    """Do one task with the plugin of that name, in a worker."""
+    return get_worker().plugins[plugin].run(task)
+
+
+def version() -> str:
+    """Of sarmitsuba in a worker."""
+    return __version__
+
+
+__all__ = ["SLOT", "ToolPlugin", "run_task", "version"]

@@ -1,0 +1,53 @@
+"""The argument that names a cluster, and the workers that it stands for."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sarmitsuba.commands.console import Console
+
+if TYPE_CHECKING:
+    from sarmitsuba.cluster.crew import DaskCrew
+
+
+def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--cluster``."""
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="share the work with the workers of a Dask cluster: local or local:N for N processes on this machine, or "
+        "the address of a scheduler; the result has the same bits",
+    )
+
+
+def check_cluster_argument(args: argparse.Namespace) -> None:
+    """Raise a ClusterError for an address that is none, before any other work."""
+    if args.cluster:
+        from sarmitsuba.cluster.address import ClusterAddress
+
+        ClusterAddress.parse(args.cluster)
+
+
+@contextmanager
+def crew_of(args: argparse.Namespace, console: Console, method: str) -> "Iterator[DaskCrew | None]":
+    """Workers that the arguments name; None where they name none, or the method has nothing to share."""
+    if not args.cluster:
+        yield None
+        return
+    if method in ("image", "raster"):
+        console.note(
+            f"--cluster {args.cluster}: method {method} takes one look, which this process makes alone; hybrid and raw "
+            "are shared"
+        )
+        yield None
+        return
+    from sarmitsuba.cluster.address import ClusterAddress
+    from sarmitsuba.cluster.crew import crew_of as opened
+
+    with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as crew:
+        console.say(f"cluster {crew.name}: {crew.n_workers} workers")
+        yield crew
+
+
+__all__ = ["add_cluster_argument", "check_cluster_argument", "crew_of"]

@@ -1,0 +1,84 @@
+"""Buildings as closed solids: a footprint pulled up, with a roof, and with relief on its walls."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.importing.facades import FacadeBuilder
+from sarmitsuba.importing.parts import Parts
+from sarmitsuba.importing.polygons import triangulate
+from sarmitsuba.importing.roofs import Roof, make_roof
+
+if TYPE_CHECKING:
+    import shapely
+
+F64 = NDArray[np.float64]
+
+# how deep walls stand in the ground, so that no gap opens at their feet, m
+FOOT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """A house in the scene's frame.
+
+    Parameters
+    ----------
+    polygon : footprint, m, valid
+    foot, ground, eaves, ridge : heights of the lower end of the walls, of the ground, of the walls' upper end and of
+        the roof's top, m
+    roof_shape, across : see `sarmitsuba.importing.roofs.make_roof`
+    wall, roof : materials of the library
+    storey : height of a storey, m
+    """
+
+    polygon: "shapely.Polygon"
+    foot: float
+    ground: float
+    eaves: float
+    ridge: float
+    roof_shape: str
+    across: bool
+    wall: str
+    roof: str
+    storey: float
+
+
+def wall_segments(polygon: "shapely.Polygon") -> F64:
+    """(n, 2, 2) float64 m; start and end of every wall, the outside to the right, holes included."""
+    from shapely.geometry.polygon import orient
+
+    turned = orient(polygon)
+    rings = [np.asarray(ring.coords)[:, :2] for ring in (turned.exterior, *turned.interiors)]
+    pairs = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
+    return np.asarray(pairs[np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) > 0.0])
+
+
+def add_building(parts: Parts, building: Building, facades: FacadeBuilder) -> Roof:
+    """Add walls, underside and roof of a building, outsides outwards, and return the roof as it was made.
+
+    Notes
+    -----
+    Ignores what OpenStreetMap cannot say: eaves, chimneys, courtyards under roofs.
+    """
+    from shapely.geometry.polygon import orient
+
+    polygon = orient(building.polygon)
+    segments = wall_segments(polygon)
+    facades.add_walls(
+        parts, segments, building.foot, building.ground, building.eaves, building.storey, building.wall
+    )
+    roof = make_roof(polygon, building.roof_shape, building.across)
+    z = building.eaves + (building.ridge - building.eaves) * roof.lift
+    top = np.column_stack([roof.corners, z])
+    parts.add("roofs", building.roof, top, roof.faces)
+    parts.add("walls", building.wall, top, roof.gables)
+    corners, faces = triangulate(polygon)
+    under = np.column_stack([corners, np.full(len(corners), building.foot)])
+    parts.add("walls", building.wall, under, faces[:, ::-1])
+    return roof
+
+
+__all__ = ["FOOT", "Building", "add_building", "wall_segments"]

@@ -1,0 +1,77 @@
+"""What a source does not say of itself: materials, heights, units, place, terrain, relief of facades."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.importing.facades import FacadeOptions
+from sarmitsuba.loader.from_mesh import UNITS, UPS, Up
+from sarmitsuba.radar.geodesy import Anchor
+
+# what stands without a height or a number of storeys: two storeys and a roof, m
+HEIGHT = 8.0
+STOREY = 3.0
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """How a source becomes a scene.
+
+    Parameters
+    ----------
+    materials : material of the library by part (``walls``, ``roofs``, ``ground``, ``windows``, ``balconies``), or by
+        the name that a mesh file gives it
+    unit, up : of mesh files and of plain coordinates; ``auto`` is said when it is found
+    crs : coordinate system of footprints or CityGML, such as ``EPSG:25832``; ``local``: metres, x east, y north;
+        empty: as the file says, longitude and latitude where it says nothing
+    anchor : where the scene's origin lies on the Earth; None: the middle of what is imported
+    radius : only buildings whose middle lies within this distance of the anchor, m; 0: all
+    height, storey : of buildings that state no height, and of a storey, m
+    ground : a plane under the buildings; None: where neither terrain nor mesh brings one
+    dem : elevation raster that becomes the terrain
+    tolerance : largest deviation of the terrain's triangles from the raster, m
+    geoid : height of the raster's zero (mean sea level) over the WGS-84 ellipsoid, m
+    facades : relief of the walls
+    """
+
+    materials: Mapping[str, str] = field(default_factory=dict)
+    unit: str = "auto"
+    up: Up = "auto"
+    crs: str = ""
+    anchor: Anchor | None = None
+    radius: float = 0.0
+    height: float = HEIGHT
+    storey: float = STOREY
+    ground: bool | None = None
+    dem: Path | None = None
+    tolerance: float = 0.5
+    geoid: float = 0.0
+    facades: FacadeOptions = field(default_factory=FacadeOptions)
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises
+        ------
+        SceneError : one of them is out of bounds
+        """
+        for name, low, high in (
+            ("radius", 0.0, 1e5),
+            ("height", 0.1, 2000.0),
+            ("storey", 1.0, 20.0),
+            ("tolerance", 1e-3, 1e3),
+            ("geoid", -150.0, 150.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise SceneError(
+                    f"import: --{name} = {value:g} m is outside {low:g} to {high:g} m; change it"
+                )
+        if self.unit != "auto" and self.unit not in UNITS:
+            raise SceneError(f'import: unit "{self.unit}" is unknown; choose one of {", ".join(UNITS)}')
+        if self.up not in UPS:
+            raise SceneError(f'import: up axis "{self.up}" is unknown; choose one of {", ".join(UPS)}')
+
+
+__all__ = ["HEIGHT", "STOREY", "ImportOptions"]

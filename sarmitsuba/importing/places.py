@@ -1,0 +1,124 @@
+"""From the coordinates of a file to the tangent plane of an anchor on the Earth."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.geodesy import Anchor
+
+F64 = NDArray[np.float64]
+
+WGS84, LOCAL = "EPSG:4326", "local"
+# beyond this the plane z = 0 is 200 m above the Earth's surface, and no radar image is that wide, m
+WIDEST = 50e3
+_EPSG = re.compile(r"EPSG(?:/0/|/[\d.]+/|:[\d.]*:|:)(\d{4,6})")
+
+
+def crs_named(text: str) -> str:
+    """``EPSG:n`` of the names that GML and GeoJSON have for it; of a compound system the horizontal one."""
+    if text.strip().upper().endswith("CRS84"):
+        return WGS84
+    found = _EPSG.search(text)
+    return f"EPSG:{found[1]}" if found else text.strip()
+
+
+@dataclass(frozen=True)
+class Places:
+    """Coordinates of a file, as longitude and latitude or as metres of the scene.
+
+    Parameters
+    ----------
+    crs : ``EPSG:4326`` (x is longitude, y latitude, deg), ``local`` (metres east and north of the anchor), or a map
+        projection that rasterio knows (x is east, y north)
+    where : start of every error
+    """
+
+    crs: str
+    where: str
+
+    def geodetic(self, points: ArrayLike) -> F64:
+        """Longitude and latitude, deg, of (n, 2) coordinates.
+
+        Raises
+        ------
+        SceneError : they are none, the system is unknown, or rasterio is missing
+        """
+        xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        if self.crs != WGS84:
+            xy = self._projected(xy)
+        bad = ~(np.isfinite(xy).all(axis=1) & (np.abs(xy[:, 0]) <= 360.0) & (np.abs(xy[:, 1]) <= 90.0))
+        if bad.any():
+            x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2)[np.argmax(bad)]
+            raise SceneError(
+                f"{self.where}: {x:.6g}, {y:.6g} is no longitude and latitude in degrees; name the map projection with "
+                "--crs EPSG:n, or --crs local for metres"
+            )
+        return xy
+
+    def _projected(self, xy: F64) -> F64:
+        try:
+            import rasterio
+            from rasterio.warp import transform
+        except ImportError as error:
+            raise SceneError(
+                f"{self.where}: coordinates in {one_line(self.crs)} need the package rasterio ({error}); pip install "
+                "'sarmitsuba[importing]'"
+            ) from error
+        try:
+            longitude, latitude = transform(self.crs, WGS84, xy[:, 0], xy[:, 1])
+        except (rasterio.errors.RasterioError, ValueError, TypeError, RuntimeError) as error:
+            raise SceneError(
+                f"{self.where}: coordinate system {one_line(self.crs)} cannot be used: {one_line(error)}; name it with "
+                "--crs EPSG:n"
+            ) from error
+        return np.column_stack([longitude, latitude])
+
+
+def local_of_geodetic(anchor: Anchor, longitude_latitude: F64, height: float | F64) -> F64:
+    """(n, 3) float64 m, scene frame, of longitude and latitude (deg) and height over the ellipsoid (m)."""
+    lon, lat = np.radians(longitude_latitude.T)
+    return anchor.from_geodetic(np.stack([lat, lon, np.broadcast_to(height, lat.shape)], axis=-1))
+
+
+def on_plane(anchor: Anchor, longitude_latitude: F64) -> F64:
+    """(n, 2) float64 m: where the ellipsoid's normals at longitude and latitude (deg) meet the plane z = 0."""
+    lon, lat = np.radians(longitude_latitude.T)
+    up = (
+        np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1) @ anchor.axes.T
+    )
+    foot = local_of_geodetic(anchor, longitude_latitude, anchor.height)
+    return np.asarray(foot[:, :2] - foot[:, 2:] / up[:, 2:] * up[:, :2])
+
+
+def middle(longitude_latitude: F64, height: float = 0.0) -> Anchor:
+    """Anchor in the middle of the bounds of points (deg), rounded to what a scene file states."""
+    low, high = longitude_latitude.min(axis=0), longitude_latitude.max(axis=0)
+    lon, lat = np.round(0.5 * (low + high), 8)
+    return Anchor.of_degrees(float(lat), float(lon), round(height, 3))
+
+
+def check_width(points: F64, where: str) -> None:
+    """Raise a SceneError where points (n, 2 or 3) of the scene, m, lie too far from its origin."""
+    far = float(np.abs(points[:, :2]).max()) if len(points) else 0.0
+    if not far <= WIDEST:
+        raise SceneError(
+            f"{where}: reaches {far / 1e3:.4g} km from the scene's origin, more than {WIDEST / 1e3:.0f} km; give "
+            "--anchor LAT,LON with --radius M to take a part"
+        )
+
+
+__all__ = [
+    "LOCAL",
+    "WGS84",
+    "WIDEST",
+    "Places",
+    "check_width",
+    "crs_named",
+    "local_of_geodetic",
+    "middle",
+    "on_plane",
+]

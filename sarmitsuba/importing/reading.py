@@ -1,0 +1,89 @@
+"""Text and XML of strangers: sizes, numbers and entities are checked before anything is believed."""
+
+import json
+import xml.etree.ElementTree as ET
+import xml.parsers.expat
+from pathlib import Path
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import one_line
+
+# a city of a million buildings; what is larger is cut first
+LARGEST = 1 << 30
+
+
+class _PrologError(Exception):
+    """The prolog has ended, which is as far as it is read twice."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Content of a file.
+
+    Raises
+    ------
+    SceneError : it cannot be read, or is larger than `LARGEST`
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise SceneError(
+                f"{path.name}: {size / 1e9:.3g} GB is more than {LARGEST / 1e9:.3g} GB; cut out the part you need"
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise SceneError(
+            f"{one_line(path.name)}: cannot be read: {error.strerror}; check the path"
+        ) from error
+
+
+def read_json(path: Path) -> object:
+    """JSON without the constants that are no numbers.
+
+    Raises
+    ------
+    SceneError : it is malformed, nested too deep or holds NaN
+    """
+
+    def refuse(constant: str) -> float:
+        raise SceneError(f"{path.name}: holds {constant}, which is no JSON number; export it again")
+
+    try:
+        content: object = json.loads(read_bytes(path), parse_constant=refuse)
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path.name}: is no text in UTF-8; export it again") from error
+    except RecursionError as error:
+        raise SceneError(f"{path.name}: is nested too deep for JSON of a map; export it again") from error
+    except ValueError as error:
+        raise SceneError(f"{path.name}: malformed JSON: {one_line(error)}; export it again") from error
+    return content
+
+
+def read_xml(path: Path) -> ET.Element:
+    """Root element of an XML file without a document type, which is where entities come from.
+
+    Raises
+    ------
+    SceneError : it is malformed, or declares a document type
+    """
+    content = read_bytes(path)
+    prolog = xml.parsers.expat.ParserCreate()
+
+    def refuse(*_: object) -> None:
+        raise SceneError(f"{path.name}: declares a document type (DOCTYPE), which no map needs; remove it")
+
+    def stop(*_: object) -> None:
+        raise _PrologError
+
+    prolog.StartDoctypeDeclHandler = refuse
+    prolog.StartElementHandler = stop
+    try:
+        try:
+            prolog.Parse(content, True)
+        except _PrologError:  # the document type can only stand before the root element
+            return ET.fromstring(content)
+        raise SceneError(f"{path.name}: holds no element; export it again")
+    except (ET.ParseError, xml.parsers.expat.ExpatError, ValueError, LookupError) as error:
+        raise SceneError(f"{path.name}: malformed XML: {one_line(error)}; export it again") from error
+
+
+__all__ = ["LARGEST", "read_bytes", "read_json", "read_xml"]

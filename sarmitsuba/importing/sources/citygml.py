@@ -1,0 +1,128 @@
+"""CityGML 1 to 3: buildings as plane polygons, of the finest level of detail up to 3."""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.places import WGS84, crs_named
+from sarmitsuba.importing.polygons import require_shapely
+from sarmitsuba.importing.reading import read_xml
+from sarmitsuba.importing.source import SOURCES, Solid, Source, SourceFormat
+
+F64 = NDArray[np.float64]
+
+_PARTS = {"RoofSurface": "roofs", "OuterFloorSurface": "roofs", "Window": "windows", "Door": "windows"}
+_SURFACES = ("WallSurface", "GroundSurface", "ClosureSurface", "OuterCeilingSurface", *_PARTS)
+_INSIDE = (
+    "InteriorWallSurface",
+    "CeilingSurface",
+    "FloorSurface",
+    "Room",
+    "BuildingRoom",
+    "BuildingFurniture",
+)
+_LEVEL = re.compile(r"lod(\d)")
+# steeper than 72 degrees is a wall
+_ROOF = 0.3
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A polygon with the level of detail and the surface that it stands under."""
+
+    level: int
+    surface: str
+    element: ET.Element
+
+
+def read_citygml(path: Path, options: ImportOptions) -> Source:
+    """Every building with its polygons.
+
+    Raises
+    ------
+    SceneError : it is no CityGML, or names no coordinate system and none is given
+    """
+    require_shapely(path.name)
+    root = read_xml(path)
+    if _local(root) != "CityModel":
+        raise SceneError(f"{path.name}: its root is <{_local(root)[:40]}>, not <CityModel>; is it CityGML?")
+    names = [value for e in root.iter() if (value := e.get("srsName"))]
+    crs = crs_named(names[0]) if names else ""
+    if not (crs or options.crs):
+        raise SceneError(
+            f"{path.name}: names no coordinate system (srsName); give --crs EPSG:n, or --crs local"
+        )
+    source = Source(path.name, crs=crs)
+    # names in urn form have latitude first, RFC 5165
+    swapped = bool(names) and crs == WGS84 and "CRS84" not in names[0].upper()
+    for number, building in enumerate(e for e in root.iter() if _local(e) == "Building"):
+        name = next((v for k, v in building.attrib.items() if k.endswith("}id")), f"building {number}")
+        found = [f for f in _polygons(building, 0, "") if f.level <= 3]
+        finest = max((f.level for f in found), default=0)
+        polygons: list[tuple[str, tuple[F64, ...]]] = []
+        for one in found:
+            if one.level != finest:
+                continue
+            try:
+                rings = tuple(_rings(one.element, swapped))
+            except ValueError:
+                source.skip("polygons without rings of three corners in space", name)
+                continue
+            polygons.append((_part(one.surface, rings[0]), rings))
+        if polygons:
+            source.solids.append(Solid(name, tuple(polygons)))
+        else:
+            source.skip("buildings without polygons", name)
+    return source
+
+
+def _local(element: ET.Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_Found]:
+    """Polygons below an element, without those of rooms; by a stack, files are nested as they like."""
+    todo = [(element, level, surface)]
+    while todo:
+        here, level, surface = todo.pop()
+        name = _local(here)
+        if name in _INSIDE:
+            continue
+        found = _LEVEL.match(name)
+        level = int(found[1]) if found else level
+        surface = name if name in _SURFACES else surface
+        if name == "Polygon":
+            yield _Found(level, surface, here)
+        else:
+            todo += [(child, level, surface) for child in reversed(here)]
+
+
+def _rings(polygon: ET.Element, swapped: bool) -> Iterator[F64]:
+    """Rings, exterior first, without the repeated last corner."""
+    for ring in (e for e in polygon.iter() if _local(e) == "LinearRing"):
+        text = " ".join(e.text or "" for e in ring.iter() if _local(e) in ("posList", "pos"))
+        corners = np.array(text.split(), dtype=np.float64).reshape(-1, 3)
+        if len(corners) < 4 or not np.isfinite(corners).all():
+            raise ValueError
+        yield corners[:-1, [1, 0, 2]] if swapped else corners[:-1]
+
+
+def _part(surface: str, exterior: F64) -> str:
+    """Part of the scene: of the surface that it stands under, else by its slope."""
+    if surface:
+        return _PARTS.get(surface, "walls")
+    corners = exterior - exterior[0]  # far from the origin the products lose their digits
+    normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    return "roofs" if normal[2] > _ROOF * float(np.linalg.norm(normal)) else "walls"
+
+
+SOURCES.register(SourceFormat("citygml", "buildings as polygons, LoD 1 to 3", (".gml", ".xml"), read_citygml))
+
+__all__ = ["read_citygml"]

@@ -1,0 +1,42 @@
+"""Mesh files, one or a folder of them: glTF, obj, ply, stl, off."""
+
+from pathlib import Path
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.loader.from_mesh import SUFFIXES, MeshOptions, upright
+from sarmitsuba.loader.mesh_files import MeshPart, read_parts
+
+
+def read_meshes(path: Path, options: ImportOptions) -> Source:
+    """Parts of all files, turned upright together and in metres.
+
+    A part without a material of its own has the name of its file.
+
+    Raises
+    ------
+    SceneError : a file cannot be read, or the coordinates cannot be metres
+    """
+    files = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
+    parts: list[MeshPart] = []
+    for file in files:
+        for part in read_parts(file, file.name):
+            parts.append(
+                MeshPart(f"{file.stem} {part.name}", part.material or file.stem, part.vertices, part.faces)
+            )
+    source = Source(path.name)
+    kinds = {p.suffix.lower() in (".glb", ".gltf") for p in files}
+    if len(kinds) > 1 and options.up == "auto":
+        raise SceneError(
+            f"{path.name}: glTF, which has y up, beside other meshes; say --up y or --up z, or part them"
+        )
+    matrix, said = upright(path.name, files[0].suffix, parts, MeshOptions(up=options.up, unit=options.unit))
+    source.notes.append(said)
+    source.meshes = [MeshPart(p.name, p.material, p.vertices @ matrix.T, p.faces) for p in parts]
+    return source
+
+
+SOURCES.register(SourceFormat("mesh", "meshes, materials by name", SUFFIXES, read_meshes, folders=True))
+
+__all__ = ["read_meshes"]

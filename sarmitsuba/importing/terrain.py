@@ -1,0 +1,184 @@
+"""Elevation rasters as terrain in the scene's frame."""
+
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SceneError
+from sarmitsuba.importing.places import WGS84, Places, local_of_geodetic
+from sarmitsuba.importing.triangulated import Network, network
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.geodesy import Anchor
+
+if TYPE_CHECKING:
+    from rasterio.windows import Window
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+# samples that are read; triangulating more takes minutes and gigabytes
+MOST_SAMPLES = 16_000_000
+# what is no height on the Earth, m
+_LOWEST, _HIGHEST = -12e3, 9e3
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Heights on a grid, as read.
+
+    Parameters
+    ----------
+    name : of the file
+    heights : (n_rows, n_columns) float64 m over the ellipsoid; nan where there is none
+    affine : (2, 3) float64; column and row (of the samples' middles) to the raster's coordinates
+    crs : of these
+    """
+
+    name: str
+    heights: F64 = field(repr=False)
+    affine: F64
+    crs: str
+
+    def places(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> F64:
+        """(n, 2) longitude and latitude, deg, of samples."""
+        xy = np.column_stack([columns, rows]) @ self.affine[:, :2].T + self.affine[:, 2]
+        return Places(self.crs, self.name).geodetic(xy)
+
+    def at(self, longitude_latitude: F64) -> F64:
+        """(n,) float64 m; heights between the samples, bilinear; nan outside and beside holes."""
+        xy = longitude_latitude
+        if self.crs != WGS84:
+            xy = _to_crs(self.crs, longitude_latitude, self.name)
+        column, row = np.linalg.solve(self.affine[:, :2], (xy - self.affine[:, 2]).T)
+        # places on the last sample are inside, whatever rounding says
+        n_rows, n_columns = self.heights.shape
+        inside = (
+            (column >= -1e-6) & (row >= -1e-6) & (column <= n_columns - 1 + 1e-6) & (row <= n_rows - 1 + 1e-6)
+        )
+        column, row = np.clip(column, 0.0, n_columns - 1.0), np.clip(row, 0.0, n_rows - 1.0)
+        j = np.minimum(column.astype(np.int64), n_columns - 2)
+        i = np.minimum(row.astype(np.int64), n_rows - 2)
+        u, v = column - j, row - i
+        z = self.heights
+        mean = (1 - v) * ((1 - u) * z[i, j] + u * z[i, j + 1]) + v * (
+            (1 - u) * z[i + 1, j] + u * z[i + 1, j + 1]
+        )
+        return np.where(inside, mean, np.nan)
+
+
+def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
+    """Read the first band of a GeoTIFF or another raster that rasterio knows.
+
+    Parameters
+    ----------
+    path : file
+    geoid : height of its zero over the ellipsoid, m
+    around : (2, 2) lowest and highest longitude and latitude, deg, of what is wanted; None: all
+
+    Raises
+    ------
+    SceneError : rasterio is missing, or the raster cannot be read, has no place, no heights, or too many samples
+    """
+    try:
+        import rasterio
+        from rasterio.windows import Window, from_bounds
+    except ImportError as error:
+        raise SceneError(
+            f"{path.name}: elevation rasters need the package rasterio ({error}); pip install 'sarmitsuba[importing]'"
+        ) from error
+    where = one_line(path.name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            with rasterio.open(path) as file:
+                if file.crs is None:
+                    raise SceneError(
+                        f"{where}: has no coordinate system; write one into it with gdal_edit -a_srs"
+                    )
+                crs = str(file.crs)
+                window = Window(0, 0, file.width, file.height)
+                if around is not None:
+                    edge = _to_crs(crs, _frame(around), where) if crs != WGS84 else _frame(around)
+                    wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
+                    window = _whole(wanted, file.width, file.height, where)
+                n = int(window.height) * int(window.width)
+                if n > MOST_SAMPLES:
+                    raise SceneError(
+                        f"{where}: {n} samples are more than {MOST_SAMPLES}; cut a part out or resample it, or give "
+                        "buildings or --anchor with --radius"
+                    )
+                heights = file.read(1, window=window, masked=True).astype(np.float64).filled(np.nan)
+                transform = file.window_transform(window)
+    except (rasterio.errors.RasterioError, OSError, ValueError, TypeError, MemoryError) as error:
+        raise SceneError(
+            f"{where}: no readable raster: {one_line(error, 120)}; write it as GeoTIFF"
+        ) from error
+    if min(heights.shape) < 2:
+        raise SceneError(
+            f"{where}: {heights.shape[0]} x {heights.shape[1]} samples there; a terrain needs 2 x 2 at least"
+        )
+    heights[~((heights > _LOWEST) & (heights < _HIGHEST))] = np.nan
+    if np.isnan(heights).all():
+        raise SceneError(
+            f"{where}: no height between {_LOWEST:g} m and {_HIGHEST:g} m there; check the band and its unit"
+        )
+    matrix = np.array([[transform.a, transform.b, transform.c], [transform.d, transform.e, transform.f]])
+    matrix[:, 2] += 0.5 * (matrix[:, 0] + matrix[:, 1])  # the transform is of the samples' corners
+    if abs(np.linalg.det(matrix[:, :2])) == 0.0:
+        raise SceneError(f"{where}: its samples have no place; write a transform into it")
+    return Raster(where, heights + geoid, matrix, crs)
+
+
+def terrain_mesh(raster: Raster, anchor: Anchor, tolerance: float) -> tuple[F64, I32, Network]:
+    """Terrain in the scene's frame: vertices (n, 3) m, faces upwards, and the network that they are of.
+
+    Notes
+    -----
+    Heights between samples are those of triangles; what stands on the ground (surface models) becomes terrain.
+    """
+    net = network(raster.heights, tolerance)
+    z = raster.heights[net.rows, net.columns]
+    vertices = local_of_geodetic(anchor, raster.places(net.rows, net.columns), z)
+    a, b, c = (vertices[net.faces[:, i], :2] for i in range(3))
+    down = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    faces = net.faces.copy()
+    faces[down] = faces[down][:, ::-1]
+    return vertices, faces, net
+
+
+def _to_crs(crs: str, longitude_latitude: F64, where: str) -> F64:
+    import rasterio
+    from rasterio.warp import transform
+
+    try:
+        return np.column_stack(transform(WGS84, crs, longitude_latitude[:, 0], longitude_latitude[:, 1]))
+    except (rasterio.errors.RasterioError, ValueError, RuntimeError) as error:
+        raise SceneError(f"{where}: its coordinate system cannot be used: {one_line(error)}") from error
+
+
+def _frame(around: F64) -> F64:
+    """(36, 2) points on the border of a rectangle."""
+    t = np.linspace(0.0, 1.0, 10)[:-1]
+    (x0, y0), (x1, y1) = around
+    turn = [(x0 + t * (x1 - x0), y0 + 0 * t), (x1 + 0 * t, y0 + t * (y1 - y0))]
+    turn += [(x1 - t * (x1 - x0), y1 + 0 * t), (x0 + 0 * t, y1 - t * (y1 - y0))]
+    return np.concatenate([np.column_stack(side) for side in turn])
+
+
+def _whole(wanted: "Window", width: int, height: int, where: str) -> "Window":
+    """The window in whole samples, one more at each side, inside the raster."""
+    from rasterio.windows import Window
+
+    left, top = max(int(wanted.col_off) - 2, 0), max(int(wanted.row_off) - 2, 0)
+    right = min(int(wanted.col_off + wanted.width) + 3, width)
+    bottom = min(int(wanted.row_off + wanted.height) + 3, height)
+    if right - left < 2 or bottom - top < 2:
+        raise SceneError(f"{where}: the raster does not cover the buildings; give one that does")
+    return Window(left, top, right - left, bottom - top)
+
+
+__all__ = ["MOST_SAMPLES", "Raster", "read_raster", "terrain_mesh"]
