@@ -35,6 +35,7 @@ FLOORS = (
         "constants",
         "errors",
         "extensions",
+        "kernel_cache",
         "memory",
         "parameters",
         "progress",
