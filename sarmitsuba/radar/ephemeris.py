@@ -124,7 +124,7 @@ class StateVectors:
         """
         path = Path(path)
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8", errors="replace")
         except OSError as error:
             raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
         lines = [line.split(",") for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
