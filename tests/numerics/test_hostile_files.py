@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
+from sarmitsuba.commands.scenes import copy_scene
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaError, SceneError
 from sarmitsuba.io import read_raw
 from sarmitsuba.io.isolated import survive
@@ -229,3 +230,23 @@ def test_kernels_go_elsewhere_where_the_home_cannot_be_written(
     monkeypatch.setenv(CACHE_VARIABLE, "")
     with pytest.warns(UserWarning, match="compiled kernels"):
         assert prepare_kernel_cache() != folder
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (SHAPE.format("../outside.ply"), "outside its own folder"),
+        (SHAPE.format("/etc/passwd"), "outside its own folder"),
+        ('<include filename="scene.xml"/>', "includes itself"),
+        ('<include filename="../part.xml"/>', "lies outside"),
+        ("<a>", "malformed XML"),
+    ],
+)
+def test_copying_a_scene_reads_and_writes_nothing_elsewhere(tmp_path: Path, text: str, message: str) -> None:
+    """A name with ``..`` would have been read beside the scene, and written beside the target."""
+    for name in ("outside.ply", "part.xml"):
+        write(tmp_path, '<scene version="3.0.0"/>', name)
+    path = write(tmp_path / "scene", SCENE.format(text))
+    with pytest.raises(SceneError, match=message):
+        copy_scene(path, tmp_path / "deep" / "target")
+    assert not (tmp_path / "deep").exists()
