@@ -70,7 +70,7 @@ def install_fakes(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Replace loading, simulating and focusing; the dictionary receives the loader's arguments."""
     seen: dict[str, Any] = {}
 
-    def load_scene(path: str, *, radar: Any = None, parameters: Any = None, mesh: object = None) -> Scene:
+    def load_scene(path: str, *, radar: Any = None, parameters: Any = None, **how: object) -> Scene:
         seen.update(path=path, radar=radar, parameters=parameters)
         return make_scene()
 
