@@ -9,6 +9,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.swath import Box, beam_bandwidth, doppler_bandwidth
 
+_MOST_AMBIGUITIES = 10_000.0  # a prf that low is refused or noted whatever their number
 _SMALL_SHARE = 0.005  # of ghosts; less is not named
 
 
@@ -157,12 +158,14 @@ def _share_by_beam(radar: Radar, step: float, farthest: float) -> float:
     farthest : how many steps of Delta the image and what it shows are long
     """
     sine = np.linspace(-radar.half_aperture, radar.half_aperture, 257)
-    order = np.arange(-np.floor(farthest), np.floor(farthest) + 1.0)[:, None]
+    n = np.floor(min(farthest, _MOST_AMBIGUITIES))
+    order = np.arange(-n, n + 1.0)[:, None]
     shifted = np.clip(sine + order * step, -1.0, 1.0)
     power = np.asarray(radar.antenna.two_way_amplitude(shifted, np.zeros_like(shifted))) ** 2
     total = power.sum(axis=1)
     wrong = float(total[order[:, 0] != 0.0].sum())
-    return wrong / (wrong + float(total[order[:, 0] == 0.0].sum()))
+    whole = wrong + float(total[order[:, 0] == 0.0].sum())
+    return wrong / whole if whole > 0.0 else 0.0  # a beam that lights nothing there has no ghosts
 
 
 def _span(box: Box, axis: int) -> str:

@@ -18,6 +18,7 @@ _NODES_PER_WIDTH = 128
 _FEWEST_NODES, _MOST_NODES = 1 << 10, 1 << 16
 # a first null is at least so far down, one way; ripple of the main lobe is none
 _NULL = 0.1
+_NARROWEST = 1e-9  # half the half-power width of what can be a main lobe, in sines
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,11 @@ class Cut:
         ends = np.sin(self.angle[[0, -1]])
         self.half_power = self._half_power()
         width = float(np.diff(np.sin(self.half_power))[0]) / 2.0
+        if not _NARROWEST < width < np.inf:
+            raise RadarError(
+                f"pattern_file: the main lobe of a cut is {width:.3g} wide in sines, not above {_NARROWEST:g}; check "
+                "its gains in dB, and give more angles over it"
+            )
         wanted = _NODES_PER_WIDTH * float(ends[1] - ends[0]) / width
         n = int(np.clip(2 ** np.ceil(np.log2(wanted)), _FEWEST_NODES, _MOST_NODES))
         self.sine = np.linspace(ends[0], ends[1], n)
