@@ -199,7 +199,7 @@ def _render(path: Path) -> object:
     """What the command line does; its errors are its own lines and the exit status 2."""
     from sarmitsuba import cli
 
-    status = cli.main(["render", str(path), "--quiet", "-o", str(path.parent / "out")])
+    status = cli.main(["render", str(path), "--quiet", "--force", "-o", str(path.parent / "out")])
     if status not in (0, 2):
         raise AssertionError(f"exit status {status}")
     return status

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import BackendError
+from sarmitsuba.kernel_cache import prepare_kernel_cache
 
 if TYPE_CHECKING:
     import drjit as dr
@@ -104,6 +105,8 @@ def ensure_backend(prefer: str | None = None) -> Backend:
     """
     late = "drjit" in sys.modules
     choice = None if late else prepare_llvm()
+    if not late:
+        prepare_kernel_cache()
     mi, dr = _import_mitsuba()
     current = mi.variant()
     if late and not (current or "").startswith("cuda_"):
@@ -251,6 +254,7 @@ class _Lazy:
             ensure_backend()
         elif "drjit" not in sys.modules:
             prepare_llvm()
+            prepare_kernel_cache()
         module = importlib.import_module(self._module_name)
         if "_watched" not in self.__dict__ and self._module_name == "mitsuba":
             self.__dict__["_watched"] = True

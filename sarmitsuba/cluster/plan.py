@@ -134,8 +134,9 @@ class ClusterPlan:
     def __str__(self) -> str:
         """One line."""
         return (
-            f"on {self.workers} workers like this machine: {duration(self.seconds)} (of it "
-            f"{duration(self.moving_seconds)} moving {in_bytes(round(self.moved_bytes))} at {8e-9 * self.bytes_per_second:g} Gbit/s), "
+            f"on {self.workers} workers like this machine: {duration(self.seconds)}, of it "
+            f"{duration(self.moving_seconds)} moving {in_bytes(round(self.moved_bytes))} at "
+            f"{8e-9 * self.bytes_per_second:g} Gbit/s; "
             f"{self.worker_hours:.3g} worker hours, {100.0 * self.efficiency:.0f} % of them at work"
         )
 

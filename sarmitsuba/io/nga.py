@@ -1,6 +1,7 @@
 """What the NGA's formats CPHD and SICD share: dates, names of modes and polarisations, and how sarkit fails."""
 
 import datetime
+import logging
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,8 +52,15 @@ def polarisations(channel: str, what: str) -> tuple[str, str]:
 
 @contextmanager
 def plain_xml() -> Iterator[None]:
-    """Within it lxml, which sarkit reads documents with, expands no entity and opens no other file or address."""
+    """Within it lxml, which sarkit reads documents with, expands no entity and opens no other file or address.
+
+    What jbpy logs about every field of a damaged NITF file is dropped: the error says it in one line.
+    """
     import lxml.etree
+
+    log = logging.getLogger("jbpy")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
 
     before = lxml.etree.get_default_parser()
     strict = lxml.etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
@@ -61,6 +69,7 @@ def plain_xml() -> Iterator[None]:
         yield
     finally:
         lxml.etree.set_default_parser(before)
+        log.setLevel(level)
 
 
 def refuse_document_type(tree: "lxml.etree._ElementTree", what: str) -> None:

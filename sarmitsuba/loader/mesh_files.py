@@ -24,6 +24,7 @@ _USEMTL = re.compile(rb"(?m)^[ \t]*usemtl[ \t]+(.*?)[ \t\r]*$")
 _READER_ERRORS = (
     ValueError,
     LookupError,
+    NameError,
     TypeError,
     AttributeError,
     ArithmeticError,

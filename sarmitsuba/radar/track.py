@@ -8,8 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.parameters import one_line
 
 F64 = NDArray[np.float64]
+
+_FARTHEST = 1e12  # m, of positions in a file
 
 
 def numbers_of(pulses: slice | ArrayLike, n: int) -> NDArray[np.intp]:
@@ -131,7 +134,7 @@ class Track:
         try:
             lines = [
                 ln
-                for ln in path.read_text(encoding="utf-8").splitlines()
+                for ln in path.read_text(encoding="utf-8", errors="replace").splitlines()
                 if ln.strip() and ln.lstrip()[0] != "#"
             ]
         except OSError as error:
@@ -141,10 +144,18 @@ class Track:
         try:
             rows = np.array([[float(c) for c in ln.split(",")] for ln in lines], dtype=np.float64)
         except ValueError as error:
-            raise RadarError(f"{path}: {error}; every line needs time_s, x_m, y_m, z_m") from error
+            raise RadarError(f"{path}: {one_line(error)}; every line needs time_s, x_m, y_m, z_m") from error
         if rows.ndim != 2 or rows.shape[1] != 4:
             raise RadarError(f"{path}: every line needs four numbers: time_s, x_m, y_m, z_m")
-        return Track.from_samples(rows[:, 0], rows[:, 1:])
+        if np.abs(rows[:, 1:]).max() > _FARTHEST:
+            raise RadarError(
+                f"{path}: a position lies beyond {_FARTHEST:g} m; give metres in the scene's frame"
+            )
+        try:
+            with np.errstate(over="ignore"):
+                return Track.from_samples(rows[:, 0], rows[:, 1:])
+        except ValueError as error:  # times so near to each other that velocities overflow
+            raise RadarError(f"{path}: {one_line(error)}; give times in s") from error
 
     @staticmethod
     def from_samples(time: ArrayLike, position: ArrayLike) -> "Track":

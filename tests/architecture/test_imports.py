@@ -37,6 +37,7 @@ FLOORS = (
         "constants",
         "errors",
         "extensions",
+        "kernel_cache",
         "memory",
         "parameters",
         "progress",

@@ -14,6 +14,7 @@ from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.needs import lattice_rays
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
 
@@ -190,3 +191,19 @@ def test_focusers_take_the_memory_they_state(name: str, grid: str) -> None:
     stated, taken = (int(word) for word in done.stdout.split())
     # tol: what threads hold at a time, and pages that the allocator keeps or gives back, differ from run to run
     assert 0.8 * taken < stated < 2.0 * taken + 80e6, f"{sizes}: {stated / 1e6:.0f} MB, {taken / 1e6:.0f} MB"
+
+
+def test_passes_are_refused_with_what_they_hold_before_the_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    scene = load_scene("tower")
+    needs = Run(scene).needs()
+    passes = needs.of_passes
+    assert passes.bytes == needs.bytes + 3 * needs.raw_bytes
+    assert passes.parts["raw data"] == 4 * needs.raw_bytes and passes.parts["rays"] == needs.parts["rays"]
+    # room for one pass, and not for what several hold
+    monkeypatch.setattr(memory, "free_memory", lambda: int((needs.bytes + needs.raw_bytes) / memory.USABLE))
+    needs.check()
+    with pytest.raises(ResourceError, match=r"needs .* of memory, and "):
+        refine(scene, target_error_db=-30.0, state=tmp_path / "passes.npz")
+    assert list(tmp_path.iterdir()) == []

@@ -172,8 +172,9 @@ def needs_of(
 
     Notes
     -----
-    Ignores finer lattices over small parts, whose rays are bounded, passes beyond the first, and copies of the raw data
-    in other domains. The seconds are those of usual cores; :func:`predict` measures.
+    Ignores finer lattices over small parts, whose rays are bounded, those of passes beyond the first
+    (:attr:`Needs.of_passes` adds their data), and copies of the raw data in other domains. The seconds are those of
+    usual cores; :func:`predict` measures.
     """
     of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method)
     if of_method is None and grid is None and scene.radar.track.n_pulses < 2:
