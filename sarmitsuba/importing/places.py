@@ -49,7 +49,7 @@ class Places:
         """
         xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if self.crs != WGS84:
-            xy = self._projected(xy)
+            xy = projected(xy, self.crs, WGS84, self.where)
         bad = ~(np.isfinite(xy).all(axis=1) & (np.abs(xy[:, 0]) <= 360.0) & (np.abs(xy[:, 1]) <= 90.0))
         if bad.any():
             x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2)[np.argmax(bad)]
@@ -59,23 +59,30 @@ class Places:
             )
         return xy
 
-    def _projected(self, xy: F64) -> F64:
-        try:
-            import rasterio
-            from rasterio.warp import transform
-        except ImportError as error:
-            raise SceneError(
-                f"{self.where}: coordinates in {one_line(self.crs)} need the package rasterio ({error}); pip install "
-                "'sarmitsuba[importing]'"
-            ) from error
-        try:
-            longitude, latitude = transform(self.crs, WGS84, xy[:, 0], xy[:, 1])
-        except (rasterio.errors.RasterioError, ValueError, TypeError, RuntimeError) as error:
-            raise SceneError(
-                f"{self.where}: coordinate system {one_line(self.crs)} cannot be used: {one_line(error)}; name it with "
-                "--crs EPSG:n"
-            ) from error
-        return np.column_stack([longitude, latitude])
+
+def projected(points: F64, crs: str, wanted: str, where: str) -> F64:
+    """(n, 2) coordinates in another system.
+
+    Raises
+    ------
+    SceneError : rasterio is missing, a system is unknown, or a point lies outside of it
+    """
+    try:
+        import rasterio
+        from rasterio._err import CPLE_BaseError  # not among rasterio's public errors, yet raised by it
+        from rasterio.warp import transform
+    except ImportError as error:
+        raise SceneError(
+            f"{where}: coordinates in {one_line(crs)} need the package rasterio ({error}); pip install "
+            "'sarmitsuba[importing]'"
+        ) from error
+    try:
+        return np.column_stack(transform(crs, wanted, points[:, 0], points[:, 1]))
+    except (rasterio.errors.RasterioError, CPLE_BaseError, ValueError, TypeError, RuntimeError) as error:
+        raise SceneError(
+            f"{where}: coordinates from {one_line(crs)} to {one_line(wanted)} cannot be turned: {one_line(error)}; "
+            "name their system with --crs EPSG:n"
+        ) from error
 
 
 def local_of_geodetic(anchor: Anchor, longitude_latitude: F64, height: float | F64) -> F64:
@@ -121,4 +128,5 @@ __all__ = [
     "local_of_geodetic",
     "middle",
     "on_plane",
+    "projected",
 ]

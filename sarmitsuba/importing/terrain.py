@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.places import WGS84, Places, local_of_geodetic
+from sarmitsuba.importing.places import WGS84, Places, local_of_geodetic, projected
 from sarmitsuba.importing.triangulated import Network, network
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
@@ -52,7 +52,7 @@ class Raster:
         """(n,) float64 m; heights between the samples, bilinear; nan outside and beside holes."""
         xy = longitude_latitude
         if self.crs != WGS84:
-            xy = _to_crs(self.crs, longitude_latitude, self.name)
+            xy = projected(longitude_latitude, WGS84, self.crs, self.name)
         column, row = np.linalg.solve(self.affine[:, :2], (xy - self.affine[:, 2]).T)
         # places on the last sample are inside, whatever rounding says
         n_rows, n_columns = self.heights.shape
@@ -102,7 +102,7 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
                 crs = str(file.crs)
                 window = Window(0, 0, file.width, file.height)
                 if around is not None:
-                    edge = _to_crs(crs, _frame(around), where) if crs != WGS84 else _frame(around)
+                    edge = projected(_frame(around), WGS84, crs, where) if crs != WGS84 else _frame(around)
                     wanted = from_bounds(*edge.min(axis=0), *edge.max(axis=0), file.transform)
                     window = _whole(wanted, file.width, file.height, where)
                 n = int(window.height) * int(window.width)
@@ -148,16 +148,6 @@ def terrain_mesh(raster: Raster, anchor: Anchor, tolerance: float) -> tuple[F64,
     faces = net.faces.copy()
     faces[down] = faces[down][:, ::-1]
     return vertices, faces, net
-
-
-def _to_crs(crs: str, longitude_latitude: F64, where: str) -> F64:
-    import rasterio
-    from rasterio.warp import transform
-
-    try:
-        return np.column_stack(transform(WGS84, crs, longitude_latitude[:, 0], longitude_latitude[:, 1]))
-    except (rasterio.errors.RasterioError, ValueError, RuntimeError) as error:
-        raise SceneError(f"{where}: its coordinate system cannot be used: {one_line(error)}") from error
 
 
 def _frame(around: F64) -> F64:

@@ -460,6 +460,10 @@ def test_hostile_footprints_end_in_one_line(name: str, tmp_path: Path) -> None:
         ('<!DOCTYPE x [<!ENTITY a "aaaa">]><osm>&a;</osm>', "declares a document type"),
         ('<!DOCTYPE x SYSTEM "file:///etc/passwd"><osm/>', "declares a document type"),
         ("<osm>&a;</osm>", "malformed XML"),
+        (
+            '<osm><node id="7" lat="nan" lon="1"/><way id="1"><nd ref="7"/><tag k="building" v="yes"/></way></osm>',
+            "not in the file or no numbers",
+        ),
         ("<osm", "malformed XML"),
         ("", "malformed XML"),
         ("<html/>", "not <osm>"),
@@ -529,7 +533,7 @@ def test_command(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
         (["--height", "nan"], "outside 0.1 to 2000"),
         (["--unit", "furlong"], 'unit "furlong" is unknown'),
         (["--dem", "none.tif"], "no readable raster"),
-        (["--crs", "EPSG:1"], "cannot be used"),
+        (["--crs", "EPSG:1"], "cannot be turned"),
         (["--anchor", "10,10"], "km from the scene's origin"),
         (["--anchor", "10,10", "--radius", "100"], "1 buildings beyond the radius"),
     ):

@@ -29,6 +29,8 @@ _INSIDE = (
     "BuildingFurniture",
 )
 _LEVEL = re.compile(r"lod(\d)")
+# m or deg; no coordinate of a map and no height on the Earth is greater
+_FARTHEST = np.array([1e8, 1e8, 1.2e4])
 # steeper than 72 degrees is a wall
 _ROOF = 0.3
 
@@ -73,7 +75,7 @@ def read_citygml(path: Path, options: ImportOptions) -> Source:
             try:
                 rings = tuple(_rings(one.element, swapped))
             except ValueError:
-                source.skip("polygons without rings of three corners in space", name)
+                source.skip("polygons without rings of three corners on the Earth", name)
                 continue
             polygons.append((_part(one.surface, rings[0]), rings))
         if polygons:
@@ -109,7 +111,7 @@ def _rings(polygon: ET.Element, swapped: bool) -> Iterator[F64]:
     for ring in (e for e in polygon.iter() if _local(e) == "LinearRing"):
         text = " ".join(e.text or "" for e in ring.iter() if _local(e) in ("posList", "pos"))
         corners = np.array(text.split(), dtype=np.float64).reshape(-1, 3)
-        if len(corners) < 4 or not np.isfinite(corners).all():
+        if len(corners) < 4 or not (np.abs(corners) <= _FARTHEST).all():
             raise ValueError
         yield corners[:-1, [1, 0, 2]] if swapped else corners[:-1]
 

@@ -63,7 +63,11 @@ def read_osm(path: Path, options: ImportOptions) -> Source:
 
 
 def _place(node: ET.Element) -> tuple[float, float]:
-    return float(node.attrib["lon"]), float(node.attrib["lat"])
+    """Longitude and latitude, deg; a KeyError or ValueError where they are none."""
+    longitude, latitude = float(node.attrib["lon"]), float(node.attrib["lat"])
+    if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
+        raise ValueError
+    return longitude, latitude
 
 
 def _members(relation: ET.Element, role: str, ways: dict[str, list[str]]) -> list[list[str]]:
