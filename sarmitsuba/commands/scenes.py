@@ -52,10 +52,14 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
         One of the files exists already, or cannot be written. Nothing is copied then.
     """
     from sarmitsuba.io.atomic import atomic_path, make_folder
+    from sarmitsuba.loader.references import check_document, is_inside
 
     root = scene.parent
+    check_document(scene)
     sources = list(dict.fromkeys(_with_references(scene)))
     for source in sources:
+        if not is_inside(source.relative_to(root) if source.is_relative_to(root) else source, root):
+            raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")
         if not source.is_file():
             raise SceneError(
                 f"{scene}: refers to {source}, which does not exist; restore the file or correct the reference"
@@ -72,10 +76,16 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     return written
 
 
-def _with_references(scene: Path) -> Iterator[Path]:
+def _with_references(scene: Path, above: tuple[Path, ...] = ()) -> Iterator[Path]:
     """Yield the file itself, its meshes and tracks, and included scenes with theirs."""
+    if scene in above:
+        raise SceneError(f"{scene}: includes itself; take the include out")
     yield scene
-    for element in ET.parse(scene).iter():
+    try:
+        elements = list(ET.parse(scene).iter()) if scene.is_file() else []
+    except ET.ParseError as error:
+        raise SceneError(f"{scene}: malformed XML: {error}; check that every element is closed") from error
+    for element in elements:
         name = element.get("filename") if element.tag == "include" else None
         if element.tag == "string" and element.get("name") in (
             "filename",
@@ -87,7 +97,7 @@ def _with_references(scene: Path) -> Iterator[Path]:
             continue
         path = scene.parent / name
         if path.suffix == ".xml":
-            yield from _with_references(path)
+            yield from _with_references(path, (*above, scene))
         else:
             yield path
 

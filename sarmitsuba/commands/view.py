@@ -3,9 +3,13 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.output import OutputFolder
+
+if TYPE_CHECKING:
+    from sarmitsuba.page.payload import Value
 
 NAME = "view"
 HELP = "make a page that shows a run in 3-D, to be opened in a browser"
@@ -33,7 +37,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     folders = [Path(folder) for folder in args.folders]
     if args.output:
         target = Path(args.output)
-        _make(folders, target, args.channel, console)
+        _write(target, _payload(folders, args.channel, console))
     else:
         target = view_folder(OutputFolder(folders[0]), console, folders[1:], args.channel)
     console.say(f"{target} ({target.stat().st_size / 1e6:.1f} MB; open it in a browser)")
@@ -44,21 +48,27 @@ def view_folder(
     folder: OutputFolder, console: Console, others: Sequence[Path] = (), channel: str | None = None
 ) -> Path:
     """Write the page of a folder of results into it. Return the page's path."""
+    payload = _payload([folder.path, *others], channel, console)
     with folder.writing(PAGE) as target:
-        _make([folder.path, *others], target, channel, console)
+        _write(target, payload)
     return target
 
 
-def _make(folders: list[Path], target: Path, channel: str | None, console: Console) -> None:
+def _payload(folders: list[Path], channel: str | None, console: Console) -> "dict[str, Value]":
     from sarmitsuba.page.payload import page_payload
     from sarmitsuba.page.run_folder import read_run
-    from sarmitsuba.page.write import write_page
 
     runs = [read_run(folder) for folder in folders]
     for run_folder in runs:
         for note in run_folder.notes:
             console.note(note)
-    write_page(target, page_payload(runs, channel, console.say))
+    return page_payload(runs, channel, console.say)
+
+
+def _write(target: Path, payload: "dict[str, Value]") -> None:
+    from sarmitsuba.page.write import write_page
+
+    write_page(target, payload)
 
 
 __all__ = ["HELP", "NAME", "PAGE", "add_arguments", "run", "view_folder"]

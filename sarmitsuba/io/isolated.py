@@ -41,12 +41,13 @@ def survive(path: Path, read: Callable[[], object]) -> None:
         child = os.fork()
     if child == 0:
         _try(read, limit)
+    status = None
     try:
         _, status = os.waitpid(child, 0)
-    except BaseException:  # Ctrl-C
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        raise
+    finally:
+        if status is None:  # Ctrl-C
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
     if not os.WIFSIGNALED(status):
         return
     number = os.WTERMSIG(status)

@@ -1,8 +1,10 @@
 """A satellite's path through its state vectors: read from a file, interpolated, timed by when it sees the aim point."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,11 +96,11 @@ class StateVectors:
         """Read the ``OSV`` elements (UTC, X, Y, Z, VX, VY, VZ) of an Earth Explorer file in the Earth-fixed frame."""
         path = Path(path)
         try:
-            root = ElementTree.parse(path).getroot()
+            root = _document(path.read_bytes(), path)
         except OSError as error:
             raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
         except ElementTree.ParseError as error:
-            raise RadarError(f"{path}: not well-formed XML: {error}") from error
+            raise RadarError(f"{path}: not well-formed XML: {one_line(error)}") from error
         frame = root.findtext(".//Ref_Frame", "EARTH_FIXED")
         if frame != "EARTH_FIXED":
             raise RadarError(
@@ -245,6 +247,18 @@ class EphemerisPath(FlightPath):
     def in_scene(self, position: F64, velocity: F64) -> tuple[F64, F64]:
         """Earth-fixed states, (n, 3) m and m/s, in the scene frame."""
         return self.anchor.from_ecef(position) - self.offset, np.asarray(velocity @ self.anchor.axes.T)
+
+
+def _document(data: bytes, path: Path) -> ElementTree.Element:
+    """Root of a document; RadarError where it has a document type, whose entities could grow without bound."""
+    types: list[str] = []
+    looker = expat.ParserCreate()
+    looker.StartDoctypeDeclHandler = lambda name, *_: types.append(name)
+    with suppress(expat.ExpatError, ValueError, LookupError):  # worded by the reader below
+        looker.Parse(data, True)
+    if types:
+        raise RadarError(f"{path}: holds a document type (<!DOCTYPE), which orbit files have not; remove it")
+    return ElementTree.fromstring(data)
 
 
 def _seconds(text: str, first: str) -> float:

@@ -170,7 +170,8 @@ def lattice(
     """Cover the rectangle |x| <= half_x + taper, |y| <= half_y + taper with a turned, shifted square lattice.
 
     Tubes of the lattice tile the plane, so the phase integrals of a flat facet telescope to its rim; the turn keeps
-    the rim from lining up with the lattice, which would put false lobes along the facet's edge normals.
+    the rim from lining up with the lattice, which would put false lobes along the facet's edge normals. A window so
+    small that no line of the lattice crosses in it has one ray, in its middle.
 
     Parameters
     ----------
@@ -203,6 +204,8 @@ def lattice(
         xs.append(x.astype(np.float32))
         ys.append(y.astype(np.float32))
         keys.append(morton(x, y, radius))
+    if not any(part.size for part in xs):
+        xs, ys, keys = [np.zeros(1, np.float32)], [np.zeros(1, np.float32)], [np.zeros(1, np.uint32)]
     order = np.argsort(
         np.concatenate(keys), kind="stable"
     )  # Morton order: neighbours share cache lines of the BVH

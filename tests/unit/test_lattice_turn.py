@@ -22,3 +22,11 @@ def test_no_line_of_the_lattice_follows_an_edge(seed: int) -> None:
     assert _nearest(off.turn, edges) >= LEAST_ANGLE
     # a lattice that follows none stays as it is
     assert off.turn == free.turn or _nearest(free.turn, edges) < LEAST_ANGLE
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_window_between_the_lines_of_the_lattice_has_one_ray(seed: int) -> None:
+    """Without one the launch had no rays, and what is divided by their number failed in the kernel."""
+    grid = lattice(0.01, 0.02, 1e4, seed=seed)
+    assert grid.n_rays == 1
+    assert abs(float(grid.x[0])) <= 0.01 and abs(float(grid.y[0])) <= 0.02
