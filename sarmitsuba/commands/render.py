@@ -113,6 +113,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
             "radar": results.radar_record(scene.radar),
         }
         with crew_of(args, console, settings.method) as crew:
+            if crew is not None:
+                record["cluster"] = crew.name
             if settings.method in _WITHOUT_RAW:
                 done = _image_only(folder, scene, args, console, watch, record, mark)
             else:

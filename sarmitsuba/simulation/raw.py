@@ -59,7 +59,8 @@ def simulate(
     state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
         same bits; remove it when the data are safe. None keeps nothing
     mark : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
-    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.DaskCrew`; the result has the same bits
+    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.crew.DaskCrew`; the result
+        has the same bits
 
     Returns
     -------

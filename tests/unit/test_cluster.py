@@ -1,18 +1,23 @@
 """Work that is shared out comes back as one process makes it, whoever does it, in whatever order, and whoever dies."""
 
+import argparse
 import dataclasses
 import os
 import pickle
 import random
 import signal
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from sarmitsuba import load_scene, simulate
+from sarmitsuba.cli import main
 from sarmitsuba.cluster import ClusterAddress, ClusterPlan
+from sarmitsuba.commands.cluster_arguments import crew_of
+from sarmitsuba.commands.console import Console
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import ClusterError
 from sarmitsuba.focusing import default_grid
@@ -94,15 +99,48 @@ def test_progress_counts_every_batch_and_tells_the_workers() -> None:
     assert {workers for _, workers in told} == {2.0}
 
 
+def test_a_client_that_ends_goes_on_from_what_came_back(tmp_path: Path) -> None:
+    scene = scene_of("tower", FEW, key_pulse_interval=16)
+    state, first, second = tmp_path / "blocks", Scattered(seed=4), Scattered(seed=5)
+    told = 0
+
+    def stop_at_the_third(stage: str, done: float, total: float, info: dict[str, float]) -> None:
+        nonlocal told
+        told += 1
+        if told == 3:  # the two blocks that settle the interval, and two that were shared
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(scene, crew=first, state=state, progress=stop_at_the_third)
+    again = simulate(scene, crew=second, state=state)
+    assert set(second.batches) == set(first.batches[2:])
+    assert_same(again, simulate(scene))
+
+
+def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    for method in ("image", "raster"):
+        with crew_of(argparse.Namespace(cluster="local"), Console(), method) as crew:
+            assert crew is None
+        assert f"note: --cluster local: method {method} takes one look" in capsys.readouterr().err
+    with crew_of(argparse.Namespace(cluster=None), Console(), "hybrid") as crew:
+        assert crew is None
+    assert capsys.readouterr() == ("", "")
+    assert main(["render", "tower", "-o", "nowhere", "--cluster", "somewhere"]) == 2
+    assert capsys.readouterr().err.startswith("error: cluster somewhere: not the address")
+    assert main(["explain", "tower", "--workers", "0"]) == 2
+    assert capsys.readouterr().err.startswith("error: explain: --workers 0 needs")
+
+
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing() -> None:
     """Two processes; at drawn moments one is killed with SIGKILL: same bits."""
-    from sarmitsuba.cluster.crew import crew_of
+    from sarmitsuba.cluster.crew import crew_of as opened
+    from sarmitsuba.cluster.focusing import SharedBackprojection
 
     scene = scene_of("tower", {}, keep_subsets=True, key_pulse_interval=32)
     alone = simulate(scene)
     draw = random.Random(16)
-    with crew_of(ClusterAddress("", 2)) as crew:
+    with opened(ClusterAddress("", 2)) as crew:
         assert_same(simulate(scene, crew=crew), alone)
         for _ in range(2):
             moment, killed = draw.uniform(0.1, 0.8), []
@@ -116,6 +154,15 @@ def test_a_killed_worker_loses_nothing() -> None:
 
             assert_same(simulate(scene, crew=crew, progress=progress), alone)
             assert killed and killed[0] not in crew.client.run(os.getpid).values()
+        grid, window = default_grid(alone), parse_window("taylor")
+        task = FocusTask(alone, grid, window, window, silent)
+        shared = SharedBackprojection(crew=crew, tile_pixels=20_000)
+        pixels = shared.focus(task).pixels
+        assert pixels[0].size > 3 * shared.tile_pixels
+    again = backproject(
+        alone, grid, range_window=window, azimuth_window=window, tile_pixels=shared.tile_pixels
+    )
+    np.testing.assert_array_equal(pixels, again)
 
 
 @pytest.mark.parametrize("text", ["local:0", "local:x", "local:", "local:100000", "somewhere", "http//x", ""])
