@@ -149,6 +149,7 @@ def test_a_stop_at_a_drawn_launch_loses_the_block_in_work_and_no_bit(
         same(simulate(scene, state=state), whole)
 
 
+@pytest.mark.slow
 def test_shorter_blocks_are_not_decided_twice(
     box: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,6 +198,7 @@ def test_nothing_is_kept_without_a_file(box: Scene, tmp_path: Path, monkeypatch:
         simulate(box, state=tmp_path / "none" / "raw.blocks")
 
 
+@pytest.mark.slow
 def test_passes_go_on_within_a_pass(box: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = replace(box, settings=replace(box.settings, key_pulse_interval=16))
     options: dict[str, Any] = {"target_error_db": -199.0, "max_passes": 2}
