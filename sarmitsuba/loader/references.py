@@ -7,6 +7,7 @@ from xml.parsers import expat
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.library import scenes_dir
 from sarmitsuba.parameters import one_line
 
 _REMEDY = "move it there, or allow it: --allow-outside (allow_outside=True)"
@@ -63,8 +64,9 @@ def check_files(label: str, files: Iterable[str], folder: Path) -> None:
 
 
 def check_meshes(elements: Iterable[Element]) -> None:
-    """Raise a SceneError where a shape names a mesh file outside the folder of its scene."""
+    """Raise a SceneError where a shape names a mesh outside the folder of its scene, unless it is shipped."""
     inside: dict[Path, bool] = {}
+    shipped = scenes_dir()  # meshes that scenes made from shipped ones go on naming
     for element in elements:
         name = element.values.get("filename")
         if element.kind != "shape" or not isinstance(name, str):
@@ -73,7 +75,7 @@ def check_meshes(elements: Iterable[Element]) -> None:
         # thousands of files of one folder are resolved once, unless they are links
         plain = ".." not in path.parts and not os.path.islink(path) if _exists(path) else False
         if plain and path.parent not in inside:
-            inside[path.parent] = is_inside(path.parent, element.folder)
+            inside[path.parent] = any(is_inside(path.parent, one) for one in (element.folder, shipped))
         if not (inside[path.parent] if plain else is_inside(name, element.folder)):
             raise SceneError(
                 f'{element.where}: mesh file "{one_line(name)}" lies outside the folder of the scene; {_REMEDY}'

@@ -67,6 +67,20 @@ def make_scene(
     )
 
 
+def scene_of_few_pulses(
+    geometry: Geometry | None,
+    materials: tuple[Material, ...],
+    parameters: Mapping[str, Parameter],
+    *,
+    points: Sequence[PointTarget] = (),
+    settings: TraceSettings | None = None,
+) -> Scene:
+    """As :func:`make_scene`, for echoes that nobody focuses: their pulse rate is no matter."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SarmitsubaWarning)
+        return make_scene(geometry, materials, parameters, points=points, settings=settings)
+
+
 def chain(
     scene: Scene,
     *,
@@ -167,5 +181,6 @@ __all__ = [
     "make_scene",
     "peak_dbsm",
     "point_scene",
+    "scene_of_few_pulses",
     "track_distance",
 ]

@@ -83,7 +83,7 @@ def imported_city(quick: bool = False) -> Case:
             source.write_text(text)
             import_scene(source, output, ImportOptions(materials=MATERIALS))
             given = {f"sar_antenna.{name}": str(value) for name, value in parameters.items()}
-            film = {"image_grid": "slant", "image_extent_azimuth": "124", "image_extent_range": "110"}
+            film = {"image_grid": "slant", "image_extent_azimuth": "140", "image_extent_range": "150"}
             given |= {f"range_film.{name}": value for name, value in film.items()}
             scene = load_scene(output, parameters=given)
         roofs = tuple(BRIGHT if m.name == MATERIALS["roofs"] else BLACK for m in scene.materials)
