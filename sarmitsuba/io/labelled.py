@@ -1,18 +1,16 @@
 """Images and raw data as arrays with named dimensions, units and coordinates, for xarray."""
 
-from types import ModuleType
-
 import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.io.extras import formats_package
 
 
 def labelled_image(image: SarImage) -> object:
     """See :meth:`sarmitsuba.SarImage.to_xarray`."""
-    xarray = _xarray()
+    xarray = formats_package("xarray", "to_xarray needs")
     grid = image.grid.in_frame(np.zeros(3))
     geodetic = image.grid.geodetic()
     across = "slant range" if grid.kind == "slant" else "ground range from the origin"
@@ -41,7 +39,7 @@ def labelled_image(image: SarImage) -> object:
 
 def labelled_raw(raw: RawData) -> object:
     """See :meth:`sarmitsuba.RawData.to_xarray`."""
-    xarray = _xarray()
+    xarray = formats_package("xarray", "to_xarray needs")
     radar = raw.radar.in_file_frame()
     samples = np.arange(raw.data.shape[2])
     start = radar.window.start_range
@@ -76,17 +74,6 @@ def labelled_raw(raw: RawData) -> object:
             "bandwidth_hz": radar.waveform.bandwidth,
         },
     )
-
-
-def _xarray() -> ModuleType:
-    try:
-        import xarray
-    except ImportError as error:
-        raise DataError(
-            f"to_xarray needs the package xarray ({error}); pip install 'sarmitsuba[formats]'"
-        ) from error
-    found: ModuleType = xarray
-    return found
 
 
 __all__ = ["labelled_image", "labelled_raw"]

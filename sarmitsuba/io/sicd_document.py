@@ -98,7 +98,7 @@ class Axes:
             carrier,
             (
                 range_band,
-                1.0 / image.metadata["focus"].get("azimuth_cell_uniform", image.azimuth_resolution_cell),
+                1.0 / image.azimuth_resolution_cell,
             ),
         )
 

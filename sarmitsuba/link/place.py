@@ -16,7 +16,6 @@ from sarmitsuba.focusing.aperture import (
 )
 from sarmitsuba.focusing.noise import noise_equivalent_rcs
 from sarmitsuba.focusing.windows import Window
-from sarmitsuba.link.pulses import pulse_rate
 from sarmitsuba.radar.link_budget import nesz
 from sarmitsuba.radar.radar import Radar
 
@@ -127,7 +126,7 @@ def place_budget(radar: Radar, name: str, point: F64, processing: Processing) ->
         float(np.sum(seen**2) / np.sum(weights**2)),
     )
     time = radar.track.time
-    step = float(np.median(np.diff(time)))
+    step = 1.0 / radar.track.prf
     flown = np.linalg.norm(np.diff(radar.track.position, axis=0), axis=1)[used[0] : used[-1]]
     width = half_power_width((np.arange(1024) + 0.5) / 1024 - 0.5, processing.range_window.aperture(1024))
     along = 2.0 / radar.waveform.wavelength * (range_gradients(told, point) @ radar.track.along)
@@ -165,7 +164,7 @@ def _textbook_nesz(radar: Radar, slant_range: float, angle: float) -> float:
     """Noise-equivalent sigma0 of pulses at boresight; the aperture's length cancels, so that of one metre of track."""
     speed = float(np.linalg.norm(radar.track.velocity[radar.track.center_index]))
     azimuth_cell = radar.waveform.wavelength * slant_range / 2.0
-    return nesz(radar, slant_range, angle, azimuth_cell, pulse_rate(radar) / speed)
+    return nesz(radar, slant_range, angle, azimuth_cell, radar.track.prf / speed)
 
 
 def half_power_width(frequency: F64, weights: F64) -> float:

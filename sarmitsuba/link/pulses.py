@@ -86,7 +86,7 @@ def pulse_timing(radar: Radar, grid: ImageGrid, height: float) -> PulseTiming:
     beyond the pulse's own length.
     """
     wave, track = radar.waveform, radar.track
-    prf = pulse_rate(radar)
+    prf = radar.track.prf
     pick = np.unique(np.linspace(0, track.n_pulses - 1, _LOOKS).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     corners = grid.positions_on_line(grid.azimuth.size // 2)[[0, -1]]
@@ -144,11 +144,6 @@ def _box(grid: ImageGrid) -> Box:
 def _at_once(radar: Radar) -> bool:
     """Whether only the Doppler spread of one instant has to fit: the beam, or the focuser, follows the place."""
     return radar.mode_law.instantaneous_doppler or not radar.track.is_straight
-
-
-def pulse_rate(radar: Radar) -> float:
-    """Pulse repetition frequency of a track of two pulses or more, Hz: that of its median interval."""
-    return 1.0 / float(np.median(np.diff(radar.track.time)))
 
 
 def _beam_bandwidth(radar: Radar, speed: float) -> float:
@@ -235,4 +230,4 @@ def _without_nadir(band: Interval, until: float, since: float) -> list[Interval]
     return left
 
 
-__all__ = ["PulseTiming", "free_bands", "overlap_share", "pulse_rate", "pulse_timing"]
+__all__ = ["PulseTiming", "free_bands", "overlap_share", "pulse_timing"]

@@ -112,9 +112,9 @@ class Collection:
 
     def polynomial(self) -> F64:
         """(n, 3) float64: position in m over the time in s from the first pulse, lowest power first."""
-        series = np.polynomial.Chebyshev(np.zeros(1), domain=[0.0, self.duration])
+        domain = [0.0, self.duration]
         rows = [
-            np.polynomial.Chebyshev(one, domain=series.domain)
+            np.polynomial.Chebyshev(one, domain=domain)
             .convert(kind=np.polynomial.Polynomial, domain=[-1, 1])
             .coef
             for one in self.flight.coefficients.T

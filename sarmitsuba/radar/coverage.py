@@ -77,7 +77,7 @@ def ambiguities(radar: Radar, seen: Box, image: Box, where: str, *, derived: boo
     if track.n_pulses < 2:
         return []
     notes = []
-    prf = 1.0 / float(np.median(np.diff(track.time)))
+    prf = track.prf
     pick = np.unique(np.linspace(0, track.n_pulses - 1, 33).astype(int))
     position, velocity = track.position[pick], track.velocity[pick]
     lam = radar.waveform.wavelength

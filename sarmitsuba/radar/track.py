@@ -73,6 +73,11 @@ class Track:
         return np.asarray(0.5 * (self.position[(n - 1) // 2] + self.position[n // 2]))
 
     @property
+    def prf(self) -> float:
+        """Pulse repetition frequency of two pulses or more, Hz: that of the median interval."""
+        return 1.0 / float(np.median(np.diff(self.time)))
+
+    @property
     def along(self) -> F64:
         """Horizontal unit vector of flight at mid-aperture, from the velocity."""
         v = self.velocity[self.center_index] * np.array([1.0, 1.0, 0.0])

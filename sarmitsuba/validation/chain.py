@@ -1,7 +1,8 @@
 """Scenes built in memory for validation, and the whole chain on them: trace, chirp, compress, focus, calibrate."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Literal
 
 import numpy as np
@@ -67,18 +68,12 @@ def make_scene(
     )
 
 
-def scene_of_few_pulses(
-    geometry: Geometry | None,
-    materials: tuple[Material, ...],
-    parameters: Mapping[str, Parameter],
-    *,
-    points: Sequence[PointTarget] = (),
-    settings: TraceSettings | None = None,
-) -> Scene:
-    """As :func:`make_scene`, for echoes that nobody focuses: their pulse rate is no matter."""
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Leave out the program's own warnings: of what a case chooses on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)
-        return make_scene(geometry, materials, parameters, points=points, settings=settings)
+        yield
 
 
 def chain(
@@ -93,8 +88,7 @@ def chain(
 
     Warnings about effects and rays are left out: the cases choose both on purpose.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SarmitsubaWarning)
+    with unwarned():
         raw = simulate(scene, seed=seed)
     if chirped:
         raw = to_chirped(raw)
@@ -181,6 +175,6 @@ __all__ = [
     "make_scene",
     "peak_dbsm",
     "point_scene",
-    "scene_of_few_pulses",
     "track_distance",
+    "unwarned",
 ]

@@ -1,6 +1,5 @@
 """Interferometric pairs of small scenes at drawn headings, sides and look angles, with automatic settings."""
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.interferometry import Interferogram, interferogram, second_pass
@@ -19,7 +17,7 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.chain import Parameter, make_scene
+from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 
 F64 = NDArray[np.float64]
 ROUGH = Material(
@@ -178,8 +176,7 @@ def pair_of(
     first = setting.scene(meshes, materials, extent)
     offset = second_pass(first.radar, relief, baseline, passes)
     second = setting.scene(meshes, materials, extent, **offset.parameters)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SarmitsubaWarning)
+    with unwarned():
         raws = simulate(first), simulate(second)
     grid = default_grid(first.radar, first.image)
     one, two = (focus(raw, grid, range_window=window, azimuth_window=window) for raw in raws)

@@ -11,7 +11,6 @@ Written are the echoes as they focus: the amplitude a_p of a point is the root o
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
+from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
@@ -55,7 +55,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     DataError
         The echoes are not range compressed, or sarkit is missing.
     """
-    sarkit = _sarkit(path)
+    sarkit = formats_package("sarkit.cphd", f"{path}: CPHD files need")
     if raw.domain != "compressed":
         raise DataError(
             f"{path}: CPHD holds compensated echoes, these are {raw.domain}; range compress them first"
@@ -89,17 +89,6 @@ def write_raw(path: Path, raw: RawData) -> None:
         for channel in raw.channels:
             writer.write_signal(channel, _history(raw.total(channel), radar, frequency))
             writer.write_pvp(channel, vectors)
-
-
-def _sarkit(path: Path) -> ModuleType:
-    try:
-        import sarkit.cphd
-    except ImportError as error:
-        raise DataError(
-            f"{path}: CPHD files need the package sarkit ({error}); pip install 'sarmitsuba[formats]'"
-        ) from error
-    found: ModuleType = sarkit.cphd
-    return found
 
 
 def _ways(radar: Radar) -> tuple[F64, F64]:
@@ -214,7 +203,7 @@ def read_raw(path: Path) -> RawData:
     for all points to within thousandths of that. Vectors that the file marks as having no signal are left out.
     Tropospheric delay is not applied. Antenna patterns are not read.
     """
-    sarkit = _sarkit(path)
+    sarkit = formats_package("sarkit.cphd", f"{path}: CPHD files need")
     try:
         with path.open("rb") as file, plain_xml():
             _check_header(path, sarkit.read_file_header(file)[1])

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.geocoding import north_up
 from sarmitsuba.version import __version__
@@ -18,13 +18,7 @@ def write_image(path: Path, image: SarImage) -> None:
     DataError
         rasterio is missing.
     """
-    try:
-        import rasterio
-        from rasterio.transform import from_origin
-    except ImportError as error:
-        raise DataError(
-            f"{path}: GeoTIFF files need the package rasterio ({error}); pip install 'sarmitsuba[formats]'"
-        ) from error
+    rasterio = formats_package("rasterio", f"{path}: GeoTIFF files need")
     on_map = north_up(image)
     bands, height, width = on_map.magnitude.shape
     profile = {
@@ -34,7 +28,9 @@ def write_image(path: Path, image: SarImage) -> None:
         "height": height,
         "width": width,
         "crs": f"EPSG:{on_map.zone}",
-        "transform": from_origin(on_map.west, on_map.north, on_map.spacing, on_map.spacing),
+        "transform": rasterio.transform.from_origin(
+            on_map.west, on_map.north, on_map.spacing, on_map.spacing
+        ),
         "nodata": float("nan"),
         "compress": "deflate",
         "overview_resampling": "average",

@@ -6,7 +6,6 @@ pixels that were projected back stand at the carrier.
 """
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
+from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, plain_xml, refuse_document_type, said
 from sarmitsuba.io.sicd_document import Axes, document, image_of
@@ -31,7 +31,7 @@ def write_image(path: Path, image: SarImage) -> None:
         The image does not say how it was flown, its slant-range pixels come from a track that is not straight and
         level, or sarkit is missing.
     """
-    sarkit = _sarkit(path)
+    sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
     if image.grid.kind == "slant" and not flight.straight_and_level:
         raise DataError(
@@ -79,7 +79,7 @@ def read_image(path: Path) -> SarImage:
     ``sigma0`` takes the incidence angle of the scene centre point at every pixel; radiometric polynomials other than a
     constant RCS factor are not applied.
     """
-    sarkit = _sarkit(path)
+    sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     try:
         with path.open("rb") as file, plain_xml(), sarkit.NitfReader(file) as reader:
             tree = reader.metadata.xmltree
@@ -102,17 +102,6 @@ def read_image(path: Path) -> SarImage:
             f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
         )
     return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
-
-
-def _sarkit(path: Path) -> ModuleType:
-    try:
-        import sarkit.sicd
-    except ImportError as error:
-        raise DataError(
-            f"{path}: SICD files need the package sarkit ({error}); pip install 'sarmitsuba[formats]'"
-        ) from error
-    found: ModuleType = sarkit.sicd
-    return found
 
 
 FORMATS.register(

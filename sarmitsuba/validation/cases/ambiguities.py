@@ -1,6 +1,5 @@
 """Azimuth ambiguities: ghosts of a point in stripmap, their places, their levels and their whole energy."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -8,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
-from sarmitsuba.validation.chain import Parameter, make_scene
+from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
 F64 = NDArray[np.float64]
@@ -76,8 +74,7 @@ class Ghosts:
         }
         if pointing_error:
             values = {**values, "pointing_error_azimuth_deg": float(np.degrees(pointing_error))}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SarmitsubaWarning)  # of the prf, which is the point
+        with unwarned():  # of the prf, which is the point
             scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
             raw = simulate(scene)
         self.raw = replace(

@@ -1,11 +1,8 @@
 """Link budgets of the shipped radars: predicted noise and signal against the focused noise of an empty scene."""
 
-import warnings
-
 import numpy as np
 
 from sarmitsuba import theory
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.link import LinkBudget, link_budget
 from sarmitsuba.loader.library import list_radars
@@ -13,6 +10,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.chain import unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.noise import empty_echoes, focused_noise, focused_peak
 
@@ -57,8 +55,7 @@ def link(quick: bool = False) -> Case:
     names = [entry.name for entry in list_radars()]
     draws = 1 if quick else _DRAWS
     predicted, found, closed, own = [], [], [], []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SarmitsubaWarning)  # of squares of a few cells
+    with unwarned():  # of squares of a few cells
         for name in names:
             scene = preset_scene(name, off=True)
             middle = link_budget(scene).middle

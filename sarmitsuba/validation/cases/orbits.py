@@ -1,6 +1,5 @@
 """Circular orbits about the rotating Earth: Doppler in the echoes, and where and how sharply points are focused."""
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,6 @@ from numpy.typing import NDArray
 
 from sarmitsuba import theory
 from sarmitsuba.constants import EARTH_RADIUS, EARTH_ROTATION, SPEED_OF_LIGHT
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.build import build_scene
@@ -20,6 +18,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.chain import unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
 F64 = NDArray[np.float64]
@@ -81,8 +80,7 @@ def orbit_scene(
     }
     radar = RadarDescription(**values)  # type: ignore[arg-type]
     film = FilmDescription(image_grid="ground", image_extent_azimuth=extent, image_extent_range=120.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SarmitsubaWarning)  # pulses enough to unwrap the phase
+    with unwarned():  # pulses enough to unwrap the phase
         return build_scene(points=[PointTarget("point", point, 1.0)], radar=radar, film=film)
 
 

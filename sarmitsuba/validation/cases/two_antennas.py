@@ -14,7 +14,7 @@ from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
-from sarmitsuba.validation.chain import Parameter, bandwidth, scene_of_few_pulses
+from sarmitsuba.validation.chain import Parameter, bandwidth, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
 F64 = NDArray[np.float64]
@@ -73,7 +73,8 @@ def bistatic_phase(quick: bool = False) -> Case:
             baseline, slant_range=5e3, heading_deg=heading, look_angle_deg=float(rng.uniform(25.0, 55.0))
         )
         point = PointTarget("p", rng.uniform(-8.0, 8.0, 3))
-        scene = scene_of_few_pulses(None, (), parameters, points=(point,))
+        with unwarned():  # of the pulse rate: nobody focuses these echoes
+            scene = make_scene(None, (), parameters, points=(point,))
         at = _receiver(scene, baseline, np.radians(heading))
         sent = scene.radar.track.position[scene.radar.track.center_index]
         phase = -4.0 * np.pi / WAVELENGTH * float(theory.bistatic_range(sent, point.position, at))
@@ -125,7 +126,8 @@ def bistatic_plate(quick: bool = False) -> Case:
             baseline, slant_range=distance, look_angle_deg=40.0, polarisation=",".join(channels)
         )
         settings = TraceSettings(method="raw", max_depth=1)
-        scene = scene_of_few_pulses(geometry, targets.PEC, parameters, settings=settings)
+        with unwarned():  # of the pulse rate: nobody focuses these echoes
+            scene = make_scene(geometry, targets.PEC, parameters, settings=settings)
         at = _receiver(scene, baseline, 0.0)
         sent = scene.radar.track.position[scene.radar.track.center_index]
         legs = float(np.linalg.norm(sent)) * float(np.linalg.norm(at))

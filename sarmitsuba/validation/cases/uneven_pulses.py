@@ -1,18 +1,15 @@
 """PRF jitter and staggered PRF: what uneven pulses leave beside a focused point."""
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba import theory
-from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation.cases import CASES, CaseEntry
-from sarmitsuba.validation.chain import Parameter, make_scene
+from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
 from sarmitsuba.validation.comparison import Case, Comparison
 
 F64 = NDArray[np.float64]
@@ -38,8 +35,7 @@ def response(turns: F64, n_pulses: int, **timing: Parameter) -> F64:
         "image_extent_range": 300.0,
         **timing,
     }
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SarmitsubaWarning)  # of the prf, which is the point
+    with unwarned():  # of the prf, which is the point
         scene = make_scene(None, (), values, points=(PointTarget("p", np.zeros(3), 1.0),))
         raw = simulate(scene)
     along = raw.radar.track.along

@@ -1,0 +1,31 @@
+"""Packages of the extra ``formats``, imported when a file of theirs is written or read."""
+
+import importlib
+from types import ModuleType
+
+from sarmitsuba.errors import DataError
+
+
+def formats_package(module: str, what: str) -> ModuleType:
+    """Import a module of an optional package.
+
+    Parameters
+    ----------
+    module : dotted name
+    what : start of the error: what needs it
+
+    Raises
+    ------
+    DataError
+        The package is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise DataError(
+            f"{what} the package {package} ({error}); pip install 'sarmitsuba[formats]'"
+        ) from error
+
+
+__all__ = ["formats_package"]
