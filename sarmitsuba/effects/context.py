@@ -145,6 +145,11 @@ class SceneContext:
         used = np.unique(self.scene.geometry.face_material)
         return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
 
+    @property
+    def beside_surfaces(self) -> bool:
+        """Whether scatterers beside the surfaces return over the ground and may be hidden, however rays go."""
+        return bool(self.scene.volumes)
+
     @cached_property
     def shape(self) -> ShapeAnalysis:
         """What the visible geometry proves."""

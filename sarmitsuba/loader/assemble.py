@@ -24,6 +24,7 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.volumes import Volume
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -70,6 +71,7 @@ def assemble(
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
+    volumes: Sequence[Volume] = (),
 ) -> Scene:
     """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
 
@@ -81,6 +83,7 @@ def assemble(
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
+    volumes : in the file frame
 
     Raises
     ------
@@ -94,6 +97,10 @@ def assemble(
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
         )
+    if volumes and not visible:
+        raise SceneError(
+            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
+        )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
     if doubt := doubtful_unit(geometry.vertices[geometry.faces]):
@@ -102,11 +109,14 @@ def assemble(
         )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
+    for volume in volumes:
+        _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     offset = _offset(geometry, points)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
+    bodies = tuple(replace(v, vertices=v.vertices - offset) for v in volumes)
     used = list(dict.fromkeys(materials[s.material] for s in surfaces))
-    built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset)
+    built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset, bodies)
     return Scene(
         name=name,
         path=path,
@@ -119,6 +129,7 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
+        volumes=bodies,
     )
 
 
@@ -129,18 +140,19 @@ def seen_by(
     materials: Sequence[Material],
     radar: RadarInput,
     offset: F64,
+    volumes: Sequence[Volume] = (),
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
     """Radar and image request of a description over a geometry, and notes.
 
     Parameters
     ----------
     label : start of notes
-    geometry, points : in the scene frame
+    geometry, points, volumes : in the scene frame
     materials : that occur in the geometry
     radar : in the file frame
     offset : (3,) m, of the scene frame
     """
-    built, image, notes = build_radar(radar, _extent(geometry, points), offset)
+    built, image, notes = build_radar(radar, _extent(geometry, points, volumes), offset)
     angle_notes: list[str] = []
     for material in materials:
         _check_angle(label, material, built, image, angle_notes)
@@ -244,13 +256,13 @@ def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 
-def _extent(geometry: Geometry, points: Sequence[PointTarget]) -> Extent:
+def _extent(geometry: Geometry, points: Sequence[PointTarget], volumes: Sequence[Volume]) -> Extent:
     """Outline of everything; in its middle at the height of the ground is what a radar aims at."""
     positions = np.array([p.position for p in points]).reshape(-1, 3)
     low, high = _bounds(geometry, points)
     height = geometry.ground_height if geometry.n_faces else float(np.median(positions[:, 2]))
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([geometry.vertices, positions]), middle)
+    return Extent(np.concatenate([geometry.vertices, positions, *(v.vertices for v in volumes)]), middle)
 
 
 def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:

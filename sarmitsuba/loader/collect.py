@@ -19,6 +19,7 @@ from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
+from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -55,10 +56,11 @@ class Collector:
         self.book = MaterialBook(
             frequency, self.overrides, self.notes, self.described.settings.default_rms_height
         )
+        self.volumes = VolumeBook(frequency, self.overrides)
         self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
 
     def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
-        """Take in a shape element; a ``point_scatterer`` makes it an ideal point.
+        """Take in a shape element; a ``point_scatterer`` makes it an ideal point, a ``radar_volume`` a volume.
 
         Raises
         ------
@@ -66,6 +68,9 @@ class Collector:
         """
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
             self.points.append(self._point(placed, bsdf))
+            return
+        if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
+            self.volumes.add_shape(placed, bsdf, self.reader)
             return
         if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
             return
@@ -142,6 +147,7 @@ class Collector:
             self.described.radar,
             self.described.settings,
             self.notes,
+            self.volumes.volumes,
         )
 
     def _point(self, placed: Placed, bsdf: Element) -> PointTarget:

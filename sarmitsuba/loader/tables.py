@@ -9,6 +9,7 @@ from sarmitsuba.loader.material_tables import (
     RADAR_MATERIAL,
     RADIO_MATERIAL,
 )
+from sarmitsuba.loader.volumes import RADAR_VOLUME
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR
@@ -136,6 +137,7 @@ TABLES: dict[str, ParamTable] = {
         INTEGRATOR,
         RADAR_MATERIAL,
         POINT_SCATTERER,
+        RADAR_VOLUME,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
         ABSORBER,
@@ -151,6 +153,7 @@ __all__ = [
     "ITU_RADIO_MATERIAL",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_VOLUME",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",

@@ -15,6 +15,7 @@ from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.volumes import Volume
 
 F64 = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class Scene:
         5 km from the file's origin, whole metres then
     notes : one line each; what was assumed or repaired while loading
     description : of radar and film, that they were made from; None where they were put together by hand
+    volumes : bodies that waves go through
     """
 
     name: str
@@ -47,6 +49,7 @@ class Scene:
     offset: F64 = field(default_factory=lambda: np.zeros(3))
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
+    volumes: tuple[Volume, ...] = ()
 
     @property
     def anchor(self) -> Anchor:
@@ -88,6 +91,7 @@ class Scene:
         parts = [
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
+            f"{len(self.volumes)} volumes" if self.volumes else "",
             f"{moving} moving" if moving else "",
             f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
             f"{radar.track.n_pulses} pulses",

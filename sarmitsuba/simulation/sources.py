@@ -1,8 +1,11 @@
-"""What returns echoes in a scene beside the surfaces that rays find."""
+"""What returns echoes in a scene beside the surfaces that rays find, and what stands in the way of all waves."""
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.trace.source import Source
+from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.trace.volumes import volume_passage, volume_scatterers
 
 
 def sources_of(scene: Scene, flags: KernelFlags) -> tuple[Source, ...]:
@@ -13,7 +16,17 @@ def sources_of(scene: Scene, flags: KernelFlags) -> tuple[Source, ...]:
     scene : without what the plan has switched off
     flags : of the trace kernel
     """
-    return ()
+    sources: list[Source] = []
+    if scene.volumes:
+        cell = azimuth_cell(scene) * scene.radar.waveform.range_cell
+        order = 1 if scene.settings.max_depth == 1 or scene.settings.method == "raster" else 3
+        sources.append(PointSource(volume_scatterers(scene.volumes, cell), order))
+    return tuple(sources)
 
 
-__all__ = ["sources_of"]
+def passages_of(scene: Scene) -> tuple[Passage, ...]:
+    """What stands in the way of waves in a scene and lets a part of them through; nothing in most scenes."""
+    return (volume_passage(scene.volumes),) if scene.volumes else ()
+
+
+__all__ = ["passages_of", "sources_of"]

@@ -395,7 +395,9 @@ def turntable_scene(
         track,
     )
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    radar, image, notes = seen_by(scene.name, scene.geometry, scene.points, used, description, scene.offset)
+    radar, image, notes = seen_by(
+        scene.name, scene.geometry, scene.points, used, description, scene.offset, scene.volumes
+    )
     return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
 
 

@@ -1,6 +1,6 @@
-"""Vegetation in closed form: a cloud of scatterers over ground, plant matter, simple scatterers, ways through bodies.
+r"""Vegetation in closed form: a cloud of scatterers over ground, plant matter, simple scatterers, ways through bodies.
 
-Extinction is of power: a wave loses :math:`1 - e^{-\\kappa s}` of it on a way s. Time convention exp(+j w t).
+Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a way s. Time convention exp(+j w t).
 """
 
 import numpy as np
@@ -112,7 +112,9 @@ def isotropic_orientation(across: complex, along: complex) -> tuple[float, float
     )
 
 
-def sphere_cloud(radius: float, permittivity: complex, density: float, wavelength: float) -> tuple[float, float]:
+def sphere_cloud(
+    radius: float, permittivity: complex, density: float, wavelength: float
+) -> tuple[float, float]:
     r"""Radar cross section per volume and extinction of a cloud of small spheres.
 
     .. math::

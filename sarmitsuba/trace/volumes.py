@@ -130,7 +130,9 @@ class Bodies:
 
         def cross(state: _Crossing) -> tuple[_Crossing]:
             found = self.mi_scene.ray_intersect_preliminary(
-                mi.Ray3f(origin + state.aside + direction * state.t, direction), coherent=False, active=state.going
+                mi.Ray3f(origin + state.aside + direction * state.t, direction),
+                coherent=False,
+                active=state.going,
             )
             met = state.going & found.is_valid()
             there = state.t + found.t
@@ -372,7 +374,7 @@ def _cells(volume: Volume, step: float) -> tuple[F64, U32]:
     ).reshape(-1, 3)
     # of the body: where two overlap each has its own
     key = mix(np.full(len(number), 0x9E3779B1, dtype=np.uint32))
-    for value in (*number.T, *np.round(1e3 * low).astype(np.int64), int(round(1e3 * step))):
+    for value in (*number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
         key = mix(key ^ (np.asarray(value) & 0xFFFFFFFF).astype(np.uint32))
     drawn = np.stack([mix(key + np.uint32(i + 1)) for i in range(3)], axis=1) / 2.0**32
     place = (number + drawn) * step

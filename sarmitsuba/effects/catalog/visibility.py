@@ -16,7 +16,7 @@ class Visibility(Effect):
     name = "visibility"
     title = "shadow rays"
     documentation = "shadow rays, which test whether the antenna is visible from a hit"
-    off_when = "one bounce, or no face can stand between"
+    off_when = "one bounce, or no face can stand between, and nothing but surfaces returns"
     off_means = "no shadow rays"
     rank = 110
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -25,6 +25,8 @@ class Visibility(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
+        if context.beside_surfaces:
+            return Assessment(True, "surfaces can hide what stands beside them", 0.0)
         if not decided["max_depth"].on:
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:

@@ -42,7 +42,7 @@ class Orientation:
     @property
     def total(self) -> float:
         """Integral of `density` over the half sphere, sr."""
-        cosine = (np.arange(4000) + 0.5) / 4000.0
+        cosine = np.linspace(0.0, 1.0, 4001)[1:] - 1.25e-4
         return float(2.0 * np.pi * np.mean(self.density(cosine)))
 
 

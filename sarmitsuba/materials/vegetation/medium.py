@@ -46,9 +46,10 @@ class VolumeMedium:
         .. math:: HH = l_{11} g_1, \quad VV = l_{21} g_1 + l_{22} g_2, \quad HV = l_{33} g_3
         """
         hh, vv, hv = self.power.T
-        first = np.sqrt(hh)
+        first: F64 = np.sqrt(hh)
         mixed = np.conj(self.product) / np.where(first > 0.0, first, 1.0)
-        return first, np.sqrt(np.maximum(vv - np.abs(mixed) ** 2, 0.0)), mixed, np.sqrt(hv)
+        second: F64 = np.sqrt(np.maximum(vv - np.abs(mixed) ** 2, 0.0))
+        return first, second, np.asarray(mixed), np.asarray(np.sqrt(hv))
 
     def at(self, cosine: float) -> tuple[F64, F64]:
         """Extinctions (2,) 1/m and powers (3,) m^2/m^3 at a cosine, between the nodes as the kernel takes them."""

@@ -121,18 +121,15 @@ class Leaf(Piece):
     def _response(self, angle: F64, k: float, permittivity: complex) -> tuple[C128, C128, C128]:
         """Polarisabilities (m^3): tangential in the plane of axis and wave, tangential across it, normal."""
         chi = permittivity - 1.0
-        volume, one = self.volume, np.ones(angle.shape)
+        volume, one = self.volume, np.ones(angle.shape, dtype=np.complex128)
         if self._is_small(k):
             side = 0.25 * np.pi * self.thickness / (2.0 * self.radius)  # of a flat spheroid, first order
-            tangential = volume * chi / (1.0 + side * chi) * one
-            return tangential, tangential, volume * chi / (1.0 + (1.0 - 2.0 * side) * chi) * one
-        cosine = np.maximum(np.abs(np.cos(angle)), 1e-3)
+            tangential = one * volume * chi / (1.0 + side * chi)
+            return tangential, tangential, one * volume * chi / (1.0 + (1.0 - 2.0 * side) * chi)
+        cosine = np.maximum(np.abs(np.cos(angle)), 1e-3) * one
         sheet = 0.5j * k * self.thickness * chi
-        return (
-            volume * chi / (1.0 + sheet * cosine),
-            volume * chi / (1.0 + sheet / cosine),
-            volume * chi / permittivity * one,
-        )
+        whole = volume * chi * one
+        return whole / (1.0 + sheet * cosine), whole / (1.0 + sheet / cosine), whole / permittivity
 
 
 @dataclass(frozen=True)
@@ -196,7 +193,9 @@ class Stick(Piece):
         k = 2.0 * np.pi / wavelength
         if self._is_thin(k, permittivity):
             along, across = self._static(k, permittivity)
-            scattered = _scattered(angle, k, across, along, lambda way: np.sinc(0.5 * k * self.length * way[2] / np.pi))
+            scattered = _scattered(
+                angle, k, across, along, lambda way: np.sinc(0.5 * k * self.length * way[2] / np.pi)
+            )
             parallel = along.imag * np.sin(angle) ** 2 + across.imag * np.cos(angle) ** 2
             return -k * parallel + scattered[0], -k * across.imag + scattered[1]
         forward = cylinder_series(angle, k * self.radius, permittivity, 0.0)
@@ -236,7 +235,9 @@ def _scattered(
     cosine, weight = np.polynomial.legendre.leggauss(_TILTS)
     turn = (np.arange(_TURNS) + 0.5) * (2.0 * np.pi / _TURNS)
     sine = np.sqrt(1.0 - cosine**2)[:, None]
-    out = np.stack([sine * np.cos(turn), sine * np.sin(turn), np.broadcast_to(cosine[:, None], (_TILTS, _TURNS))])
+    out = np.stack(
+        [sine * np.cos(turn), sine * np.sin(turn), np.broadcast_to(cosine[:, None], (_TILTS, _TURNS))]
+    )
     c, s, none = np.cos(angle), np.sin(angle), np.zeros(angle.shape)
     came = np.stack([s, none, c])
     shape = np.square(form(came[:, :, None, None] - out[:, None]))

@@ -97,7 +97,8 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
     moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
-    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving])
+    bodies = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     reach = max(0.0, float(g_high[2])) / max(np.tan(incidence), 0.1)
     sink = max(0.0, float(-g_low[2])) / max(np.tan(incidence), 0.1)
