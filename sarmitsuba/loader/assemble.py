@@ -92,14 +92,14 @@ def assemble(
     """
     label = path.name if path else name
     visible = any(not materials[s.material].invisible for s in surfaces)
+    if volumes and not visible:
+        raise SceneError(
+            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
+        )
     if not visible and not points:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
-        )
-    if volumes and not visible:
-        raise SceneError(
-            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
         )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []

@@ -1,7 +1,7 @@
 """What tracing of a run is cut into: batches of pulses that need nothing of each other, wherever they are traced."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -144,7 +144,7 @@ def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     made = build_trace_scene(scene.geometry, scene.materials, wavelength, antenna)
-    return replace(made, passages=passages_of(scene))
+    return made.with_passages(*passages_of(scene))
 
 
 __all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]

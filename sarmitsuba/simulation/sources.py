@@ -1,5 +1,8 @@
 """What returns echoes in a scene beside the surfaces that rays find, and what stands in the way of all waves."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
@@ -24,9 +27,18 @@ def sources_of(scene: Scene, flags: KernelFlags) -> tuple[Source, ...]:
     return tuple(sources)
 
 
-def passages_of(scene: Scene) -> tuple[Passage, ...]:
-    """What stands in the way of waves in a scene and lets a part of them through; nothing in most scenes."""
-    return (volume_passage(scene.volumes),) if scene.volumes else ()
+def passages_of(scene: Scene) -> tuple[tuple[Passage, ...], NDArray[np.float64] | None]:
+    """What stands in the way of waves in a scene and lets a part of them through; nothing in most scenes.
+
+    Returns
+    -------
+    passages : one of each kind
+    bounds : (2, 3) m, of what they fill beyond the surfaces; None where that is nothing
+    """
+    if not scene.volumes:
+        return (), None
+    passage = volume_passage(scene.volumes)
+    return (passage,), passage.bodies.bounds
 
 
 __all__ = ["passages_of", "sources_of"]

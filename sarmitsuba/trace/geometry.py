@@ -57,6 +57,7 @@ class TraceScene:
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     passages : what stands in the way of waves without stopping them
+    passage_bounds : (2, 3) float64 corners of what they fill beyond the surfaces, m; None where that is nothing
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -78,6 +79,7 @@ class TraceScene:
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
     passages: tuple[Passage, ...] = ()
+    passage_bounds: NDArray[np.float64] | None = None
 
     @property
     def extent(self) -> float:
@@ -99,10 +101,15 @@ class TraceScene:
             self,
             mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
-            bounds=_bounds(corners),
+            bounds=_joined(_bounds(corners), self.passage_bounds),
             triangles=triangles,
             movers=movers,
         )
+
+    def with_passages(self, passages: tuple[Passage, ...], bounds: NDArray[np.float64] | None) -> TraceScene:
+        """The scene with something in the way of waves that fills ``bounds``: rays start before those too."""
+        joined = _joined(self.bounds, bounds)
+        return replace(self, passages=passages, passage_bounds=bounds, bounds=joined)
 
     @property
     def clearance(self) -> float:
@@ -240,6 +247,13 @@ def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _bounds(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64)
+
+
+def _joined(bounds: NDArray[np.float64], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Bounds (2, 3) of both."""
+    if other is None:
+        return bounds
+    return np.stack([np.minimum(bounds[0], other[0]), np.maximum(bounds[1], other[1])])
 
 
 def _spectra(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float | None, mi.Float | None]:
