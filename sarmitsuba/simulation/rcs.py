@@ -68,6 +68,7 @@ def monostatic_rcs(
     draw: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    days: float = 0.0,
     most_rays: int = FINE_RAYS,
     progress: Progress = silent,
 ) -> RcsResult:
@@ -87,6 +88,7 @@ def monostatic_rcs(
     draw : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
+    days : since the first pass
     most_rays : of one direction, where their distance is automatic
     progress : called after every launch
 
@@ -125,6 +127,7 @@ def monostatic_rcs(
         amplitude=far**2,
         reference_range=far,
         up=up,
+        days=days,
     )
     n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)

@@ -56,6 +56,8 @@ class TraceScene:
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
+    change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
+        not; None where all stays as it is
     """
 
     mi_scene: mi.Scene
@@ -75,6 +77,7 @@ class TraceScene:
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
+    change_table: mi.Float | None = None
 
     @property
     def extent(self) -> float:
@@ -204,6 +207,9 @@ def build_trace_scene(
         triangles=triangles,
         geometry_faces=rows_kept,
         movers=movers,
+        change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
+        if any(m.temporal_coherence < 1.0 for m in materials)
+        else None,
     )
 
 
