@@ -7,9 +7,14 @@ pass what the scatterer has become, so that any two runs of one scene share what
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.speckle import gaussian, mix, unit_phase, unit_uniform
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.state import Kernel
 
 # streams of `gaussian`: what the first pass cannot tell of the part that stays
 _HIDDEN = 16
@@ -51,6 +56,12 @@ class Age:
     days: mi.Float
     coherence: mi.Float
     decay_days: mi.Float
+
+    @staticmethod
+    def of(kernel: Kernel, material: mi.UInt32) -> Age:
+        """What time has done to the scatterers of a material; ``material`` as :class:`Hit` has it."""
+        row = dr.gather(mi.Vector2f, kernel.scene.change_table, material & MATERIAL_MASK)
+        return Age(kernel.constants.days, row.x, row.y)
 
     def gaussian(self, key: mi.UInt32, stream: int) -> mi.Complex2f:
         """Circular complex Gaussian of unit mean power; at no days and in unchanged scatterers that of the first pass.
