@@ -77,7 +77,8 @@ class Interferogram:
         """How the pair was made, in words."""
         if self.baseline.passes == 1:
             return "one pass, two receivers"
-        return f"two passes {self.days:g} days apart" if self.days else "two passes"
+        days = f" {self.days:g} day{'s' * (self.days != 1.0)} apart" if self.days else ""
+        return f"two passes{days}"
 
     @property
     def phase(self) -> F64:

@@ -40,7 +40,7 @@ def test_runs_that_are_there_are_evaluated_again(pair: Path, tmp_path: Path, cap
     assert cli.main(["interferogram", *runs, *options]) == 0
     said = capsys.readouterr().out
     assert (
-        "two passes 1 days apart, VV" in said
+        "two passes 1 day apart, VV" in said
         and "perpendicular 40 m" in said
         and "focused on the grid" in said
     )
