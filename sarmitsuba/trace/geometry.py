@@ -100,7 +100,7 @@ class TraceScene:
         corners = triangles.astype(np.float32)
         return replace(
             self,
-            mi_scene=_intersector(corners),
+            mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
             bounds=_bounds(corners),
             triangles=triangles,
@@ -197,7 +197,7 @@ def build_trace_scene(
     )
     spectrum, correction = _spectra(materials, wavelength)
     return TraceScene(
-        mi_scene=_intersector(corners),
+        mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
@@ -220,7 +220,7 @@ def build_trace_scene(
     )
 
 
-def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
+def intersector(corners: NDArray[np.float32]) -> mi.Scene:
     """Intersection structure of triangles (n_faces, 3, 3), m.
 
     Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
@@ -293,4 +293,5 @@ __all__ = [
     "SPECTRUM_SINES",
     "TraceScene",
     "build_trace_scene",
+    "intersector",
 ]
