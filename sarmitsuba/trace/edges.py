@@ -70,7 +70,10 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
     # from a sixteenth of the exterior off face a to as much off face b
     share = np.linspace(1.0 / 16.0, 15.0 / 16.0, PROBES)
     turn = np.pi * edges.angle[:, None] * share
-    rim = np.cos(turn)[..., None] * edges.inward[:, None, 0] + np.sin(turn)[..., None] * edges.normal[:, None, 0]
+    rim = (
+        np.cos(turn)[..., None] * edges.inward[:, None, 0]
+        + np.sin(turn)[..., None] * edges.normal[:, None, 0]
+    )
     path = (edges.middle[:, None] + reach[:, None, None] * rim).astype(np.float32)
     start, step = path[:, :-1].reshape(-1, 3), np.diff(path, axis=1).reshape(-1, 3)
     origin, direction = (
