@@ -6,6 +6,7 @@ import numpy as np
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.texture import SurfaceMaps, check_texture
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,13 @@ class Material:
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
     law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
+    texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
+    texture_length : m; correlation length of that texture
+    maps : what varies over the surface; None: nothing
 
     Raises
     ------
-    SceneError : no law of that name, or a parameter that the law does not know
+    SceneError : no law of that name, a parameter that the law does not know, or half a texture
 
     Notes
     -----
@@ -44,6 +48,9 @@ class Material:
     cross_polar_ratio_db: float = -np.inf
     invisible: bool = False
     law_parameters: tuple[tuple[str, float], ...] = ()
+    texture_shape: float = 0.0
+    texture_length: float = 0.0
+    maps: SurfaceMaps | None = None
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -51,6 +58,7 @@ class Material:
             raise SceneError(
                 f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {known_laws}'
             )
+        check_texture(self.texture_shape, self.texture_length, f'material "{self.name}"')
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:
             if name not in known:
