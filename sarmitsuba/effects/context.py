@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -141,9 +142,9 @@ class SceneContext:
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """Materials that rays can hit."""
+        """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
+        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def shape(self) -> ShapeAnalysis:

@@ -1,7 +1,7 @@
 """Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
@@ -50,6 +51,7 @@ class Surface:
     smooth : all faces belong to one smooth surface, however much they bend
     convex : one closed convex body by its kind
     motion : how it moves from there
+    corner_values : attributes that maps lie on, see `Geometry.corner_values`
     """
 
     name: str
@@ -59,6 +61,7 @@ class Surface:
     smooth: bool = False
     convex: bool = False
     motion: Motion = STILL
+    corner_values: Mapping[str, F64] = field(default_factory=dict)
 
 
 def assemble(
@@ -105,7 +108,9 @@ def assemble(
     offset = _offset(geometry, points)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
-    used = list(dict.fromkeys(materials[s.material] for s in surfaces))
+    if offset.any():
+        materials = [m if m.maps is None else replace(m, maps=m.maps.moved(offset)) for m in materials]
+    used = list(dict.fromkeys(with_parts([materials[s.material] for s in surfaces])))
     built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset)
     return Scene(
         name=name,
@@ -149,8 +154,8 @@ def seen_by(
 
 def _black(label: str, surfaces: Sequence[Surface], materials: Sequence[Material]) -> list[str]:
     """Say that a scene which is all mirrors will be black but for them."""
-    seen = {s.material: materials[s.material] for s in surfaces if not materials[s.material].invisible}
-    if not seen or any(material.diffuse_law != "none" for material in seen.values()):
+    seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
+    if not seen or any(material.diffuse_law != "none" for material in seen):
         return []
     return [
         f"{label}: no material has a diffuse law: the image is black but for edges, corners and faces that mirror the "
@@ -203,8 +208,19 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         mesh_convex=tuple(convex),
         mesh_motion=() if all(s.motion.still for s in surfaces) else tuple(s.motion for s in surfaces),
+        corner_values=_corner_values(surfaces, joined),
     )
     return geometry, [f"{label}: {note}" for note in notes]
+
+
+def _corner_values(surfaces: Sequence[Surface], joined: JoinedMeshes) -> dict[str, F64]:
+    """Attributes of all meshes at the corners of the faces that are left; NaN where a mesh has none."""
+    out = {}
+    for name in sorted({name for s in surfaces for name in s.corner_values}):
+        columns = 2 if name == "uv" else 1
+        parts = [s.corner_values.get(name, np.full((len(s.faces), 3, columns), np.nan)) for s in surfaces]
+        out[name] = np.concatenate(parts)[joined.kept]
+    return out
 
 
 def _groups(joined: JoinedMeshes, smooth: NDArray[np.bool_]) -> I32:

@@ -1,7 +1,7 @@
 """Scenes made in Python: meshes, points and a radar description in, the same `Scene` as from a file out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.mesh_attributes import at_corners
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
 from sarmitsuba.materials.material import Material
 from sarmitsuba.parameters import Value, filled
@@ -46,6 +47,8 @@ class SceneMesh:
     smooth : all faces belong to one smooth surface, however much they bend
     to_world : (4, 4) affine matrix applied to the vertices; None leaves them
     motion : how it moves from there, such as ``Motion(velocity=(0.0, 8.0, 0.0))``
+    attributes : that maps of the material lie on: ``uv`` (n_vertices, 2), ``vertex_NAME`` (n_vertices,) or
+        ``face_NAME`` (n_faces,), 0 to 1
     """
 
     vertices: ArrayLike
@@ -55,6 +58,7 @@ class SceneMesh:
     smooth: bool = False
     to_world: ArrayLike | None = None
     motion: Motion = STILL
+    attributes: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -177,7 +181,11 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
         if matrix.shape != (4, 4) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
             raise SceneError(f"{where}: to_world is not an affine (4, 4) matrix; its last row is 0, 0, 0, 1")
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return Surface(mesh.name, vertices, faces.astype(np.int32), material, mesh.smooth, motion=mesh.motion)
+    faces = faces.astype(np.int32)
+    values = at_corners(mesh.attributes, faces, where)
+    return Surface(
+        mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
+    )
 
 
 __all__ = ["MaterialLike", "SceneMesh", "build_scene"]

@@ -19,6 +19,7 @@ from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
+from sarmitsuba.materials.texture import map_attributes
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
@@ -71,8 +72,18 @@ class Collector:
             return
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
+        names = map_attributes(self.book.materials[material])
         self.surfaces.append(
-            Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex, placed.motion)
+            Surface(
+                placed.name,
+                vertices,
+                faces,
+                material,
+                placed.is_curved,
+                placed.is_convex,
+                placed.motion,
+                self.reader.corner_values(placed, faces, names) if names else {},
+            )
         )
 
     def add_parts(

@@ -5,6 +5,7 @@ from dataclasses import replace
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 
 
@@ -13,6 +14,14 @@ def _law_parameters() -> tuple[Param, ...]:
     takers = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
     return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
 
+
+_EXTENT = Param(
+    "map_extent",
+    "string",
+    "",
+    "lays the bitmaps over the scene from above: x and y (m, file frame) of the south-western and of the north-eastern "
+    "corner, such as `-50 -50 50 50`; left out: they lie on the mesh's texture coordinates",
+)
 
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
@@ -84,7 +93,52 @@ RADAR_MATERIAL = ParamTable(
             0.0,
             1e6,
         ),
+        Param(
+            "texture_shape",
+            "float",
+            0.0,
+            "shape nu of the gamma texture of the diffuse return (K-distributed clutter), mean 1; 0 = none",
+            "",
+            0.0,
+            GREATEST_SHAPE,
+        ),
+        Param(
+            "texture_length",
+            "float",
+            0.0,
+            "correlation length of that texture, where its autocorrelation falls to 1/e",
+            "m",
+            0.0,
+            1e6,
+        ),
+        _EXTENT,
+        Param(
+            "sigma0_map_range",
+            "string",
+            "",
+            "dB on sigma0 at a pixel of 0 and of 1, such as `-10 5`; left out: the pixel is the factor itself",
+        ),
+        Param(
+            "permittivity_map_range",
+            "string",
+            "",
+            "permittivity eps' at a pixel of 0 and of 1 (the loss tangent stays); left out: the pixel itself",
+        ),
+        Param(
+            "roughness_map_range",
+            "string",
+            "",
+            "rms height at a pixel of 0 and of 1, m; left out: the pixel itself",
+        ),
     ),
+)
+
+LAND_COVER = ParamTable(
+    plugin="land_cover",
+    element="bsdf",
+    doc="Many materials on one mesh, by a bitmap of classes: a texture `bitmap` under the name `class_map`, and a "
+    "material for each class under `class_N` (grey value N) or `color_RRGGBB`.",
+    params=(_EXTENT,),
 )
 
 POINT_SCATTERER = ParamTable(
@@ -156,6 +210,7 @@ __all__ = [
     "ABSORBER",
     "HOLDER",
     "ITU_RADIO_MATERIAL",
+    "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
     "RADIO_MATERIAL",

@@ -1,6 +1,6 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, Opaque, Property
+from sarmitsuba.loader.mesh_attributes import corner_values
 from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
@@ -99,6 +100,12 @@ class MeshReader:
         """
         vertices, faces = self._local(placed)
         return placed.moved(vertices), faces
+
+    def corner_values(self, placed: Placed, faces: I32, names: Sequence[str]) -> dict[str, F64]:
+        """Attributes of a shape that maps lie on, see `sarmitsuba.loader.mesh_attributes.corner_values`."""
+        element = placed.element
+        path = mesh_path(element) if element.plugin in _MESH_FILES else None
+        return corner_values(element, path, faces, names)
 
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where

@@ -12,6 +12,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.texture import check_texture
 from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
@@ -60,6 +61,7 @@ def radar_material(
     _exclusive(given, where)
     law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
+    _check_texture(values, law, where)
     ratio = float_value(values, "cross_polar_ratio_db")
     surface = Material(
         name,
@@ -71,6 +73,8 @@ def radar_material(
         temporal_coherence=float_value(values, "temporal_coherence"),
         decorrelation_days=float_value(values, "decorrelation_days"),
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
+        texture_shape=float_value(values, "texture_shape"),
+        texture_length=float_value(values, "texture_length"),
     )
     kind = string_value(values, "material")
     if kind:
@@ -261,6 +265,14 @@ def _material(name: str, eps: complex, surface: Material) -> Material:
     """Surface of a permittivity; vacuum without a diffuse return is invisible."""
     invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
+
+
+def _check_texture(values: Mapping[str, Value | None], law: DiffuseLaw, where: str) -> None:
+    """Raise where a texture is given by half, or to a surface that returns nothing diffuse."""
+    shape = float_value(values, "texture_shape")
+    check_texture(shape, float_value(values, "texture_length"), where)
+    if shape and not law.scatters:
+        raise SceneError(f"{where}: texture_shape has no effect without a diffuse return; give a diffuse_law")
 
 
 def _check_law(

@@ -6,6 +6,7 @@ import numpy as np
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.texture import SurfaceMaps, check_texture
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,13 @@ class Material:
     temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: nothing changes
     decorrelation_days : time constant of its decay to that; 0: at once
     law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
+    texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
+    texture_length : m; correlation length of that texture
+    maps : what varies over the surface; None: nothing
 
     Raises
     ------
-    SceneError : no law of that name, or a parameter that the law does not know
+    SceneError : no law of that name, a parameter that the law does not know, or half a texture
 
     Notes
     -----
@@ -48,6 +52,9 @@ class Material:
     temporal_coherence: float = 1.0
     decorrelation_days: float = 0.0
     law_parameters: tuple[tuple[str, float], ...] = ()
+    texture_shape: float = 0.0
+    texture_length: float = 0.0
+    maps: SurfaceMaps | None = None
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -55,6 +62,7 @@ class Material:
             raise SceneError(
                 f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {known_laws}'
             )
+        check_texture(self.texture_shape, self.texture_length, f'material "{self.name}"')
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:
             if name not in known:

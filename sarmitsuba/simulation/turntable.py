@@ -16,6 +16,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.assemble import seen_by
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
@@ -395,7 +396,7 @@ def turntable_scene(
         ),
         track,
     )
-    used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
+    used = with_parts([scene.materials[i] for i in np.unique(scene.geometry.face_material)])
     radar, image, notes = seen_by(scene.name, scene.geometry, scene.points, used, description, scene.offset)
     return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -219,6 +220,7 @@ class DiffuseReturns:
         where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
     age : what has become of the scatterers since the first pass; None where nothing changes
+    receive : how the antenna receives what comes from the hit
     """
 
     kernel: Kernel
@@ -232,6 +234,7 @@ class DiffuseReturns:
     straight_weight: mi.Float
     retro_weight: mi.Float
     age: Age | None
+    receive: Receiver
 
     def first(self) -> Slot:
         """The first return there is."""
@@ -254,8 +257,14 @@ class DiffuseReturns:
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
-        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
+        if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
+            return self._at_place(centre, active)._drawn(slot, active, centre, key)
+        return self._drawn(slot, active, centre, key)
+
+    def _drawn(self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32) -> Contribution:
+        """The return of a slot, whose scatterer has its place and its hash."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if hit.movement is not None:  # the lattice is the shape's own
             centre = centre + hit.movement.shift
         random = speckle_coefficients(key, hit.properties.w, flags, self.age)
@@ -291,6 +300,37 @@ class DiffuseReturns:
             slot.other_way,
             self._reversed(straight, self.reverse, random, home, rate_home),
             selected(slot.back, retro, straight),
+        )
+
+    def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
+        """The same with material, map and texture of the place (float64, m, at time zero) where a scatterer stands.
+
+        Whichever ray finds it has hit another place, whose material may be another.
+        """
+        kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
+        surfaces = scene.surfaces
+        assert surfaces is not None
+        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        offset = mi.Vector3f(centre - vertex)
+        out = self
+        if surfaces.classes is not None:
+            bits = scene.material_at(hit.face, hit.own_material, offset, active)
+            properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
+            hit = replace(hit, material=bits, properties=properties)
+            terms = _terms(kernel, self.ray, hit, self.receive)
+            age = Age.of(kernel, hit.material) if kernel.flags.temporal else None
+            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2], age=age)
+        factor = surfaces.amplitude(
+            hit.face,
+            hit.own_material & MATERIAL_MASK,
+            hit.material & MATERIAL_MASK,
+            offset,
+            self.lattice.place(centre),
+            kernel.constants.seed,
+            active,
+        )
+        return replace(
+            out, straight_weight=self.straight_weight * factor, retro_weight=self.retro_weight * factor
         )
 
     def _reversed(
@@ -351,8 +391,43 @@ def close_diffuse(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: Footprint, receive: Receiver
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
-    flags, constants = kernel.flags, kernel.constants
-    both_ways = kernel.both_ways
+    constants = kernel.constants
+    straight, retro, reverse = _terms(kernel, ray, hit, receive)
+    patch = tube_here.patch
+    cell = cell_on(constants.cell, hit.largest_cell)
+    if ray.spread is not None:
+        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
+        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
+    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
+    # where the facet is at time zero: its scatterers go with it
+    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
+    return DiffuseReturns(
+        kernel=kernel,
+        lane=lane,
+        ray=ray,
+        hit=hit,
+        lattice=lattice,
+        straight=straight,
+        retro=retro,
+        reverse=reverse,
+        straight_weight=weight * tube_here.loss * receive.gain,
+        retro_weight=weight * tube_here.loss_retro,
+        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
+        receive=receive,
+    )
+
+
+Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _terms(
+    kernel: Kernel, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[Terms, Terms | None, Terms | None]:
+    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
+    flags, both_ways = kernel.flags, kernel.both_ways
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
     # only behind a mirror, or with two antennas, do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
@@ -377,30 +452,10 @@ def close_diffuse(
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
-
-    patch = tube_here.patch
-    cell = cell_on(constants.cell, hit.largest_cell)
-    if ray.spread is not None:
-        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
-        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
-    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
-    # where the facet is at time zero: its scatterers go with it
-    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
-    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
-    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
-    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
-    return DiffuseReturns(
-        kernel=kernel,
-        lane=lane,
-        ray=ray,
-        hit=hit,
-        lattice=lattice,
-        straight=_recorded(flags, straight),
-        retro=None if retro is None else _recorded(flags, retro),
-        reverse=None if reverse is None else _recorded(flags, reverse),
-        straight_weight=weight * tube_here.loss * receive.gain,
-        retro_weight=weight * tube_here.loss_retro,
-        age=Age.of(kernel, hit.material) if flags.temporal else None,
+    return (
+        _recorded(flags, straight),
+        None if retro is None else _recorded(flags, retro),
+        None if reverse is None else _recorded(flags, reverse),
     )
 
 
@@ -409,7 +464,7 @@ def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> 
     return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
-def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:
+def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
     """Terms of the channels to record from those of the channels that were closed."""
     columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]

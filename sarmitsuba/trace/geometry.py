@@ -12,6 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor
@@ -20,6 +21,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.texture import SurfaceTables
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -51,6 +53,7 @@ class TraceScene:
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
     geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
+    surfaces : what varies over them; None where all are even
     movers : faces that move, and the time at which all tables have them; None where all rest
     forms : forms of bistatic scattering in the scene other than the mean of both angles
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
@@ -78,6 +81,7 @@ class TraceScene:
     needs: tuple[NDArray[np.float64], NDArray[np.float64]]
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
+    surfaces: SurfaceTables | None = None
     movers: Movers | None = None
     change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
@@ -90,6 +94,19 @@ class TraceScene:
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Rows of the material table of faces, in a kernel."""
         return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
+
+    def material_at(self, face: mi.UInt32, own: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.UInt32:
+        """Bits of the material at a place of a face, in a kernel: its ``own`` where no map says another.
+
+        Parameters
+        ----------
+        own : material of the face, as in ``face_info``
+        offset : m, from the face's vertex 0
+        """
+        if self.surfaces is None or self.surfaces.classes is None:
+            return own
+        there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
+        return (own & FACE_BITS) | there
 
     def at(self, time: float) -> TraceScene:
         """The scene with everything that moves where it stands at a time, s; itself where nothing does."""
@@ -128,6 +145,8 @@ CLOSED_BIT = 29
 # the first of four that mark those of a face's boundary edges where its facet goes on in its plane
 INNER_BIT = 25
 MATERIAL_MASK = (1 << INNER_BIT) - 1
+# of a face's bits those that are its own whatever its material
+FACE_BITS = 0x3FFFFFFF & ~MATERIAL_MASK
 
 
 def build_trace_scene(
@@ -161,6 +180,7 @@ def build_trace_scene(
 
     rows = []
     tables = []
+    materials = with_parts(materials)
     for m in materials:
         chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
@@ -196,6 +216,9 @@ def build_trace_scene(
         axis=1,
     )
     spectrum, correction = _spectra(materials, wavelength)
+    bits = np.arange(len(materials), dtype=np.uint32) | (form << np.uint32(FORM_SHIFT))
+    surfaces = SurfaceTables.of(geometry, rows_kept, materials, bits)
+    occurring = form[material] if surfaces is None or surfaces.classes is None else form
     return TraceScene(
         mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
@@ -204,7 +227,7 @@ def build_trace_scene(
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
         material_table=_table32(rows),
         diffuse_table=_table32(tables),
-        forms=frozenset(FORMS[i] for i in np.unique(form[material]) if i > 0),
+        forms=frozenset(FORMS[i] for i in np.unique(occurring) if i > 0),
         spectrum_table=spectrum,
         correction_table=correction,
         bounds=_bounds(corners),
@@ -213,6 +236,7 @@ def build_trace_scene(
         needs=needs,
         triangles=triangles,
         geometry_faces=rows_kept,
+        surfaces=surfaces,
         movers=movers,
         change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
         if any(m.temporal_coherence < 1.0 for m in materials)
@@ -285,6 +309,7 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
 __all__ = [
     "CLOSED_BIT",
     "DIFFUSE_NODES",
+    "FACE_BITS",
     "FORMS",
     "FORM_SHIFT",
     "INNER_BIT",

@@ -188,13 +188,17 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
         blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~known)
         sees &= known | ~blocked
-    material = info.x & MATERIAL_MASK
+    bits = info.x
+    if kernel.flags.texture:
+        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), active)
+    material = bits & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
-        material=info.x,
+        material=bits,
+        own_material=info.x,
         largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
         vertex0=vertex0,

@@ -17,6 +17,7 @@ from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import BeamPattern
 from sarmitsuba.trace.closing import selected
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
@@ -344,9 +345,11 @@ class _Ground:
             mi.Ray3f(start, direction), coherent=False, active=active
         )
         valid = active & found.is_valid()
-        p, n64, _, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
+        p, n64, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
         n64 = dr.select(dr.dot(n64, mi.Vector3d(direction)) > 0.0, -n64, n64)
-        material = scene.material_of(found.prim_index, valid)
+        own = scene.material_of(found.prim_index, valid)
+        offset = mi.Vector3f(p - vertex0)
+        material = scene.material_at(found.prim_index, own, offset, valid) & MATERIAL_MASK
         return _Ground(valid, p, n64, dr.gather(mi.Vector4f, scene.material_table, material, valid))
 
 

@@ -216,7 +216,8 @@ class Hit:
     first : lanes whose first hit this is
     order : number of this hit, from 1
     face : row of the scene's tables
-    material : bits of the face's material
+    material : bits of the material at the hit
+    own_material : bits of the face's own, whatever maps say of the place
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, the ray's own point of the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
@@ -236,6 +237,7 @@ class Hit:
     order: mi.UInt32
     face: mi.UInt32
     material: mi.UInt32
+    own_material: mi.UInt32
     largest_cell: mi.Float
     p: mi.Vector3d
     vertex0: mi.Vector3d

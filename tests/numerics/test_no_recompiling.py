@@ -67,7 +67,8 @@ first, later = [], []
 kinds = sys.argv[4].split(",")
 for corner in range(int(sys.argv[2])):
     for kind in kinds:
-        first.append([kind, *once(kind, lambda a, b: (a, 0.5 * (a + b), b)[corner % 3] if corner < 3 else rng.choice((a, b)))])
+        share = lambda: 0.5 * corner if corner < 3 else rng.randrange(2)
+        first.append([kind, *once(kind, lambda a, b: a + share() * (b - a))])
 for _ in range(int(sys.argv[3])):
     for kind in kinds:
         later.append([kind, *once(kind, rng.uniform)])

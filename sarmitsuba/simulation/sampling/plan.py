@@ -11,6 +11,7 @@ from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
@@ -102,7 +103,7 @@ class SamplingPlan:
             When no geometry lies within the image's footprint.
         """
         if flags is None:
-            rough = any(m.scatters for m in scene.materials)
+            rough = any(m.scatters for m in with_parts(scene.materials))
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         windows = launch_windows(scene)
         window = _window_at(windows, scene.radar.track.center_index)
