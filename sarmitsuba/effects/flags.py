@@ -42,6 +42,7 @@ class KernelFlags:
     multi_bounce: bool = True
     motion: bool = False
     texture: bool = False
+    temporal: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

@@ -1,6 +1,7 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, PulseBatch, frame_towards, lattice, project
+from sarmitsuba.trace.source import Source
+from sarmitsuba.trace.state import Constants, Kernel
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
@@ -68,7 +71,9 @@ def monostatic_rcs(
     draw: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    days: float = 0.0,
     most_rays: int = FINE_RAYS,
+    sources: Sequence[Source] = (),
     progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
@@ -87,7 +92,9 @@ def monostatic_rcs(
     draw : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
+    days : since the first pass
     most_rays : of one direction, where their distance is automatic
+    sources : what returns echoes beside the surfaces, such as edges
     progress : called after every launch
 
     Raises
@@ -97,7 +104,8 @@ def monostatic_rcs(
 
     Notes
     -----
-    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
+    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores, and edge
+    diffraction unless it is among the ``sources``.
     """
     wavelength = SPEED_OF_LIGHT / frequency
     depth = max_depth or DEFAULT_DEPTH
@@ -125,6 +133,7 @@ def monostatic_rcs(
         amplitude=far**2,
         reference_range=far,
         up=up,
+        days=days,
     )
     n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)
@@ -140,6 +149,10 @@ def monostatic_rcs(
             batch.n_pulses, len(channels), depth if keep_orders else 0, wavelength, far
         )
         trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
+        for source in sources:
+            for part in source.parts([grid], batch.n_pulses):
+                kernel = Kernel(scene, part.grid, batch, flags, Constants.of(settings, scene, part.grid))
+                source.record(part, kernel, Antenna(), accumulator)
         sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
         amplitude[pick] = np.moveaxis(sums, 2, 0)
         progress("trace", pick.stop, look.shape[0], {})

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import mi
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
@@ -20,6 +20,7 @@ from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.moving import Movers
+from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.texture import SurfaceTables
 
 DIFFUSE_NODES = 256
@@ -58,7 +59,10 @@ class TraceScene:
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    passages : what stands in the way of waves without stopping them
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
+    change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
+        not; None where all stays as it is
     """
 
     mi_scene: mi.Scene
@@ -79,6 +83,8 @@ class TraceScene:
     geometry_faces: NDArray[np.intp]
     surfaces: SurfaceTables | None = None
     movers: Movers | None = None
+    change_table: mi.Float | None = None
+    passages: tuple[Passage, ...] = ()
 
     @property
     def extent(self) -> float:
@@ -98,6 +104,10 @@ class TraceScene:
         there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
         return (own & FACE_BITS) | there
 
+    def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+        """Rows of the material table of faces, in a kernel."""
+        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
+
     def at(self, time: float) -> TraceScene:
         """The scene with everything that moves where it stands at a time, s; itself where nothing does."""
         if self.movers is None or time == self.movers.time:
@@ -107,7 +117,7 @@ class TraceScene:
         corners = triangles.astype(np.float32)
         return replace(
             self,
-            mi_scene=_intersector(corners),
+            mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
             bounds=_bounds(corners),
             triangles=triangles,
@@ -210,7 +220,7 @@ def build_trace_scene(
     surfaces = SurfaceTables.of(geometry, rows_kept, materials, bits)
     occurring = form[material] if surfaces is None or surfaces.classes is None else form
     return TraceScene(
-        mi_scene=_intersector(corners),
+        mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
@@ -228,10 +238,13 @@ def build_trace_scene(
         geometry_faces=rows_kept,
         surfaces=surfaces,
         movers=movers,
+        change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
+        if any(m.temporal_coherence < 1.0 for m in materials)
+        else None,
     )
 
 
-def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
+def intersector(corners: NDArray[np.float32]) -> mi.Scene:
     """Intersection structure of triangles (n_faces, 3, 3), m.
 
     Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
@@ -305,4 +318,5 @@ __all__ = [
     "SPECTRUM_SINES",
     "TraceScene",
     "build_trace_scene",
+    "intersector",
 ]

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
-# a diffuse path the other way round, to a receiver apart; 3 is an ideal point's, which no ray finds
-REVERSED = 4
+# a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
+# point's
+REVERSED, SCATTERER = 4, 5
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class KernelSettings:
     amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
     reference_range : m, stands for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
+    days : since the first pass
     """
 
     wavelength: float
@@ -49,6 +51,7 @@ class KernelSettings:
     amplitude: float
     reference_range: float
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    days: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,7 @@ class Constants:
     clearance: mi.Float
     up: mi.Vector3f
     turn: mi.Float64
+    days: mi.Float
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -93,6 +97,7 @@ class Constants:
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             turn=dr.opaque(f64, grid.turn),
+            days=dr.opaque(f32, settings.days),
         )
 
 
@@ -291,7 +296,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO`` or ``REVERSED``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO``, ``REVERSED`` or ``SCATTERER``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -316,6 +321,7 @@ __all__ = [
     "DIFFUSE",
     "RETRO",
     "REVERSED",
+    "SCATTERER",
     "Constants",
     "Contribution",
     "Footprint",
