@@ -41,8 +41,8 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
-    temporal: bool = False
     texture: bool = False
+    temporal: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

@@ -357,7 +357,7 @@ def node_spacing(shape: float) -> float:
 
 def _field_correlation(lag: F64) -> F64:
     """Correlation of the normal field at lags in spacings of its nodes, mean over places and directions."""
-    place = (np.arange(16) + 0.5) / 16.0 - 0.5
+    place = np.asarray((np.arange(16) + 0.5) / 16.0 - 0.5, dtype=np.float64)
     total = np.zeros_like(lag)
     angles = np.radians(np.arange(3.75, 45.0, 7.5))  # the lattice repeats after that, mirrored
     for angle in angles.tolist():

@@ -219,8 +219,8 @@ class DiffuseReturns:
     reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
         where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
-    age : what has become of the scatterers since the first pass; None where nothing changes
     receive : how the antenna receives what comes from the hit
+    age : what has become of the scatterers since the first pass; None where nothing changes
     """
 
     kernel: Kernel
@@ -233,8 +233,8 @@ class DiffuseReturns:
     reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
-    age: Age | None
     receive: Receiver
+    age: Age | None
 
     def first(self) -> Slot:
         """The first return there is."""
@@ -318,8 +318,9 @@ class DiffuseReturns:
             properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
             hit = replace(hit, material=bits, properties=properties)
             terms = _terms(kernel, self.ray, hit, self.receive)
-            age = Age.of(kernel, hit.material) if kernel.flags.temporal else None
-            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2], age=age)
+            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2])
+            if self.age is not None:
+                out = replace(out, age=Age.of(kernel, bits))
         factor = surfaces.amplitude(
             hit.face,
             hit.own_material & MATERIAL_MASK,
@@ -415,8 +416,8 @@ def close_diffuse(
         reverse=reverse,
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
-        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
         receive=receive,
+        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
     )
 
 

@@ -91,10 +91,6 @@ class TraceScene:
         """Largest coordinate modulus, m; bounds the float32 rounding of positions."""
         return float(np.abs(self.bounds).max())
 
-    def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
-        """Rows of the material table of faces, in a kernel."""
-        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
-
     def material_at(self, face: mi.UInt32, own: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.UInt32:
         """Bits of the material at a place of a face, in a kernel: its ``own`` where no map says another.
 
@@ -107,6 +103,10 @@ class TraceScene:
             return own
         there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
         return (own & FACE_BITS) | there
+
+    def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+        """Rows of the material table of faces, in a kernel."""
+        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
 
     def at(self, time: float) -> TraceScene:
         """The scene with everything that moves where it stands at a time, s; itself where nothing does."""
