@@ -14,6 +14,21 @@ def _law_parameters() -> tuple[Param, ...]:
     return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
 
 
+_PERMITTIVITY = (
+    Param("material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))),
+    Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+    Param(
+        "permittivity_imag",
+        "float",
+        0.0,
+        "loss eps'' of the relative permittivity eps' - j eps''",
+        "",
+        0.0,
+        1e12,
+    ),
+    Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+)
+
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
@@ -25,20 +40,7 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_law_parameters,
     params=(
-        Param(
-            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
-        ),
-        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
-        Param(
-            "permittivity_imag",
-            "float",
-            0.0,
-            "loss eps'' of the relative permittivity eps' - j eps''",
-            "",
-            0.0,
-            1e12,
-        ),
-        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+        *_PERMITTIVITY,
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
@@ -77,6 +79,15 @@ POINT_SCATTERER = ParamTable(
         Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
         Param("phase_deg", "float", 0.0, "phase of its reflectivity", "deg", -360.0, 360.0),
     ),
+)
+
+RADAR_WIRE = ParamTable(
+    plugin="radar_wire",
+    element="bsdf",
+    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    "them, and they cast no shadow. Perfect conductors where nothing is given.",
+    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    params=_PERMITTIVITY,
 )
 
 _COLORS = tuple(
@@ -140,5 +151,6 @@ __all__ = [
     "ITU_RADIO_MATERIAL",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
 ]

@@ -7,6 +7,7 @@ from sarmitsuba.loader.material_tables import (
     ITU_RADIO_MATERIAL,
     POINT_SCATTERER,
     RADAR_MATERIAL,
+    RADAR_WIRE,
     RADIO_MATERIAL,
 )
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
@@ -135,6 +136,7 @@ TABLES: dict[str, ParamTable] = {
         FILM,
         INTEGRATOR,
         RADAR_MATERIAL,
+        RADAR_WIRE,
         POINT_SCATTERER,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
@@ -151,6 +153,7 @@ __all__ = [
     "ITU_RADIO_MATERIAL",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",

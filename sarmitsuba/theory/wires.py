@@ -1,9 +1,9 @@
 r"""Round wires, rails and posts in closed form: infinite circular cylinder, finite line, post on a half space.
 
-Amplitudes are sqrt(sigma) in metres with the sign and phase of :mod:`sarmitsuba.theory.rcs`: a plate at normal incidence
-is real and positive, and a wave scattered with amplitude S is :math:`-j S e^{-j k r} / (\sqrt{4 \pi} r)` times the
-incoming one. Time convention exp(+j w t). Every order of the series is matched at the cylinder's surface by a linear
-system, nothing is expanded: the package's own coefficients are written otherwise (``materials``, ``trace``).
+Amplitudes are sqrt(sigma) in metres with the sign and phase of :mod:`sarmitsuba.theory.rcs`: a plate at normal
+incidence is real and positive, and a wave scattered with amplitude S is :math:`-j S e^{-j k r} / (\sqrt{4 \pi} r)`
+times the incoming one. Time convention exp(+j w t). Every order of the series is matched at the cylinder's surface by a
+linear system, nothing is expanded: the package's own coefficients are written otherwise (``materials``, ``trace``).
 """
 
 import numpy as np
@@ -66,8 +66,8 @@ def _matched(n: int, ka: float, cosine: float, beta: float, permittivity: comple
     """Scattered E_z and eta H_z (rows) of order n for incoming ones (columns), (2, 2), in units of J_n and H_n.
 
     Along the surface E_z, eta H_z, E_phi and eta H_phi go on; for exp(-j beta k z) the latter two are
-    ``-(j / q^2) (j n beta / a E_z - d eta H_z / d rho)`` and ``-(j / q^2) (j n beta / a eta H_z + eps d E_z / d rho)`` with
-    q the transverse wavenumber and all lengths in units of 1 / k.
+    ``-(j / q^2) (j n beta / a E_z - d eta H_z / d rho)`` and ``-(j / q^2) (j n beta / a eta H_z + eps d E_z / d rho)``
+    with q the transverse wavenumber and all lengths in units of 1 / k.
     """
     inside = np.sqrt(complex(permittivity) - beta * beta)
 
@@ -115,11 +115,12 @@ def line_amplitude(
     r"""Return the (3, 3) scattering dyad of a straight round line in the far field, m, phase about the origin.
 
     .. math:: D = \frac{2}{\sqrt\pi} \int e^{-j k (\hat d - \hat s) \cdot r} dl
-        \left[T_{mm} \hat t_s \hat t_i + T_{ee} \hat p_s \hat p_i + T_{me} (\hat t_s \hat p_i - \hat p_s \hat t_i)\right]
+        \left[T_{mm} \hat t_s \hat t_i + T_{ee} \hat p_s \hat p_i
+        + T_{me} (\hat t_s \hat p_i - \hat p_s \hat t_i)\right]
 
-    with p along axis x ray and t across both. On the cone of specular directions, and in backscatter from a conductor
-    of any tilt, the currents are those of the infinite cylinder; elsewhere they are taken at the tilt whose cosine is
-    the geometric mean of both, which keeps the dyad reciprocal.
+    with p along axis x ray and t across both. On the cone of specular directions, and for TM in backscatter at any
+    tilt, the current is that of the infinite cylinder; elsewhere it is taken at the tilt whose cosine is the geometric
+    mean of both, which keeps the dyad reciprocal.
 
     Parameters
     ----------
