@@ -68,6 +68,24 @@ RADAR_MATERIAL = ParamTable(
             -300.0,
             0.0,
         ),
+        Param(
+            "temporal_coherence",
+            "float",
+            1.0,
+            "coherence of the diffuse return that is left between two passes long apart; 1 = nothing changes",
+            "",
+            0.0,
+            1.0,
+        ),
+        Param(
+            "decorrelation_days",
+            "float",
+            0.0,
+            "time constant of the exponential decay to temporal_coherence; 0 = at once, in every pass",
+            "days",
+            0.0,
+            1e6,
+        ),
     ),
 )
 

@@ -88,6 +88,15 @@ INTEGRATOR = ParamTable(
             auto=True,
         ),
         Param("seed", "integer", 0, "random seed", "", 0, 2**31 - 1),
+        Param(
+            "pass_days",
+            "float",
+            0.0,
+            "a later pass: days since the first; materials with temporal_coherence below 1 have changed by then",
+            "days",
+            0.0,
+            1e5,
+        ),
         Param("keep_orders", "boolean", False, "keep bounce orders apart, each in layers of its own"),
         Param("keep_subsets", "boolean", False, "keep two independent ray subsets apart, for error bars"),
         Param(

@@ -68,6 +68,8 @@ def radar_material(
         diffuse_level_db=float_value(values, "diffuse_level_db") if law.level else -np.inf,
         correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
+        temporal_coherence=float_value(values, "temporal_coherence"),
+        decorrelation_days=float_value(values, "decorrelation_days"),
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
     )
     kind = string_value(values, "material")
@@ -304,6 +306,16 @@ def _check_law(
                 f"{where}: {parameter.name} has no effect with diffuse_law = {law.name}; "
                 f"take {takers} or leave it out"
             )
+    if "temporal_coherence" in given and not law.scatters:
+        raise SceneError(
+            f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which returns nothing; "
+            "take another law or leave it out"
+        )
+    if "decorrelation_days" in given and float_value(values, "temporal_coherence") == 1.0:
+        raise SceneError(
+            f"{where}: decorrelation_days = {float_value(values, 'decorrelation_days'):g} days has no effect with "
+            "temporal_coherence = 1; give the coherence that is left at last, such as 0"
+        )
 
 
 def _exclusive(given: frozenset[str], where: str) -> None:

@@ -23,6 +23,8 @@ class Material:
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
+    temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: nothing changes
+    decorrelation_days : time constant of its decay to that; 0: at once
     law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
 
     Raises
@@ -43,6 +45,8 @@ class Material:
     correlation_length: float = 0.0
     cross_polar_ratio_db: float = -np.inf
     invisible: bool = False
+    temporal_coherence: float = 1.0
+    decorrelation_days: float = 0.0
     law_parameters: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -63,6 +67,17 @@ class Material:
     def scatters(self) -> bool:
         """The diffuse law returns something at all."""
         return LAWS[self.diffuse_law].scatters
+
+    def coherence_after(self, days: float) -> float:
+        r"""Coherence of the incoherent return between passes so many days apart.
+
+        .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
+        """
+        if days == 0.0:
+            return 1.0
+        stays = self.temporal_coherence
+        tau = self.decorrelation_days
+        return stays + (1.0 - stays) * float(np.exp(-abs(days) / tau) if tau > 0.0 else 0.0)
 
     def law_parameter(self, name: str) -> float:
         """Value of a parameter of the law's own, its default when it is not given."""

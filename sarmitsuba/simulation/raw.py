@@ -118,7 +118,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     flown = radar.track if radar.recorded is not None else None
     raw = RawData(data, layers, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
     if plan.on("noise"):
-        raw = add_noise(raw, seed=settings.seed)
+        raw = add_noise(raw, seed=settings.seed, days=settings.pass_days)
         run.timer.lap("noise")
     metadata = raw_metadata(run, plan, notes)
     return replace(raw, metadata={**metadata, **raw.metadata})

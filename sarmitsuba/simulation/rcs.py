@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
@@ -72,6 +71,7 @@ def monostatic_rcs(
     draw: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    days: float = 0.0,
     most_rays: int = FINE_RAYS,
     sources: Sequence[Source] = (),
     places: NDArray[np.float64] | None = None,
@@ -93,9 +93,10 @@ def monostatic_rcs(
     draw : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
+    days : since the first pass
     most_rays : of one direction, where their distance is automatic
-    sources : of returns beside the rays'
-    places : (n, 3) m, where these stand; the mesh may then be empty
+    sources : what returns echoes beside the surfaces, such as edges and rods
+    places : (n, 3) m, where rods stand; the mesh may then be empty
     progress : called after every launch
 
     Raises
@@ -105,7 +106,8 @@ def monostatic_rcs(
 
     Notes
     -----
-    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
+    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores, and edge
+    diffraction unless it is among the ``sources``.
     """
     wavelength = SPEED_OF_LIGHT / frequency
     depth = max_depth or DEFAULT_DEPTH
@@ -136,6 +138,7 @@ def monostatic_rcs(
         amplitude=far**2,
         reference_range=far,
         up=up,
+        days=days,
     )
     n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)
@@ -151,10 +154,10 @@ def monostatic_rcs(
             batch.n_pulses, len(channels), depth if keep_orders else 0, wavelength, far
         )
         trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
-        kernel = Kernel(scene, grid, batch, flags, Constants.of(settings, scene, grid))
-        for part, source in [(p, s) for s in sources for p in s.parts((grid,), batch.n_pulses)]:
-            dr.eval(accumulator.memory)
-            source.record(part, kernel, Antenna(), accumulator)
+        for source in sources:
+            for part in source.parts([grid], batch.n_pulses):
+                kernel = Kernel(scene, part.grid, batch, flags, Constants.of(settings, scene, part.grid))
+                source.record(part, kernel, Antenna(), accumulator)
         sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
         amplitude[pick] = np.moveaxis(sums, 2, 0)
         progress("trace", pick.stop, look.shape[0], {})

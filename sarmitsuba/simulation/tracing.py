@@ -69,6 +69,7 @@ class Tracer:
             amplitude=radar.amplitude_constant,
             reference_range=_reference_range(radar, center),
             up=polarisation_up(radar, center, antenna),
+            days=sampling.scene.settings.pass_days,
         )
 
     @property

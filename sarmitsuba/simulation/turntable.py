@@ -253,6 +253,7 @@ class _Tracing:
             draw=draw,
             cell=scene.settings.scatterer_cell or 0.5 * wavelength / CELLS_PER_RESOLUTION,
             up=up,
+            days=scene.settings.pass_days,
             most_rays=self.most_rays,
             sources=self.sources,
             places=line_ends(scene.lines),

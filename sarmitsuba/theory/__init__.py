@@ -35,7 +35,9 @@ from sarmitsuba.theory.interferometry import (
     interferometric_phase_cdf,
     interferometric_phase_pdf,
     interferometric_phase_sigma,
+    rms_coherence,
     slope_phase_ramp,
+    temporal_coherence,
     wall_phase_ramp,
 )
 from sarmitsuba.theory.link import (
@@ -161,6 +163,7 @@ __all__ = [
     "range_ambiguity_ratio",
     "range_walk",
     "received_power",
+    "rms_coherence",
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
@@ -177,6 +180,7 @@ __all__ = [
     "staggered_line",
     "staggered_lines",
     "start_stop_azimuth_shift",
+    "temporal_coherence",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

@@ -25,6 +25,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.trace.temporal import Age
 from sarmitsuba.tubes import polygon
 
 if TYPE_CHECKING:
@@ -217,6 +218,7 @@ class DiffuseReturns:
     reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
         where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
+    age : what has become of the scatterers since the first pass; None where nothing changes
     """
 
     kernel: Kernel
@@ -229,6 +231,7 @@ class DiffuseReturns:
     reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
+    age: Age | None
 
     def first(self) -> Slot:
         """The first return there is."""
@@ -255,7 +258,7 @@ class DiffuseReturns:
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
         if hit.movement is not None:  # the lattice is the shape's own
             centre = centre + hit.movement.shift
-        random = speckle_coefficients(key, hit.properties.w, flags)
+        random = speckle_coefficients(key, hit.properties.w, flags, self.age)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(hit, ray.virtual_velocity)) / length
@@ -397,6 +400,7 @@ def close_diffuse(
         reverse=None if reverse is None else _recorded(flags, reverse),
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
+        age=Age.of(kernel, hit.material) if flags.temporal else None,
     )
 
 

@@ -58,6 +58,8 @@ class TraceScene:
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     passages : what stands in the way of waves without stopping them
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
+    change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
+        not; None where all stays as it is
     """
 
     mi_scene: mi.Scene
@@ -77,6 +79,7 @@ class TraceScene:
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
+    change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
 
     @property
@@ -97,7 +100,7 @@ class TraceScene:
         corners = triangles.astype(np.float32)
         return replace(
             self,
-            mi_scene=_intersector(corners),
+            mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
             bounds=_bounds(corners),
             triangles=triangles,
@@ -198,7 +201,7 @@ def build_trace_scene(
     )
     spectrum, correction = _spectra(materials, wavelength)
     return TraceScene(
-        mi_scene=_intersector(corners),
+        mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
@@ -215,6 +218,9 @@ def build_trace_scene(
         triangles=triangles,
         geometry_faces=rows_kept,
         movers=movers,
+        change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
+        if any(m.temporal_coherence < 1.0 for m in materials)
+        else None,
     )
 
 
@@ -251,7 +257,7 @@ def _with_places(
     )
 
 
-def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
+def intersector(corners: NDArray[np.float32]) -> mi.Scene:
     """Intersection structure of triangles (n_faces, 3, 3), m.
 
     Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
@@ -324,4 +330,5 @@ __all__ = [
     "SPECTRUM_SINES",
     "TraceScene",
     "build_trace_scene",
+    "intersector",
 ]

@@ -41,6 +41,7 @@ class KernelSettings:
     amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
     reference_range : m, stands for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
+    days : since the first pass
     """
 
     wavelength: float
@@ -50,6 +51,7 @@ class KernelSettings:
     amplitude: float
     reference_range: float
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    days: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,7 @@ class Constants:
     clearance: mi.Float
     up: mi.Vector3f
     turn: mi.Float64
+    days: mi.Float
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -94,6 +97,7 @@ class Constants:
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             turn=dr.opaque(f64, grid.turn),
+            days=dr.opaque(f32, settings.days),
         )
 
 

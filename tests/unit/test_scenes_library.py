@@ -22,6 +22,7 @@ WANTED = {
     "bridge",
     "buildings16",
     "dihedral",
+    "fields",
     "flat_ground",
     "moving_cars",
     "plate",
