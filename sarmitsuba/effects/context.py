@@ -177,7 +177,7 @@ class SceneContext:
             parts.append(self.sampling.box)
         elif self.scene.geometry.n_faces:
             parts.append(self.scene.geometry.bounds)
-        parts += [np.tile(p.position, (2, 1)) for p in self.scene.points]
+        parts += [np.tile(place, (2, 1)) for place in self.scene.places]
         if not parts:
             return np.zeros((2, 3))
         return np.stack([np.min([p[0] for p in parts], axis=0), np.max([p[1] for p in parts], axis=0)])

@@ -132,6 +132,10 @@ class MaterialBook:
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
         elif plugin == tables.POINT_SCATTERER.plugin:
             raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
+        elif plugin == tables.RADAR_WIRE.plugin:
+            raise SceneError(
+                f"{where}: radar_wire cannot be nested; put it directly on a cylinder or a linearcurve"
+            )
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
             return self._nested(bsdf, name, depth)
         elif plugin in tables.TABLES:

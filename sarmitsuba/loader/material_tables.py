@@ -23,6 +23,21 @@ _EXTENT = Param(
     "corner, such as `-50 -50 50 50`; left out: they lie on the mesh's texture coordinates",
 )
 
+_PERMITTIVITY = (
+    Param("material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))),
+    Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+    Param(
+        "permittivity_imag",
+        "float",
+        0.0,
+        "loss eps'' of the relative permittivity eps' - j eps''",
+        "",
+        0.0,
+        1e12,
+    ),
+    Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+)
+
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
@@ -34,20 +49,7 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_law_parameters,
     params=(
-        Param(
-            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
-        ),
-        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
-        Param(
-            "permittivity_imag",
-            "float",
-            0.0,
-            "loss eps'' of the relative permittivity eps' - j eps''",
-            "",
-            0.0,
-            1e12,
-        ),
-        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+        *_PERMITTIVITY,
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
@@ -151,6 +153,15 @@ POINT_SCATTERER = ParamTable(
     ),
 )
 
+RADAR_WIRE = ParamTable(
+    plugin="radar_wire",
+    element="bsdf",
+    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    "them, and they cast no shadow. Perfect conductors where nothing is given.",
+    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    params=_PERMITTIVITY,
+)
+
 _COLORS = tuple(
     Param(name, "ignored", "", "colour on the screen; no effect")
     for name in ("color", "reflectance", "base_color")
@@ -213,5 +224,6 @@ __all__ = [
     "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
 ]

@@ -79,12 +79,29 @@ def radar_material(
     kind = string_value(values, "material")
     if kind:
         return named_material(name, kind, frequency, surface)
+    return _material(name, _permittivity(values, given, frequency), surface), ""
+
+
+def wire_permittivity(
+    values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
+) -> tuple[complex | None, str]:
+    """Relative permittivity of a validated ``radar_wire`` element, None for a conductor, and a note (may be empty)."""
+    if not given & {"material", "permittivity_real", "permittivity_imag", "conductivity"}:
+        return None, ""
+    _exclusive(given, where)
+    kind = string_value(values, "material")
+    if not kind:
+        return _permittivity(values, given, frequency), ""
+    entry = MATERIALS[kind]
+    return (None, "") if entry.pec else (entry.permittivity(frequency), entry.note(frequency))
+
+
+def _permittivity(values: Mapping[str, Value | None], given: frozenset[str], frequency: float) -> complex:
+    """Permittivity from ``permittivity_real`` and what goes with it."""
     real = float_value(values, "permittivity_real")
     if "conductivity" in given:
-        eps = permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
-    else:
-        eps = complex(real, -float_value(values, "permittivity_imag"))
-    return _material(name, eps, surface), ""
+        return permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
+    return complex(real, -float_value(values, "permittivity_imag"))
 
 
 def sionna_material(
@@ -343,4 +360,5 @@ __all__ = [
     "scattering_surface",
     "sionna_itu_name",
     "sionna_material",
+    "wire_permittivity",
 ]

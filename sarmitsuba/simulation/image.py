@@ -143,9 +143,10 @@ class Imager:
             Where there is no mesh.
         """
         run = self.run
-        if run.trace_scene is None or run.sampling is None:
+        if run.trace_scene is None or run.sampling is None or not run.scene.geometry.n_faces:
             raise RadarError(
-                f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
+                f"{run.scene.name}: method raster draws surfaces, and the scene has none; add a mesh or use method "
+                "image"
             )
         if run.scene.geometry.moves:
             raise RadarError(

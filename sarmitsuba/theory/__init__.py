@@ -95,6 +95,13 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -126,6 +133,8 @@ __all__ = [
     "corner_line",
     "critical_baseline",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
@@ -146,6 +155,7 @@ __all__ = [
     "jitter_noise",
     "jittered_response",
     "kirchhoff_sigma0",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
@@ -158,6 +168,7 @@ __all__ = [
     "plate_rcs",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
@@ -181,6 +192,7 @@ __all__ = [
     "staggered_lines",
     "start_stop_azimuth_shift",
     "temporal_coherence",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

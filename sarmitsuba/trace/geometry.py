@@ -154,6 +154,7 @@ def build_trace_scene(
     materials: tuple[Material, ...],
     wavelength: float,
     antenna: NDArray[np.float64] | None = None,
+    places: NDArray[np.float64] | None = None,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -162,13 +163,16 @@ def build_trace_scene(
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
     antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
+    places : (n, 3) m, of scatterers beside the mesh, which may then be empty; None or empty: none
 
     Raises
     ------
     SceneError
-        When no visible face is left.
+        When no visible face is left, and nothing else is there.
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    if places is not None and len(places):
+        return _with_places(geometry, materials, wavelength, antenna, places, bool(visible.any()))
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -241,6 +245,39 @@ def build_trace_scene(
         change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
         if any(m.temporal_coherence < 1.0 for m in materials)
         else None,
+    )
+
+
+def _with_places(
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    wavelength: float,
+    antenna: NDArray[np.float64] | None,
+    places: NDArray[np.float64],
+    visible: bool,
+) -> TraceScene:
+    """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
+    if visible:
+        scene = build_trace_scene(geometry, materials, wavelength, antenna)
+        bounds = np.concatenate([scene.bounds, places])
+        return replace(scene, bounds=np.stack([bounds.min(axis=0), bounds.max(axis=0)]))
+    # tables need a row: of a face that is not there
+    face = replace(
+        Geometry.empty(),
+        vertices=np.eye(3),
+        faces=np.arange(3, dtype=np.int32)[None],
+        face_material=np.zeros(1, dtype=np.int32),
+        face_group=np.zeros(1, dtype=np.int32),
+    )
+    scene = build_trace_scene(face, (Material("nothing", pec=True),), wavelength)
+    return replace(
+        scene,
+        mi_scene=mi.load_dict({"type": "scene"}),
+        bounds=np.stack([places.min(axis=0), places.max(axis=0)]),
+        n_faces=0,
+        needs=(np.zeros(0), np.zeros(0)),
+        triangles=np.zeros((0, 3, 3)),
+        geometry_faces=np.zeros(0, dtype=np.intp),
     )
 
 

@@ -272,7 +272,8 @@ class PointSource:
         seen &= same & (offset < mi.Float64(SAME_PLANE + 8.0 * mi.Float(clearance)))
         n64 = before.normal
         # the antenna above the ground, the scatterer as well
-        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(point - before.point, n64) > 0.0)
+        above = mi.Vector3d(start) - before.point
+        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(above, n64) > 0.0)
         there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
         leg_out = position - there
         way = dr.norm(leg_out)
