@@ -41,7 +41,13 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
+    water_motion: bool = False
     extra: frozenset[str] = frozenset()
+
+    @property
+    def own_rates(self) -> bool:
+        """Range rates come from more than the antenna's motion: they do not tell where in the beam a return is."""
+        return self.motion or self.water_motion
 
     @property
     def tracked(self) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Waves that the wind makes on water: unified spectrum, dispersion, moments, and a drawn field of the long ones."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,12 +92,13 @@ class SeaState:
         if not np.isfinite(self.fetch):
             return DEVELOPED
         reach = GRAVITY * self.fetch / self.wind_speed**2 / 2.2e4
-        return min(DEVELOPED * float(np.tanh(reach**0.4)) ** -0.75, YOUNGEST)
+        return float(min(DEVELOPED * np.tanh(reach**0.4) ** -0.75, YOUNGEST))
 
     @property
     def friction_velocity(self) -> float:
         """Of the wind, m/s."""
-        return self.wind_speed * float(np.sqrt((0.8 + 0.065 * self.wind_speed) * 1e-3))
+        drag = (0.8 + 0.065 * self.wind_speed) * 1e-3
+        return self.wind_speed * float(np.sqrt(drag))
 
     @property
     def peak(self) -> float:
@@ -184,7 +186,7 @@ class SeaState:
             return np.zeros((0, 5))
         rng = np.random.default_rng([seed, 0x5EA])
         edges = np.geomspace(low, high, DRAWN_WAVES + 1)
-        height = np.array([self.moments(a, b).height for a, b in zip(edges, edges[1:], strict=False)])
+        height = np.array([self.moments(a, b).height for a, b in pairwise(edges)])
         k = edges[:-1] * (edges[1:] / edges[:-1]) ** rng.random(DRAWN_WAVES)
         angle = _directions(self.spreading(k), rng)
         phase = rng.uniform(0.0, 2.0 * np.pi, DRAWN_WAVES)

@@ -142,7 +142,7 @@ class Crew(Protocol):
 def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
-    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna)
+    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna, scene.settings.seed)
 
 
 __all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]

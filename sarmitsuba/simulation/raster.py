@@ -147,6 +147,11 @@ class Raster:
         material = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x & MATERIAL_MASK
 
         # ---- sigma0 of the law at the local incidence angle
+        area = dr.square(dr.opaque(f32, self.spacing)) / cosine
+        if scene.water is not None:
+            lit = dr.select(dr.dot(normal, d) > 0.0, -normal, normal)
+            tilted = scene.water.tilted(lit, mi.Vector3f(p), material, f32(0.0))
+            cosine = dr.maximum(-dr.dot(tilted, d), 1e-3)
         theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
         node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
         t = theta - f32(node)
@@ -154,7 +159,8 @@ class Raster:
         low = dr.gather(mi.Vector2f, self.table, entry, seen)
         high = dr.gather(mi.Vector2f, self.table, entry + 1, seen)
         amplitude = low + (high - low) * t
-        area = dr.square(dr.opaque(f32, self.spacing)) / cosine
+        if scene.water is not None:
+            amplitude = amplitude * scene.water.level(material, dr.acos(dr.minimum(cosine, 1.0)), -2.0 * d)
 
         # ---- pixel of its range and along-track position, shared by four pixels
         x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64), antenna)

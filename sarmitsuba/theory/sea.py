@@ -1,7 +1,7 @@
 """The sea under wind: published spectrum, slopes, backscatter, permittivity, and what motion does to a radar's echoes.
 
-Written out anew, sharing no code with the simulator's own sea. References: [E97] Elfouhaily et al., J. Geophys. Res. 102
-(C7) 1997; [CM54] Cox and Munk, J. Opt. Soc. Am. 44 (1954); [H08] Hersbach, CMOD5.N, ECMWF Technical Memorandum 554
+Written out anew, sharing no code with the simulator's own sea. References: [E97] Elfouhaily et al., J. Geophys. Res.
+102 (C7) 1997; [CM54] Cox and Munk, J. Opt. Soc. Am. 44 (1954); [H08] Hersbach, CMOD5.N, ECMWF Technical Memorandum 554
 (2008); [V78] Valenzuela, Boundary-Layer Meteorol. 13 (1978); [T98] Thompson, Elfouhaily and Chapron, IGARSS 1998.
 """
 
@@ -13,7 +13,21 @@ F64 = NDArray[np.float64]
 
 # coefficients of CMOD5.N, c1 to c28 [H08]
 _CMOD5N = (
-    *(-0.6878, -0.7957, 0.3380, -0.1728, 0.0, 0.0040, 0.1103, 0.0159, 6.7329, 2.7713, -2.2885, 0.4971, -0.7250),
+    *(
+        -0.6878,
+        -0.7957,
+        0.3380,
+        -0.1728,
+        0.0,
+        0.0040,
+        0.1103,
+        0.0159,
+        6.7329,
+        2.7713,
+        -2.2885,
+        0.4971,
+        -0.7250,
+    ),
     *(0.0450, 0.0066, 0.3222, 0.0120, 22.7, 2.0813, 3.0, 8.3659, -3.3428, 1.3236, 6.2437, 2.3893, 0.3249),
     *(4.1590, 1.6930),
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -25,10 +26,12 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.trace.water import tilted_hit
 from sarmitsuba.tubes import polygon
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.trace.moving import Movement
 
 
 # a receiving vector: real, or complex where something stands in the way
@@ -166,8 +169,8 @@ def _closed(
     return dr.select(hit.first, value, turned * -hit.cos_incidence)
 
 
-def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
-    r"""A velocity less that of the facet that was hit, m/s.
+def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
+    r"""A velocity less that of the facet that was hit, or of the scatterer on it, m/s; None where it rests.
 
     With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
     :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
@@ -178,7 +181,7 @@ def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
 
     over all hits, beside what the antenna does.
     """
-    return velocity if hit.movement is None else velocity - hit.movement.velocity
+    return velocity if movement is None else velocity - movement.velocity
 
 
 def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
@@ -251,15 +254,37 @@ class DiffuseReturns:
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
-        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        hit = self.hit
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
-        if hit.movement is not None:  # the lattice is the shape's own
-            centre = centre + hit.movement.shift
+        water, movement = self.kernel.scene.water, hit.movement
+        if water is None:
+            return self._return(slot, active, centre, key, movement)
+        material = hit.material & MATERIAL_MASK
+        drift = water.drift(centre, key, material, self.kernel.constants.wavenumber, self.lane.time)
+        movement = drift.movement if movement is None else movement.plus(drift.movement)
+        found = self._return(slot, active, centre, key, movement)
+        if drift.bragg is None:
+            return found
+        twice, once = -2.0 * hit.direction, hit.to_antenna - hit.direction
+        rate = drift.bragg.range_rate(dr.select(found.kind == RETRO, twice, once))
+        return replace(
+            found,
+            slant_range=found.slant_range + rate * drift.bragg.time,
+            range_rate=found.range_rate + rate,
+        )
+
+    def _return(
+        self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32, movement: Movement | None
+    ) -> Contribution:
+        """The return of a scatterer that has its place at rest at ``centre``, m."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        if movement is not None:  # the lattice is the shape's own
+            centre = centre + movement.shift
         random = speckle_coefficients(key, hit.properties.w, flags)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
-        rate_out = -dr.dot(leg, seen_from(hit, ray.virtual_velocity)) / length
-        rate_back = dr.dot(leg_back, seen_from(hit, lane.velocity)) / length_back
+        rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
+        rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
@@ -282,11 +307,11 @@ class DiffuseReturns:
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, retro, straight)
-        home, rate_home = self._through_chain(centre)
+        home, rate_home = self._through_chain(centre, movement)
         retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
         return selected(
             slot.other_way,
-            self._reversed(straight, self.reverse, random, home, rate_home),
+            self._reversed(straight, self.reverse, random, home, rate_home, movement),
             selected(slot.back, retro, straight),
         )
 
@@ -297,6 +322,7 @@ class DiffuseReturns:
         random: list[mi.Complex2f],
         home: mi.Float64,
         rate_home: mi.Float64,
+        movement: Movement | None,
     ) -> Contribution:
         """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
 
@@ -306,6 +332,7 @@ class DiffuseReturns:
         reverse : per channel, values of the fixed tensors the other way
         random : of the scatterer
         home, rate_home : m and m/s, of the way home through the chain
+        movement : of the scatterer
 
         Notes
         -----
@@ -313,7 +340,7 @@ class DiffuseReturns:
         """
         leg = straight.point - self.lane.transmitter
         length = dr.norm(leg)
-        rate = dr.dot(leg, seen_from(self.hit, self.lane.transmitter_velocity)) / length
+        rate = dr.dot(leg, seen_from(movement, self.lane.transmitter_velocity)) / length
         return replace(
             straight,
             kind=mi.UInt32(REVERSED),
@@ -322,13 +349,13 @@ class DiffuseReturns:
             amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
         )
 
-    def _through_chain(self, centre: mi.Vector3d) -> tuple[mi.Float64, mi.Float64]:
+    def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
         """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
         receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
         assert receiver is not None and velocity is not None
         leg = centre - receiver
         length = dr.norm(leg)
-        return length, -dr.dot(leg, seen_from(self.hit, velocity)) / length
+        return length, -dr.dot(leg, seen_from(movement, velocity)) / length
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -355,7 +382,9 @@ def close_diffuse(
     backscatter = hit.first if flags.multi_bounce else None
     if kernel.bistatic:
         backscatter = mi.Bool(False)
-    matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
+    water = kernel.scene.water
+    seen = hit if water is None else tilted_hit(water, hit, hit.material & MATERIAL_MASK, lane.time)
+    matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
     straight: list[list[mi.Complex2f]] = []
     retro = None
     reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
@@ -372,7 +401,7 @@ def close_diffuse(
                 terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
         straight.append(terms)
     if both_ways:
-        matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
+        matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
 
     patch = tube_here.patch

@@ -20,6 +20,7 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.water import Water
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -56,6 +57,7 @@ class TraceScene:
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
@@ -78,6 +80,7 @@ class TraceScene:
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
     passages: tuple[Passage, ...] = ()
+    water: Water | None = None
 
     @property
     def extent(self) -> float:
@@ -132,6 +135,7 @@ def build_trace_scene(
     materials: tuple[Material, ...],
     wavelength: float,
     antenna: NDArray[np.float64] | None = None,
+    seed: int = 0,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -140,6 +144,7 @@ def build_trace_scene(
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
     antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
+    seed : of what is drawn once for the scene, such as the waves of water
 
     Raises
     ------
@@ -211,6 +216,7 @@ def build_trace_scene(
         triangles=triangles,
         geometry_faces=rows_kept,
         movers=movers,
+        water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
     )
 
 

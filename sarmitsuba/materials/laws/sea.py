@@ -126,14 +126,14 @@ def _harmonics(sea: SeaState, wavenumber: float, permittivity: complex, longest:
 class Sea(DiffuseLaw):
     r"""Water under wind: the two-scale model with the spectrum of Elfouhaily et al., and its motion.
 
-    Waves longer than ``longest_wave_in_law`` are a field of their own, drawn one by one: they tilt the surface, lift the
-    scatterers and carry them along. All shorter ones are in the level: see `two_scale_sigma0`.
+    Waves longer than ``shortest_drawn_wave`` are a field of their own, drawn one by one: they tilt the surface, lift
+    the scatterers and carry them along. All shorter ones are in the level: see `two_scale_sigma0`.
 
     Notes
     -----
-    Upwind and downwind are the same; C-band scatterometers see 0.5 to 2 dB between them. Ignores breaking waves and foam
-    (hh is too low beyond 50 deg), scattering that changes polarisation (the material's cross-polar ratio is applied),
-    the tilt's part in the depolarisation, and shadowing by waves.
+    Upwind and downwind are the same; C-band scatterometers see up to 2 dB between them. Ignores breaking waves and
+    foam (hh is too low beyond 50 deg), scattering that changes polarisation (the material's cross-polar ratio is
+    applied), and shadowing by waves.
     """
 
     name = "sea"
@@ -159,10 +159,10 @@ class Sea(DiffuseLaw):
             1e7,
         ),
         Param(
-            "longest_wave_in_law",
+            "shortest_drawn_wave",
             "float",
             4.0,
-            "waves up to this length are in the level and the random velocities; longer ones are drawn one by one",
+            "waves longer than this are drawn one by one; shorter ones are in the level and the random velocities",
             "m",
             0.5,
             1e4,
@@ -194,7 +194,7 @@ class Sea(DiffuseLaw):
     def wind_waves(self, surface: Surface, wavelength: float, theta: F64, seed: int) -> WindWaves:
         """Contrast over the azimuth, random velocities, and the drawn field of long waves."""
         second, fourth = self._harmonics(surface, wavelength)[1:]
-        sea, split = self.sea(surface), 2.0 * np.pi / surface.law_parameter("longest_wave_in_law")
+        sea, split = self.sea(surface), 2.0 * np.pi / surface.law_parameter("shortest_drawn_wave")
         # compass bearing of the wind's origin: it blows to the opposite side
         bearing = np.radians(surface.law_parameter("wind_direction_deg"))
         downwind = -np.array([np.sin(bearing), np.cos(bearing)])
@@ -207,7 +207,7 @@ class Sea(DiffuseLaw):
         )
 
     def _harmonics(self, surface: Surface, wavelength: float) -> F64:
-        longest = 2.0 * np.pi / surface.law_parameter("longest_wave_in_law")
+        longest = 2.0 * np.pi / surface.law_parameter("shortest_drawn_wave")
         return _harmonics(
             self.sea(surface), 2.0 * np.pi / wavelength, complex(permittivity_of(surface)), longest
         )
