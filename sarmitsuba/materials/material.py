@@ -18,7 +18,8 @@ class Material:
     name : unique in a scene
     pec : perfect electric conductor; ``permittivity`` is then ignored
     permittivity : relative, ``eps' - j eps''`` with ``eps'' >= 0`` (time convention exp(+j w t))
-    rms_height : m; standard deviation of the surface height, reduces the coherent reflection
+    rms_height : m; standard deviation of the surface height, reduces the coherent reflection; 0: what the law implies,
+        mostly none
     diffuse_law : name in ``LAWS``: how the incoherent return depends on angle
     diffuse_level_db : level of an empirical law, dB; what it means is in the law's ``level``
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
@@ -70,6 +71,8 @@ class Material:
                 raise SceneError(
                     f'material "{self.name}": diffuse_law = {self.diffuse_law} has no parameter {name}; {takes}'
                 )
+        if self.rms_height == 0.0:
+            object.__setattr__(self, "rms_height", LAWS[self.diffuse_law].implied_rms_height(self))
 
     @property
     def scatters(self) -> bool:

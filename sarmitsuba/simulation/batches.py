@@ -143,7 +143,8 @@ class Crew(Protocol):
 def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
-    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna, line_ends(scene.lines))
+    places, seed = line_ends(scene.lines), scene.settings.seed
+    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna, places, seed)
 
 
 __all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]

@@ -182,7 +182,7 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-            self._tracer.pose(self.look.time)
+            self._tracer.pose(np.array([self.look.time]))
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),

@@ -22,6 +22,7 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.texture import SurfaceTables
+from sarmitsuba.trace.water import Water
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -59,6 +60,7 @@ class TraceScene:
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
@@ -85,6 +87,7 @@ class TraceScene:
     movers: Movers | None = None
     change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
+    water: Water | None = None
 
     @property
     def extent(self) -> float:
@@ -155,6 +158,7 @@ def build_trace_scene(
     wavelength: float,
     antenna: NDArray[np.float64] | None = None,
     places: NDArray[np.float64] | None = None,
+    seed: int = 0,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -164,6 +168,7 @@ def build_trace_scene(
     wavelength : m
     antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
     places : (n, 3) m, of scatterers beside the mesh, which may then be empty; None or empty: none
+    seed : of what is drawn once for the scene, such as the waves of water
 
     Raises
     ------
@@ -172,7 +177,7 @@ def build_trace_scene(
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
     if places is not None and len(places):
-        return _with_places(geometry, materials, wavelength, antenna, places, bool(visible.any()))
+        return _with_places(geometry, materials, wavelength, antenna, places, seed, bool(visible.any()))
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -245,6 +250,7 @@ def build_trace_scene(
         change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
         if any(m.temporal_coherence < 1.0 for m in materials)
         else None,
+        water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
     )
 
 
@@ -254,11 +260,12 @@ def _with_places(
     wavelength: float,
     antenna: NDArray[np.float64] | None,
     places: NDArray[np.float64],
+    seed: int,
     visible: bool,
 ) -> TraceScene:
     """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
     if visible:
-        scene = build_trace_scene(geometry, materials, wavelength, antenna)
+        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
         bounds = np.concatenate([scene.bounds, places])
         return replace(scene, bounds=np.stack([bounds.min(axis=0), bounds.max(axis=0)]))
     # tables need a row: of a face that is not there

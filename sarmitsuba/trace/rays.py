@@ -79,6 +79,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         nudge=dr.normalize(edge_a) * constants.clearance,
         needs=needs,
         pattern=pattern,
+        time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),

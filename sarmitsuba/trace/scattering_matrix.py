@@ -62,6 +62,10 @@ class ScatteringMatrix:
         table_s = table_i if backscatter is None else _diffuse_lookup(scene.diffuse_table, material, cos_s)
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
+        if scene.water is not None:
+            theta = dr.acos(dr.clip(0.5 * (cos_i + cos_s), 0.0, 1.0))
+            level = scene.water.level(material, theta, s - d)
+            self.amp_h, self.amp_v = self.amp_h * level.x, self.amp_v * level.y
         self.amp_cross = dr.sqrt(self.amp_h * self.amp_v)
         self.dyad: Dyad | None = None
         self.planes: Planes | None = None

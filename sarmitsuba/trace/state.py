@@ -142,6 +142,7 @@ class Lane:
     nudge : m, step beside a ray that slipped through a vertex
     needs : m; only faces that need rays at least so far apart and closer than the second are this ray's
     pattern : of the antenna that receives, None for an isotropic one
+    time : s, float64, of the pulse where something goes by it; None: all is as at time zero
     """
 
     pulse: mi.UInt32
@@ -156,6 +157,7 @@ class Lane:
     nudge: mi.Vector3f
     needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
+    time: mi.Float64 | None = None
 
 
 @dataclass
