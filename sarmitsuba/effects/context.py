@@ -43,6 +43,26 @@ class Sampling:
     key_pulses: int
 
 
+@dataclass(frozen=True)
+class PairLevel:
+    """What pairs of diffuse scatterers return, from pairs drawn at random; no bias.
+
+    Parameters
+    ----------
+    share : their power over that of diffuse scatterers alone
+    error : standard error of ``share``
+    strongest : power in the square of the ground that has most, over mean clutter on as much ground
+    square : m, side of the squares
+    pairs : drawn ones that return something
+    """
+
+    share: float
+    error: float
+    strongest: float
+    square: float
+    pairs: int
+
+
 @dataclass(frozen=True, eq=False)
 class PilotResult:
     """Power by kind of return and bounce order, from patches about as large as a resolution cell.
@@ -60,6 +80,7 @@ class PilotResult:
     hits : (n_orders,) hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
+    pairs : what pairs of diffuse scatterers return; None where they were not looked for
     """
 
     pulses: tuple[int, ...]
@@ -73,6 +94,7 @@ class PilotResult:
     peak: F64
     rays_per_second: float
     seconds: float
+    pairs: PairLevel | None = None
 
     @property
     def n_orders(self) -> int:
@@ -202,4 +224,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]

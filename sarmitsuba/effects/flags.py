@@ -44,6 +44,7 @@ class KernelFlags:
     texture: bool = False
     temporal: bool = False
     water_motion: bool = False
+    diffuse_pairs: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

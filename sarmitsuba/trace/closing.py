@@ -303,7 +303,7 @@ class DiffuseReturns:
             pulse=lane.pulse,
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
         )
@@ -315,7 +315,7 @@ class DiffuseReturns:
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
+            amplitudes=tuple(mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, retro, straight)
@@ -390,7 +390,7 @@ class DiffuseReturns:
             kind=mi.UInt32(REVERSED),
             slant_range=0.5 * (length + home),
             range_rate=0.5 * (rate_home - rate),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in reverse),
         )
 
     def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
@@ -500,7 +500,7 @@ def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
@@ -511,6 +511,7 @@ __all__ = [
     "Slot",
     "close_coherent",
     "close_diffuse",
+    "mixed",
     "receiver",
     "seen_from",
     "selected",

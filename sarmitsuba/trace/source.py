@@ -233,7 +233,7 @@ class PointSource:
         to64 = leg / length
         to = mi.Vector3f(to64)
         start = self.scatterers.departure(index, mi.Vector3f(point), to, kernel.constants.clearance)
-        seen = _free(kernel, start, to, mi.Float(length))
+        seen = free_way(kernel, start, to, mi.Float(length))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to, kernel.constants.up)
         h_here, v_here = passed(
@@ -280,7 +280,7 @@ class PointSource:
         to_antenna = mi.Vector3f(leg_out / way)
         n = mi.Vector3f(n64)
         departure = mi.Vector3f(there) + (n + to_antenna) * clearance
-        seen &= _free(kernel, departure, to_antenna, mi.Float(way))
+        seen &= free_way(kernel, departure, to_antenna, mi.Float(way))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to_antenna, kernel.constants.up)
         fields = passed(scene.passages, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
@@ -312,7 +312,9 @@ class PointSource:
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
         for came, goes in ways:
-            factor = constants.amplitude * loss * _gain(kernel, antenna, pulse, came, goes)
+            factor = (
+                constants.amplitude * loss * both_gains(kernel, antenna, pulse, came.leaving, goes.leaving)
+            )
             for i, channel in enumerate(flags.channels):
                 e, q = came.sent(channel[0]), goes.sent(channel[1])
                 amplitudes[i] = (
@@ -354,7 +356,7 @@ class _Ground:
         return _Ground(valid, p, n64, dr.gather(mi.Vector4f, scene.material_table, material, valid))
 
 
-def _free(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
+def free_way(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
     """Lanes in which nothing stands within so much of a way, m."""
     if not kernel.flags.visibility:
         return mi.Bool(True)
@@ -362,16 +364,18 @@ def _free(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: 
     return ~kernel.scene.mi_scene.ray_test(ray, coherent=False)
 
 
-def _gain(kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, came: Sight, goes: Sight) -> mi.Float:
-    """Relative amplitude of both antennas' patterns."""
+def both_gains(
+    kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
+) -> mi.Float:
+    """Relative amplitude of both antennas' patterns, in the unit vectors in which both ways leave them."""
     if not kernel.flags.antenna_pattern:
         return mi.Float(1.0)
     pulses, receiver = kernel.pulses, kernel.pulses.receiver
-    transmitting = BeamPattern(antenna, pulses, pulse, came.leaving if receiver is None else None)
-    gain = transmitting.one_way(came.leaving)
+    transmitting = BeamPattern(antenna, pulses, pulse, out if receiver is None else None)
+    gain = transmitting.one_way(out)
     if receiver is None:
-        return gain * transmitting.received(goes.leaving)
-    return gain * BeamPattern(antenna, receiver, pulse, None).received(goes.leaving)
+        return gain * transmitting.received(home)
+    return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
 
 
 def _added(
@@ -406,4 +410,14 @@ def _added(
     return added, count
 
 
-__all__ = ["MAX_LANES", "Part", "PointSource", "Recorder", "Scatterers", "Sight", "Source"]
+__all__ = [
+    "MAX_LANES",
+    "Part",
+    "PointSource",
+    "Recorder",
+    "Scatterers",
+    "Sight",
+    "Source",
+    "both_gains",
+    "free_way",
+]
