@@ -194,6 +194,11 @@ class Imager:
                 lattice, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1
             )
             run.statistics = run.statistics.plus(batch)
+        for part, record in self._tracer.parts(rays, 1):
+            batch = self._tracer.launch(
+                part.grid, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1, record
+            )
+            run.statistics = run.statistics.plus(batch)
         return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,15 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sources import sources_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.trace.source import Part, Recorder
+from sarmitsuba.trace.state import Constants, Kernel
 
 # position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -54,6 +58,7 @@ class Tracer:
     ) -> None:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
+        self.sources = sources_of(sampling.scene, flags)
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(
@@ -146,15 +151,29 @@ class Tracer:
         receiver: State | None = None,
     ) -> TraceStatistics:
         """Run one kernel for each lattice that serves the first of the pulses, all into the same grid."""
+        serving = [grid for grid in rays if grid.serves(pick.start)]
         each = [
             self.launch(grid, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
-            for grid in rays
-            if grid.serves(pick.start)
+            for grid in serving
+        ]
+        each += [
+            self.launch(
+                part.grid, position, velocity, pick, accumulator, pulses_each, record, receiver=receiver
+            )
+            for part, record in self.parts(serving, len(position))
         ]
         total = each[0]
         for more in each[1:]:
             total = total.plus(replace(more, key_pulses=0))
         return total
+
+    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[tuple[Part, Recorder]]:
+        """Launches of the scene's sources beside those of the lattices, and what records each."""
+        return [
+            (part, partial(source.record, part))
+            for source in self.sources
+            for part in source.parts(rays, n_pulses)
+        ]
 
     def launch(
         self,
@@ -164,22 +183,36 @@ class Tracer:
         pick: slice,
         accumulator: GridAccumulator,
         pulses_each: int,
+        record: Recorder | None = None,
         *,
         receiver: State | None = None,
     ) -> TraceStatistics:
-        """Record and run one kernel; ``receiver``: position and velocity of an antenna apart that receives."""
+        """Record and run one kernel, of the grid's rays or of a source.
+
+        Parameters
+        ----------
+        record : of a source, None: the rays
+        receiver : position and velocity of an antenna apart that receives
+        """
         radar = self.sampling.scene.radar
         batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
         if isinstance(accumulator, BlockAccumulator) and not flags.motion:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
-        counts, state = trace(self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator)
+        if record is None:
+            counts, state = trace(
+                self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
+            )
+        else:
+            constants = Constants.of(self.kernel, self.trace_scene, grid)
+            kernel = Kernel(self.trace_scene, grid, batch, self.flags, constants)
+            counts, state = record(kernel, radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         return TraceStatistics(
-            rays=grid.n_rays * batch.n_pulses,
+            rays=grid.n_rays * batch.n_pulses if record is None else 0,
             hits=totals[0],
             contributions=totals[1],
             outside=totals[2],

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
+from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
 from sarmitsuba.trace.state import (
@@ -28,11 +31,15 @@ if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
 
 
+# a receiving vector: real, or complex where something stands in the way
+Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
+
+
 @dataclass(frozen=True, eq=False)
 class Receiver:
     """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
 
-    basis: dict[str, mi.Vector3f]
+    basis: dict[str, Receiving]
     gain: mi.Float
 
 
@@ -40,7 +47,20 @@ def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
     """How the antenna receives what comes from a hit."""
     h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
-    return Receiver({"H": h, "V": v}, gain)
+    passages = kernel.scene.passages
+    if not passages:
+        return Receiver({"H": h, "V": v}, gain)
+    none = dr.zeros(mi.Vector3f)
+    way = mi.Float(hit.length_back)
+    h_here, v_here = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
+    return Receiver({"H": h_here, "V": v_here}, gain)
+
+
+def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
+    """What is linear in a receiving vector, from its value for a real one."""
+    if not isinstance(q, tuple):
+        return value(q)
+    return value(q[0]) + mi.Complex2f(0.0, 1.0) * value(q[1])
 
 
 def close_coherent(
@@ -105,16 +125,10 @@ def close_coherent(
     closed = {}
     for channel in dict.fromkeys(c for pair in map(flags.reciprocal, flags.closed) for c in pair):
         i = flags.tracked.index(channel[0])
-        q, e = receive.basis[channel[1]], ray.fields[i]
-        if flags.fresnel:
-            closed[channel] = field.po_receive(
-                e, reflection.fields[i], hit.direction, reflection.direction, n, s, q
-            )
-        else:
-            closed[channel] = field.dot(field.po_current_pec(e, hit.direction, n), q)
-        if flags.multi_bounce:
-            turned = field.turned_receive(reflection.fields[i], reflection.direction, s, q)
-            closed[channel] = dr.select(hit.first, closed[channel], turned * -hit.cos_incidence)
+        closed[channel] = _along(
+            receive.basis[channel[1]],
+            partial(_closed, flags, hit, reflection, ray.fields[i], reflection.fields[i]),
+        )
     amplitudes = []
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
@@ -130,6 +144,26 @@ def close_coherent(
         active=hit.sees,
         point=point,
     )
+
+
+def _closed(
+    flags: KernelFlags,
+    hit: Hit,
+    reflection: Reflection,
+    e: field.ComplexVector,
+    e_out: field.ComplexVector,
+    q: mi.Vector3f,
+) -> mi.Complex2f:
+    """Radiation of a facet towards the antenna, received along ``q``; see :func:`close_coherent`."""
+    n, s = hit.normal, hit.to_antenna
+    if flags.fresnel:
+        value = field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
+    else:
+        value = field.dot(field.po_current_pec(e, hit.direction, n), q)
+    if not flags.multi_bounce:
+        return value
+    turned = field.turned_receive(e_out, reflection.direction, s, q)
+    return dr.select(hit.first, value, turned * -hit.cos_incidence)
 
 
 def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
@@ -327,10 +361,10 @@ def close_diffuse(
     reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
     for channel in flags.closed:
         sent, received = channel[0], channel[1]
-        terms = matrix.between(receive.basis[received], fields[sent])
+        terms = _between(matrix, receive.basis[received], fields[sent])
         if both_ways:
             # behind mirrors the reversed path comes home with the same length: the transposed channel
-            swapped = matrix.between(receive.basis[sent], fields[received])
+            swapped = _between(matrix, receive.basis[sent], fields[received])
             if reverse is not None:
                 reverse.append(swapped)
             else:
@@ -364,6 +398,11 @@ def close_diffuse(
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
     )
+
+
+def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
+    """Values of the fixed tensors for a receiving vector."""
+    return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
 def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:

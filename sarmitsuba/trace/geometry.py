@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sarmitsuba.backend import mi
+from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
@@ -19,6 +19,7 @@ from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.moving import Movers
+from sarmitsuba.trace.passage import Passage
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -55,6 +56,7 @@ class TraceScene:
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    passages : what stands in the way of waves without stopping them
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -75,11 +77,16 @@ class TraceScene:
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
+    passages: tuple[Passage, ...] = ()
 
     @property
     def extent(self) -> float:
         """Largest coordinate modulus, m; bounds the float32 rounding of positions."""
         return float(np.abs(self.bounds).max())
+
+    def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
+        """Rows of the material table of faces, in a kernel."""
+        return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
 
     def at(self, time: float) -> TraceScene:
         """The scene with everything that moves where it stands at a time, s; itself where nothing does."""

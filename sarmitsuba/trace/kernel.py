@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import DiffuseReturns, Slot, close_coherent, close_diffuse, receiver, selected
-from sarmitsuba.trace.rays import footprint, intersect, launch, mirror, past_foci, reflect
+from sarmitsuba.trace.rays import (
+    footprint,
+    intersect,
+    launch,
+    mirror,
+    past_foci,
+    reflect,
+    through_passages,
+)
 from sarmitsuba.trace.state import Constants, Contribution, Hit, Kernel, KernelSettings, Lane, RayState
 
 if TYPE_CHECKING:
@@ -95,7 +103,7 @@ def _bounce(
     """One bounce of every ray: intersect, close, add, reflect."""
     flags = kernel.flags
     hit = intersect(kernel, lane, ray)
-    ray = past_foci(ray, hit)
+    ray = through_passages(kernel, past_foci(ray, hit), hit)
     tube_here = footprint(kernel, lane, ray, hit)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive = receiver(kernel, lane, hit)

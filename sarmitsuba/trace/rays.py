@@ -14,11 +14,13 @@ from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.moving import Rim
+from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
 
@@ -38,7 +40,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         dr.gather(v64, vector_rows(rows), plane)
         for rows in (pulses.frame.center, pulses.frame.axis_x, pulses.frame.axis_y)
     )
-    position, velocity = _antenna_of(pulses, pulse)
+    position, velocity = antenna_of(pulses, pulse)
 
     start = center + axis_x * f64(gx) + axis_y * f64(gy)
     leg = start - position
@@ -58,7 +60,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         weight *= pattern.one_way(d)
     receiver, receiver_velocity = position, velocity
     if pulses.receiver is not None:
-        receiver, receiver_velocity = _antenna_of(pulses.receiver, pulse)
+        receiver, receiver_velocity = antenna_of(pulses.receiver, pulse)
         # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
         pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
     apart = kernel.bistatic and kernel.both_ways
@@ -109,7 +111,7 @@ def _level(grid: LaunchGrid, ray: mi.UInt32) -> tuple[mi.Float64, tuple[mi.Float
     return spacing, (mi.Float(low), mi.Float(high))
 
 
-def _antenna_of(pulses: PulseBatch, pulse: mi.UInt32) -> tuple[mi.Vector3d, mi.Vector3d]:
+def antenna_of(pulses: PulseBatch, pulse: mi.UInt32) -> tuple[mi.Vector3d, mi.Vector3d]:
     """Position and velocity of each lane's pulse."""
     return (
         dr.gather(mi.Vector3d, vector_rows(pulses.position), pulse),
@@ -159,7 +161,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     scene, clearance = kernel.scene, kernel.constants.clearance
     first = ray.hits == 0
     face, uv, active = _next_facet(scene, lane, ray, first)
-    landed, n64, vertex0, centroid = _hit_point(scene, face, uv, active)
+    landed, n64, vertex0, centroid = hit_point(scene, face, uv, active)
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
     active &= ~first | _served(kernel.grid.purpose, lane.needs, info)
 
@@ -230,7 +232,7 @@ def _next_facet(
     return found.prim_index, found.prim_uv, ray.active & found.is_valid()
 
 
-def _hit_point(
+def hit_point(
     scene: TraceScene, face: mi.UInt32, uv: mi.Vector2f, active: mi.Bool
 ) -> tuple[mi.Vector3d, mi.Vector3d, mi.Vector3d, mi.Vector3d]:
     """Point from the barycentric coordinates on the float64 triangle, its unit normal, vertex 0 and centroid."""
@@ -343,14 +345,40 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
     """Direction and fields of a ray behind the mirror of the material that it hits."""
-    d = hit.direction
+    return reflected(kernel, hit.direction, normal, hit.properties, ray.fields)
+
+
+def reflected(
+    kernel: Kernel,
+    d: mi.Vector3f,
+    normal: mi.Vector3f,
+    properties: mi.Vector4f,
+    fields: tuple[ComplexVector, ...],
+) -> Reflection:
+    """Direction and fields behind a smooth mirror.
+
+    Parameters
+    ----------
+    d, normal : direction of the wave and unit normal facing it
+    properties : as in `Hit`
+    fields : at the mirror
+    """
     d_out = dr.normalize(d - normal * (2.0 * dr.dot(d, normal)))
     if not kernel.flags.fresnel:
-        return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in ray.fields))
+        return Reflection(d_out, tuple(field.reflect_field_pec(e, normal) for e in fields))
     h = field.incidence_basis(d, normal)
-    chi = mi.Complex2f(hit.properties.x, hit.properties.y)
+    chi = mi.Complex2f(properties.x, properties.y)
     r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), chi)
-    return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in ray.fields))
+    return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in fields))
+
+
+def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
+    """The ray with its fields as they arrive at a hit, where something stands in the way and lets waves pass."""
+    passages = kernel.scene.passages
+    if not passages:
+        return ray
+    way = dr.norm(mi.Vector3f(hit.p) - ray.origin)
+    return replace(ray, fields=passed(passages, ray.origin, hit.direction, way, hit.active, ray.fields))
 
 
 def reflect(
@@ -425,4 +453,15 @@ def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi
     return step - n * (2.0 * (dr.dot(step, n) + dr.dot(d, change))) - change * (2.0 * dr.dot(d, n))
 
 
-__all__ = ["footprint", "intersect", "launch", "mirror", "past_foci", "reflect"]
+__all__ = [
+    "antenna_of",
+    "footprint",
+    "hit_point",
+    "intersect",
+    "launch",
+    "mirror",
+    "past_foci",
+    "reflect",
+    "reflected",
+    "through_passages",
+]

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 # kinds of return, as numbers that a lane can carry
 COHERENT, DIFFUSE, RETRO = range(3)
-# a diffuse path the other way round, to a receiver apart; 3 is an ideal point's, which no ray finds
-REVERSED = 4
+# a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
+# point's
+REVERSED, SCATTERER = 4, 5
 
 
 @dataclass(frozen=True)
@@ -289,7 +290,7 @@ class Contribution:
 
     Parameters
     ----------
-    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO`` or ``REVERSED``
+    kind : uint32, ``COHERENT``, ``DIFFUSE``, ``RETRO``, ``REVERSED`` or ``SCATTERER``
     order : uint32, number of bounces, from 1
     pulse : uint32, number in the batch
     slant_range : float64, m, absolute
@@ -314,6 +315,7 @@ __all__ = [
     "DIFFUSE",
     "RETRO",
     "REVERSED",
+    "SCATTERER",
     "Constants",
     "Contribution",
     "Footprint",

@@ -1,0 +1,405 @@
+"""Returns that no ray of a lattice finds: of scatterers whose places are known, each traced to the antenna itself.
+
+A source records a launch of its own, into the accumulator of the batch. The common one, :class:`PointSource`, has
+scatterers with a closed form of their scattering amplitude; it sees each of them from the antenna straight and, where
+wanted, in the ground below.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.radar.polarisation import TRANSMITTED
+from sarmitsuba.trace import field
+from sarmitsuba.trace.beam import BeamPattern
+from sarmitsuba.trace.closing import selected
+from sarmitsuba.trace.kernel import TraceCounts
+from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
+from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
+
+if TYPE_CHECKING:
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.kernel import Accumulator, LaneArrays
+    from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+
+# lanes of one launch; bounds its memory
+MAX_LANES = 4_000_000
+# planes of two facets are one where the sine of their angle and their distance (m) are less
+SAME_PLANE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one launch of a source does.
+
+    Parameters
+    ----------
+    grid : lattice that gives the kernel's constants, and its rays where the source has any
+    first, count : of the scatterers
+    """
+
+    grid: LaunchGrid
+    first: int
+    count: int
+
+
+class Source(Protocol):
+    """Something that returns echoes beside the lattices' rays."""
+
+    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
+        """Launches for a batch of pulses that has these lattices."""
+
+    def record(
+        self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
+    ) -> tuple[TraceCounts, LaneArrays]:
+        """Record one launch; the caller evaluates it. See :func:`sarmitsuba.trace.kernel.trace`."""
+
+
+class Recorder(Protocol):
+    """:meth:`Source.record` of one part."""
+
+    def __call__(
+        self, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
+    ) -> tuple[TraceCounts, LaneArrays]:
+        """Record the launch."""
+
+
+class Scatterers(ABC):
+    """Scatterers at known places, each with a closed form.
+
+    Attributes
+    ----------
+    n : how many there are
+    """
+
+    n: int
+
+    @abstractmethod
+    def point(self, index: mi.UInt32) -> mi.Vector3d:
+        """Phase centre, float64, m, scene frame."""
+
+    @abstractmethod
+    def amplitude(
+        self,
+        kernel: Kernel,
+        index: mi.UInt32,
+        came: Sight,
+        goes: Sight,
+        e: field.ComplexVector,
+        q: field.ComplexVector,
+    ) -> mi.Complex2f:
+        """Square root of the bistatic RCS with its phase, m: ``q . S e``, about the phase centre.
+
+        Parameters
+        ----------
+        index : of the scatterer
+        came, goes : ways that the wave comes and goes by
+        e, q : incoming field and receiving vector, scene frame (no conjugate); ``S`` is symmetric under exchange of
+            both ways
+        """
+
+    def departure(
+        self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
+    ) -> mi.Vector3f:
+        """Where a shadow ray starts, m: a little off the scatterer, towards where it goes."""
+        return point + direction * clearance
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """How a scatterer and an antenna see each other, straight or in a mirror.
+
+    Parameters
+    ----------
+    to_antenna64, to_antenna : unit vector from the scatterer to the antenna or its image
+    leaving : unit vector in which the way leaves the antenna
+    length : float64, m, of the whole way
+    rate : float64, m/s, its change
+    seen : lanes in which nothing stands in between
+    h, v : complex vectors at the scatterer of a unit wave sent in H and V
+    over_ground : whether the way has a mirror
+    """
+
+    to_antenna64: mi.Vector3d
+    to_antenna: mi.Vector3f
+    leaving: mi.Vector3f
+    length: mi.Float64
+    rate: mi.Float64
+    seen: mi.Bool
+    h: field.ComplexVector
+    v: field.ComplexVector
+    over_ground: bool
+
+    def sent(self, letter: str) -> field.ComplexVector:
+        """Field at the scatterer of a unit wave in a polarisation of the transmitter."""
+        if letter in "HV":
+            return self.h if letter == "H" else self.v
+        z_h, z_v = TRANSMITTED[letter]
+        return field.add(_times(z_h, self.h), _times(z_v, self.v))
+
+
+def _times(z: complex, x: field.ComplexVector) -> field.ComplexVector:
+    return x[0] * z.real - x[1] * z.imag, x[1] * z.real + x[0] * z.imag
+
+
+@dataclass(frozen=True, eq=False)
+class PointSource:
+    r"""Returns of scatterers with a closed form.
+
+    .. math:: K g_t g_r \, \mathbf q \cdot S \mathbf e / (L_t L_r)
+
+    with the ways :math:`L_t, L_r` straight, or one or both over the ground below the scatterer, whose image of the
+    antenna is exact where the ground is plane. With one antenna the way out over the ground and the way home over it
+    are two paths of one length.
+
+    Parameters
+    ----------
+    scatterers : what returns
+    max_order : 1: straight ways alone; 2: one way over the ground as well; 3: both
+
+    Notes
+    -----
+    Ignores mirrors other than the ground below, ground that bends between the scatterer and the place of reflection,
+    what scatterers do to each other, and the shadow that they cast.
+    """
+
+    scatterers: Scatterers
+    max_order: int = 1
+
+    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
+        """As few launches as memory allows."""
+        step = max(1, MAX_LANES // n_pulses)
+        n = self.scatterers.n
+        return [Part(rays[0], first, min(step, n - first)) for first in range(0, n, step)]
+
+    def record(
+        self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
+    ) -> tuple[TraceCounts, LaneArrays]:
+        """See :class:`Source`."""
+        pulses = kernel.pulses
+        number = dr.arange(mi.UInt32, part.count * pulses.n_pulses)
+        count = dr.opaque(mi.UInt32, part.count)
+        pulse = number // count
+        index = number - pulse * count + dr.opaque(mi.UInt32, part.first)
+        point = self.scatterers.point(index)
+        came = self._sights(kernel, pulses, pulse, index, point)
+        goes = came
+        if pulses.receiver is not None:
+            goes = self._sights(kernel, pulses.receiver, pulse, index, point)
+        returns = []
+        for i, out in enumerate(came):
+            for j, home in enumerate(goes):
+                order = 1 + out.over_ground + home.over_ground
+                if order > self.max_order or (pulses.receiver is None and j < i):
+                    continue
+                back = () if pulses.receiver is not None or i == j else ((home, out),)
+                returns.append(
+                    self._return(kernel, antenna, pulse, index, point, order, ((out, home), *back))
+                )
+        added = accumulator.begin()
+        added, contributions = _added(accumulator, added, returns)
+        return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
+
+    def _sights(
+        self,
+        kernel: Kernel,
+        pulses: PulseBatch,
+        pulse: mi.UInt32,
+        index: mi.UInt32,
+        point: mi.Vector3d,
+    ) -> list[Sight]:
+        position, velocity = antenna_of(pulses, pulse)
+        sights = [self._straight(kernel, index, point, position, velocity)]
+        if self.max_order > 1:
+            sights.append(self._over_ground(kernel, index, point, position, velocity))
+        return sights
+
+    def _straight(
+        self,
+        kernel: Kernel,
+        index: mi.UInt32,
+        point: mi.Vector3d,
+        position: mi.Vector3d,
+        velocity: mi.Vector3d,
+    ) -> Sight:
+        leg = position - point
+        length = dr.norm(leg)
+        to64 = leg / length
+        to = mi.Vector3f(to64)
+        start = self.scatterers.departure(index, mi.Vector3f(point), to, kernel.constants.clearance)
+        seen = _free(kernel, start, to, mi.Float(length))
+        none = dr.zeros(mi.Vector3f)
+        h, v = field.polarisation_basis(-to, kernel.constants.up)
+        h_here, v_here = passed(
+            kernel.scene.passages, start, to, mi.Float(length), seen, ((h, none), (v, none))
+        )
+        return Sight(to64, to, -to, length, dr.dot(to64, velocity), seen, h_here, v_here, over_ground=False)
+
+    def _over_ground(
+        self,
+        kernel: Kernel,
+        index: mi.UInt32,
+        point: mi.Vector3d,
+        position: mi.Vector3d,
+        velocity: mi.Vector3d,
+    ) -> Sight:
+        """The way over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
+        scene, clearance = kernel.scene, kernel.constants.clearance
+        down = mi.Vector3f(0.0, 0.0, -1.0)
+        here = mi.Vector3f(point)
+        below = _Ground.of(
+            kernel, self.scatterers.departure(index, here, down, clearance), down, mi.Bool(True)
+        )
+        # twice: on a slope the facet below is not yet the one that mirrors
+        seen, found = below.found, below
+        for _ in range(2):
+            image = position - found.normal * (2.0 * dr.dot(position - found.point, found.normal))
+            leg = image - point
+            length = dr.norm(leg)
+            to64 = leg / length
+            to = mi.Vector3f(to64)
+            start = self.scatterers.departure(index, here, to, clearance)
+            before, found = found, _Ground.of(kernel, start, to, seen)
+            seen = seen & found.found
+        offset = dr.abs(dr.dot(found.point - before.point, before.normal))
+        same = dr.dot(found.normal, before.normal) > 1.0 - 0.5 * SAME_PLANE**2
+        seen &= same & (offset < mi.Float64(SAME_PLANE + 8.0 * mi.Float(clearance)))
+        n64 = before.normal
+        # the antenna above the ground, the scatterer as well
+        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(point - before.point, n64) > 0.0)
+        there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
+        leg_out = position - there
+        way = dr.norm(leg_out)
+        to_antenna = mi.Vector3f(leg_out / way)
+        n = mi.Vector3f(n64)
+        departure = mi.Vector3f(there) + (n + to_antenna) * clearance
+        seen &= _free(kernel, departure, to_antenna, mi.Float(way))
+        none = dr.zeros(mi.Vector3f)
+        h, v = field.polarisation_basis(-to_antenna, kernel.constants.up)
+        fields = passed(scene.passages, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
+        reflection = reflected(kernel, -to_antenna, n, found.properties, fields)
+        fields = reflection.fields
+        if kernel.flags.roughness:
+            cosine = dr.dot(to_antenna, n)
+            kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * found.properties.z * cosine))
+            fields = tuple((re * kept, im * kept) for re, im in fields)
+        fields = passed(scene.passages, start, to, mi.Float(length - way), seen, fields)
+        image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
+        rate = dr.dot(to64, image_velocity)
+        return Sight(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
+
+    def _return(
+        self,
+        kernel: Kernel,
+        antenna: Antenna,
+        pulse: mi.UInt32,
+        index: mi.UInt32,
+        point: mi.Vector3d,
+        order: int,
+        ways: Sequence[tuple[Sight, Sight]],
+    ) -> Contribution:
+        """One contribution: of all paths (out and home) of one length."""
+        flags, constants = kernel.flags, kernel.constants
+        out, home = ways[0]
+        spreads = dr.opaque(mi.Bool, flags.spreading)
+        loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
+        amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
+        for came, goes in ways:
+            factor = constants.amplitude * loss * _gain(kernel, antenna, pulse, came, goes)
+            for i, channel in enumerate(flags.channels):
+                e, q = came.sent(channel[0]), goes.sent(channel[1])
+                amplitudes[i] = (
+                    amplitudes[i] + self.scatterers.amplitude(kernel, index, came, goes, e, q) * factor
+                )
+        return Contribution(
+            kind=mi.UInt32(SCATTERER),
+            order=mi.UInt32(order),
+            pulse=pulse,
+            slant_range=0.5 * (out.length + home.length),
+            range_rate=0.5 * (out.rate + home.rate),
+            amplitudes=tuple(amplitudes),
+            active=out.seen & home.seen,
+            point=point,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Where a ray from a scatterer meets a facet: point, unit normal facing the ray (float64), properties."""
+
+    found: mi.Bool
+    point: mi.Vector3d
+    normal: mi.Vector3d
+    properties: mi.Vector4f
+
+    @staticmethod
+    def of(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, active: mi.Bool) -> _Ground:
+        scene = kernel.scene
+        found = scene.mi_scene.ray_intersect_preliminary(
+            mi.Ray3f(start, direction), coherent=False, active=active
+        )
+        valid = active & found.is_valid()
+        p, n64, _, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
+        n64 = dr.select(dr.dot(n64, mi.Vector3d(direction)) > 0.0, -n64, n64)
+        material = scene.material_of(found.prim_index, valid)
+        return _Ground(valid, p, n64, dr.gather(mi.Vector4f, scene.material_table, material, valid))
+
+
+def _free(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
+    """Lanes in which nothing stands within so much of a way, m."""
+    if not kernel.flags.visibility:
+        return mi.Bool(True)
+    ray = mi.Ray3f(start, direction, distance, 0.0, [])
+    return ~kernel.scene.mi_scene.ray_test(ray, coherent=False)
+
+
+def _gain(kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, came: Sight, goes: Sight) -> mi.Float:
+    """Relative amplitude of both antennas' patterns."""
+    if not kernel.flags.antenna_pattern:
+        return mi.Float(1.0)
+    pulses, receiver = kernel.pulses, kernel.pulses.receiver
+    transmitting = BeamPattern(antenna, pulses, pulse, came.leaving if receiver is None else None)
+    gain = transmitting.one_way(came.leaving)
+    if receiver is None:
+        return gain * transmitting.received(goes.leaving)
+    return gain * BeamPattern(antenna, receiver, pulse, None).received(goes.leaving)
+
+
+def _added(
+    accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution]
+) -> tuple[LaneArrays, mi.UInt32]:
+    """Hand returns to the accumulator, its code in the kernel once; returns how many there are."""
+    if len(returns) == 1:
+        one = returns[0]
+        return accumulator.add(added, one), dr.select(one.active, mi.UInt32(1), 0)
+
+    def some_left(slot: mi.UInt32, count: mi.UInt32, added: LaneArrays) -> mi.Bool:
+        return slot < len(returns)
+
+    def add_next(
+        slot: mi.UInt32, count: mi.UInt32, added: LaneArrays
+    ) -> tuple[mi.UInt32, mi.UInt32, LaneArrays]:
+        one, active = returns[0], returns[0].active
+        for i, other in enumerate(returns[1:], 1):
+            there = slot == i
+            one, active = selected(there, other, one), dr.select(there, other.active, active)
+        one = replace(one, active=active)
+        return slot + 1, count + dr.select(active, mi.UInt32(1), 0), accumulator.add(added, one)
+
+    _, count, added = dr.while_loop(
+        (mi.UInt32(0), mi.UInt32(0), added),
+        some_left,
+        add_next,
+        labels=("slot", "count", "added"),
+        label="returns",
+        mode="symbolic",
+    )
+    return added, count
+
+
+__all__ = ["MAX_LANES", "Part", "PointSource", "Recorder", "Scatterers", "Sight", "Source"]
