@@ -41,6 +41,8 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
+    slabs: bool = False
+    transmission: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

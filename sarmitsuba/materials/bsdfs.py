@@ -35,6 +35,10 @@ def named_material(
     surface : whose roughness and diffuse law it gets; None for a smooth one
     """
     entry, surface = MATERIALS[kind], surface or smooth()
+    if entry.thickness and not surface.thickness:
+        surface = replace(surface, thickness=entry.thickness)
+    if entry.sheet_resistance and not surface.sheet_resistance:
+        surface = replace(surface, sheet_resistance=entry.sheet_resistance)
     if entry.pec:
         return replace(surface, name=name, pec=True), ""
     return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
@@ -69,7 +73,10 @@ def radar_material(
         correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
+        thickness=float_value(values, "thickness"),
+        sheet_resistance=float_value(values, "sheet_resistance"),
     )
+    _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
     if kind:
         return named_material(name, kind, frequency, surface)
@@ -257,7 +264,8 @@ def _above_half(values: Mapping[str, object], key: str) -> bool:
 
 def _material(name: str, eps: complex, surface: Material) -> Material:
     """Surface of a permittivity; vacuum without a diffuse return is invisible."""
-    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    reflects = LAWS[surface.diffuse_law].blocks_as_vacuum or surface.sheet_resistance > 0.0
+    invisible = eps == 1.0 and not reflects
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
 
 
@@ -287,6 +295,20 @@ def _check_law(
                 f"{where}: {parameter.name} has no effect with diffuse_law = {law.name}; "
                 f"take {takers} or leave it out"
             )
+
+
+def _check_slab(surface: Material, kind: str, where: str) -> None:
+    """Raise where the words for a slab are given to what is none."""
+    if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
+        raise SceneError(
+            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
+            "through; leave it out"
+        )
+    if surface.sheet_resistance > 0.0 and not (surface.thickness or (kind and MATERIALS[kind].thickness)):
+        raise SceneError(
+            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
+            "thickness in m, above 0"
+        )
 
 
 def _exclusive(given: frozenset[str], where: str) -> None:

@@ -1,4 +1,4 @@
-"""The electromagnetic surface of a half space, as data."""
+"""The electromagnetic surface of a half space or of a slab, as data."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from sarmitsuba.materials.diffuse_law import LAWS
 
 @dataclass(frozen=True)
 class Material:
-    """Electromagnetic surface of a half space, at the carrier frequency.
+    """Electromagnetic surface of a half space or a slab, at the carrier frequency.
 
     Parameters
     ----------
@@ -24,6 +24,8 @@ class Material:
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
     law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
+    thickness : m, of a slab, of which every facet is one; 0: a half space
+    sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
 
     Raises
     ------
@@ -31,7 +33,7 @@ class Material:
 
     Notes
     -----
-    Ignores transmission through the surface, thickness, anisotropy and magnetic materials.
+    Ignores anisotropy and magnetic materials.
     """
 
     name: str
@@ -44,6 +46,8 @@ class Material:
     cross_polar_ratio_db: float = -np.inf
     invisible: bool = False
     law_parameters: tuple[tuple[str, float], ...] = ()
+    thickness: float = 0.0
+    sheet_resistance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:

@@ -18,8 +18,10 @@ from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs,
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.slabs import Slabs
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -57,6 +59,7 @@ class TraceScene:
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     passages : what stands in the way of waves without stopping them
+    slabs : the materials that are slabs, None where there is none
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     """
 
@@ -78,6 +81,7 @@ class TraceScene:
     geometry_faces: NDArray[np.intp]
     movers: Movers | None = None
     passages: tuple[Passage, ...] = ()
+    slabs: Slabs | None = None
 
     @property
     def extent(self) -> float:
@@ -97,11 +101,12 @@ class TraceScene:
         corners = triangles.astype(np.float32)
         return replace(
             self,
-            mi_scene=_intersector(corners),
+            mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
             bounds=_bounds(corners),
             triangles=triangles,
             movers=movers,
+            slabs=self.slabs and self.slabs.at(triangles),
         )
 
     @property
@@ -194,7 +199,7 @@ def build_trace_scene(
     )
     spectrum, correction = _spectra(materials, wavelength)
     return TraceScene(
-        mi_scene=_intersector(corners),
+        mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
@@ -211,22 +216,8 @@ def build_trace_scene(
         triangles=triangles,
         geometry_faces=rows_kept,
         movers=movers,
+        slabs=Slabs.of(materials, wavelength, material, triangles),
     )
-
-
-def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
-    """Intersection structure of triangles (n_faces, 3, 3), m.
-
-    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
-    along shared edges because equal float64 values round alike.
-    """
-    n = len(corners)
-    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(corners.reshape(-1))
-    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
-    params.update()
-    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
 
 
 def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,9 +9,121 @@ in a thin one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.constants import VACUUM_IMPEDANCE
+from sarmitsuba.materials.slab import lets_through
+from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.intersector import intersector
+
+if TYPE_CHECKING:
+    from sarmitsuba.materials.material import Material
+
+# two faces of one material that look at each other from so many thicknesses or less are those of one slab
+SAME_SLAB = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Slabs:
+    """The materials of a scene that are slabs, and the faces that let waves through.
+
+    Parameters
+    ----------
+    table : (4 n_materials,) float32: wavenumber times thickness (0: a half space), impedance of free space over the
+        sheet's resistance, 1 where it lets waves through, 0
+    thickness : (n_faces,) m, of the slab that a face is; 0 where nothing gets through
+    material : (n_faces,) of the faces
+    triangles : (n_faces, 3, 3) float64, m
+    """
+
+    table: mi.Float
+    thickness: NDArray[np.float64]
+    material: NDArray[np.uint32]
+    triangles: NDArray[np.float64]
+
+    @staticmethod
+    def of(
+        materials: tuple[Material, ...],
+        wavelength: float,
+        material: NDArray[np.uint32],
+        triangles: NDArray[np.float64],
+    ) -> Slabs | None:
+        """Slabs among the materials of a scene's faces; None where there is none."""
+        slabs = [m.thickness > 0.0 and not m.pec for m in materials]
+        if not np.array(slabs)[material].any():
+            return None
+        rows, open_ = np.zeros((len(materials), 4), dtype=np.float32), np.zeros(len(materials))
+        for i, (m, slab) in enumerate(zip(materials, slabs, strict=True)):
+            if slab:
+                sheet = VACUUM_IMPEDANCE / m.sheet_resistance if m.sheet_resistance > 0.0 else 0.0
+                passes = lets_through(m, wavelength)
+                rows[i, :3] = 2.0 * np.pi * m.thickness / wavelength, sheet, passes
+                open_[i] = m.thickness if passes else 0.0
+        return Slabs(device_array(mi.Float, rows), open_[material], material, triangles)
+
+    def at(self, triangles: NDArray[np.float64]) -> Slabs:
+        """The same with the faces elsewhere."""
+        return replace(self, triangles=triangles)
+
+    @property
+    def passes(self) -> bool:
+        """Whether any face lets waves through."""
+        return bool(self.thickness.any())
+
+    @cached_property
+    def pane_rows(self) -> NDArray[np.intp]:
+        """Faces that let waves through."""
+        return np.flatnonzero(self.thickness)
+
+    @cached_property
+    def panes(self) -> mi.Scene:
+        """The faces that let waves through, alone."""
+        return intersector(self.triangles[self.pane_rows].astype(np.float32))
+
+    @cached_property
+    def pane_face(self) -> mi.UInt32:
+        """Row of the scene's tables of each face of ``panes``."""
+        return device_array(mi.UInt32, self.pane_rows.astype(np.uint32))
+
+    @cached_property
+    def walls(self) -> mi.Scene | None:
+        """The faces that stop waves, alone; None where there is none."""
+        walls = self.triangles[self.thickness == 0.0]
+        return intersector(walls.astype(np.float32)) if len(walls) else None
+
+    @cached_property
+    def gap(self) -> mi.Float:
+        """(n_faces,) float32, m: from a face to the other face of its slab, where a pane is a box of two.
+
+        Positive along the face's normal; 0 where the face is the whole slab.
+        """
+        rows = self.pane_rows
+        corner = self.triangles[rows]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        thickness = self.thickness[rows]
+        gap = np.zeros(len(self.thickness), dtype=np.float32)
+        for side in (1.0, -1.0):
+            away = side * normal
+            start = corner.mean(axis=1) + away * (0.1 * thickness[:, None])
+            origin, direction = (
+                [device_array(mi.Float, row.astype(np.float32)) for row in x.T] for x in (start, away)
+            )
+            far = device_array(mi.Float, (SAME_SLAB * thickness).astype(np.float32))
+            ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
+            met = self.panes.ray_intersect_preliminary(ray, coherent=False)
+            found, other, t = (np.asarray(x) for x in (met.is_valid(), met.prim_index, met.t))
+            other = np.where(found, other, 0)
+            parallel = np.abs(np.einsum("ij,ij->i", normal, normal[other])) > 0.999
+            pair = found & parallel & (self.material[rows[other]] == self.material[rows])
+            gap[rows[pair]] = (side * (0.1 * thickness + t))[pair]
+        return device_array(mi.Float, gap)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +183,10 @@ def slab(
     lost = 2.0 * tangent / (1.0 + tangent)
     twice = mi.Complex2f(lost + kept * (2.0 * s * s), kept * dr.sin(2.0 * delta.real))
     once = 1.0 - twice  # exp(-2j delta)
-    cosine, sine_q = 1.0 - 0.5 * twice, twice / (2.0 * q)  # cos(delta), j sin(delta) / q, both times exp(-j delta)
+    cosine, sine_q = (
+        1.0 - 0.5 * twice,
+        twice / (2.0 * q),
+    )  # cos(delta), j sin(delta) / q, both times exp(-j delta)
 
     inner, outer = q * q / eps, eps * (c * c)
     one, cos = mi.Complex2f(1.0), mi.Complex2f(c)
@@ -82,7 +197,10 @@ def slab(
     r, t, rates = [], [], []
     for line in (te, tm):
         total = line.total(c, cosine, sine_q)
-        r.append((line.contrast * sine_q - line.sheet * (line.direct * cosine + line.across * sine_q * side)) / total)
+        r.append(
+            (line.contrast * sine_q - line.sheet * (line.direct * cosine + line.across * sine_q * side))
+            / total
+        )
         t.append(2.0 * c / total)
         # by the wavenumber: d ln T = -j dk d q (1 + 2 exp(-2j delta) D' / D), D' by 1 - exp(-2j delta)
         rates.append((delta * (1.0 + 2.0 * once * (line.total(c, mi.Complex2f(-0.5), 0.5 / q) / total))).real)
@@ -106,7 +224,9 @@ class _Line:
 
     def total(self, c: mi.Float, cosine: mi.Complex2f, sine_q: mi.Complex2f) -> mi.Complex2f:
         """D, linear in the cosine and in the sine over q."""
-        return 2.0 * c * cosine + self.both * sine_q + self.sheet * (self.direct * cosine + self.across * sine_q)
+        return (
+            2.0 * c * cosine + self.both * sine_q + self.sheet * (self.direct * cosine + self.across * sine_q)
+        )
 
 
-__all__ = ["SlabFactors", "slab"]
+__all__ = ["SlabFactors", "Slabs", "slab"]
