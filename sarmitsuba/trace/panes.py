@@ -122,7 +122,7 @@ def home(
     active = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
         # what came straight from the antenna through no pane goes home through none
-        active &= ~hit.first | (ray.crossed > 0)
+        active = active & (~hit.first | (ray.crossed > 0))
     way = mi.Float(hit.length_back)
     vectors, extra = through(kernel, hit.departure, hit.to_antenna, way, active, vectors)
     step = hit.to_antenna64 * mi.Float64(extra)
