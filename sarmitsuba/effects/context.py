@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.texture import with_parts
@@ -183,6 +184,11 @@ class SceneContext:
             PROOF_SECONDS_PER_FACE * self.scene.geometry.n_faces <= seconds
         )
         return ShapeAnalysis(self.scene.geometry, visible, self.antenna, thorough=thorough)
+
+    @cached_property
+    def seen_through(self) -> tuple[Material, ...]:
+        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.panes`."""
+        return seen_through(self.scene, self.antenna)
 
     @cached_property
     def antenna(self) -> F64:

@@ -45,6 +45,8 @@ class KernelFlags:
     temporal: bool = False
     water_motion: bool = False
     diffuse_pairs: bool = False
+    slabs: bool = False
+    transmission: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

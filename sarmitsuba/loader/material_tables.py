@@ -41,7 +41,8 @@ _PERMITTIVITY = (
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
-    doc="Surface of a half space: `material`, or `permittivity_real` with its loss or conductivity.",
+    doc="Surface of a half space, or of a slab where `thickness` is given: `material`, or `permittivity_real` with its "
+    "loss or conductivity.",
     hints={
         "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
         "type": 'did you mean "material"?',
@@ -50,6 +51,24 @@ RADAR_MATERIAL = ParamTable(
     more=_law_parameters,
     params=(
         *_PERMITTIVITY,
+        Param(
+            "thickness",
+            "float",
+            0.0,
+            "of a slab, of which every facet is one (a pane, a partition); 0 = a half space",
+            "m",
+            0.0,
+            100.0,
+        ),
+        Param(
+            "sheet_resistance",
+            "float",
+            0.0,
+            "per square, of a metal coat on the slab's face away from the facet's normal; 0 = none",
+            "ohm",
+            0.0,
+            1e9,
+        ),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",

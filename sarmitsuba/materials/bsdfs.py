@@ -36,6 +36,10 @@ def named_material(
     surface : whose roughness and diffuse law it gets; None for a smooth one
     """
     entry, surface = MATERIALS[kind], surface or smooth()
+    if entry.thickness and not surface.thickness:
+        surface = replace(surface, thickness=entry.thickness)
+    if entry.sheet_resistance and not surface.sheet_resistance:
+        surface = replace(surface, sheet_resistance=entry.sheet_resistance)
     if entry.pec:
         return replace(surface, name=name, pec=True), ""
     return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
@@ -75,7 +79,10 @@ def radar_material(
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
         texture_shape=float_value(values, "texture_shape"),
         texture_length=float_value(values, "texture_length"),
+        thickness=float_value(values, "thickness"),
+        sheet_resistance=float_value(values, "sheet_resistance"),
     )
+    _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
     if kind:
         return named_material(name, kind, frequency, surface)
@@ -280,7 +287,8 @@ def _above_half(values: Mapping[str, object], key: str) -> bool:
 
 def _material(name: str, eps: complex, surface: Material) -> Material:
     """Surface of a permittivity; vacuum without a diffuse return is invisible."""
-    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    reflects = LAWS[surface.diffuse_law].blocks_as_vacuum or surface.sheet_resistance > 0.0
+    invisible = eps == 1.0 and not reflects
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
 
 
@@ -327,6 +335,20 @@ def _check_law(
         raise SceneError(
             f"{where}: decorrelation_days = {float_value(values, 'decorrelation_days'):g} days has no effect with "
             "temporal_coherence = 1; give the coherence that is left at last, such as 0"
+        )
+
+
+def _check_slab(surface: Material, kind: str, where: str) -> None:
+    """Raise where the words for a slab are given to what is none."""
+    if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
+        raise SceneError(
+            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
+            "through; leave it out"
+        )
+    if surface.sheet_resistance > 0.0 and not (surface.thickness or (kind and MATERIALS[kind].thickness)):
+        raise SceneError(
+            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
+            "thickness in m, above 0"
         )
 
 

@@ -1,4 +1,4 @@
-"""The electromagnetic surface of a half space, as data."""
+"""The electromagnetic surface of a half space or of a slab, as data."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from sarmitsuba.materials.texture import SurfaceMaps, check_texture
 
 @dataclass(frozen=True)
 class Material:
-    """Electromagnetic surface of a half space, at the carrier frequency.
+    """Electromagnetic surface of a half space or a slab, at the carrier frequency.
 
     Parameters
     ----------
@@ -31,6 +31,8 @@ class Material:
     texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
     texture_length : m; correlation length of that texture
     maps : what varies over the surface; None: nothing
+    thickness : m, of a slab, of which every facet is one; 0: a half space
+    sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
 
     Raises
     ------
@@ -38,7 +40,7 @@ class Material:
 
     Notes
     -----
-    Ignores transmission through the surface, thickness, anisotropy and magnetic materials.
+    Ignores anisotropy and magnetic materials.
     """
 
     name: str
@@ -56,6 +58,8 @@ class Material:
     texture_shape: float = 0.0
     texture_length: float = 0.0
     maps: SurfaceMaps | None = None
+    thickness: float = 0.0
+    sheet_resistance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:

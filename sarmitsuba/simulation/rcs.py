@@ -186,6 +186,7 @@ def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFram
 
 def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth: int) -> KernelFlags:
     """The coherent effects that materials call for."""
+    slabs = any(m.thickness > 0.0 for m in materials)
     return KernelFlags(
         channels=channels,
         fresnel=not all(m.pec for m in materials),
@@ -196,7 +197,9 @@ def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth:
         antenna_pattern=False,
         spreading=True,
         taper=False,
-        multi_bounce=depth > 1,
+        multi_bounce=depth > 1 or slabs,
+        slabs=slabs,
+        transmission=slabs,
     )
 
 

@@ -79,6 +79,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -109,6 +110,7 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "SlabWaves",
     "SpeckleTest",
     "along_track_phase",
     "aperture_cell",
@@ -178,6 +180,9 @@ __all__ = [
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
+    "slab",
+    "slab_delay",
+    "slab_insertion",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field
+from sarmitsuba.trace import field, panes
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -47,17 +47,19 @@ class Receiver:
     gain: mi.Float
 
 
-def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
-    """How the antenna receives what comes from a hit."""
+def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
+    """How the antenna receives what comes from a hit, and both as far apart as a pulse finds them."""
     h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     passages = kernel.scene.passages
-    if not passages:
-        return Receiver({"H": h, "V": v}, gain)
+    if not passages and not kernel.transmits:
+        return Receiver({"H": h, "V": v}, gain), lane, hit
     none = dr.zeros(mi.Vector3f)
     way = mi.Float(hit.length_back)
-    h_here, v_here = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
-    return Receiver({"H": h_here, "V": v_here}, gain)
+    vectors = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
+    if kernel.transmits:
+        lane, hit, vectors = panes.home(kernel, lane, ray, hit, vectors)
+    return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
 
 
 def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:

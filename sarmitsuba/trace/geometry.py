@@ -19,8 +19,10 @@ from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs,
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.slabs import Slabs
 from sarmitsuba.trace.texture import SurfaceTables
 from sarmitsuba.trace.water import Water
 
@@ -62,6 +64,7 @@ class TraceScene:
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
     water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
+    slabs : the materials that are slabs, None where there is none
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
         not; None where all stays as it is
@@ -88,6 +91,7 @@ class TraceScene:
     change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
     water: Water | None = None
+    slabs: Slabs | None = None
 
     @property
     def extent(self) -> float:
@@ -125,6 +129,7 @@ class TraceScene:
             bounds=_bounds(corners),
             triangles=triangles,
             movers=movers,
+            slabs=self.slabs and self.slabs.at(triangles),
         )
 
     @property
@@ -251,6 +256,7 @@ def build_trace_scene(
         if any(m.temporal_coherence < 1.0 for m in materials)
         else None,
         water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
+        slabs=Slabs.of(materials, wavelength, material, triangles),
     )
 
 
@@ -286,21 +292,6 @@ def _with_places(
         triangles=np.zeros((0, 3, 3)),
         geometry_faces=np.zeros(0, dtype=np.intp),
     )
-
-
-def intersector(corners: NDArray[np.float32]) -> mi.Scene:
-    """Intersection structure of triangles (n_faces, 3, 3), m.
-
-    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
-    along shared edges because equal float64 values round alike.
-    """
-    n = len(corners)
-    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(corners.reshape(-1))
-    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
-    params.update()
-    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
 
 
 def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
