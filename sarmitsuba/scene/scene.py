@@ -72,6 +72,10 @@ class Scene:
         """True where there is anything but ideal points."""
         return self.geometry.n_faces > 0 or self.has_sources
 
+    def same_shapes(self, other: "Scene") -> bool:
+        """Whether another scene holds the very same mesh and scatterers beside it, ideal points aside."""
+        return self.geometry is other.geometry and self.lines == other.lines
+
     def replace(self, **changes: object) -> "Scene":
         """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
 
