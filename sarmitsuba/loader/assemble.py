@@ -22,6 +22,7 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -73,13 +74,14 @@ def assemble(
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
+    lines: Sequence[LineTarget] = (),
 ) -> Scene:
     """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
 
     Parameters
     ----------
     name, path : of the file
-    surfaces, points : in the file frame
+    surfaces, points, lines : in the file frame
     materials : that ``surfaces`` point into
     radar : validated parameters of sensor and film
     settings : of the integrator
@@ -92,10 +94,10 @@ def assemble(
     """
     label = path.name if path else name
     visible = any(not materials[s.material].invisible for s in surfaces)
-    if not visible and not points:
+    if not visible and not points and not lines:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
-            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
+            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
         )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
@@ -105,13 +107,16 @@ def assemble(
         )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
-    offset = _offset(geometry, points)
+    for line in lines:
+        _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
+    places = np.concatenate([np.array([p.position for p in points]).reshape(-1, 3), line_ends(tuple(lines))])
+    offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
     if offset.any():
         materials = [m if m.maps is None else replace(m, maps=m.maps.moved(offset)) for m in materials]
     used = list(dict.fromkeys(with_parts([materials[s.material] for s in surfaces])))
-    built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset)
+    built, image, radar_notes = seen_by(label, geometry, places - offset, used, radar, offset)
     return Scene(
         name=name,
         path=path,
@@ -124,13 +129,14 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
+        lines=tuple(line.moved(-offset) for line in lines),
     )
 
 
 def seen_by(
     label: str,
     geometry: Geometry,
-    points: Sequence[PointTarget],
+    places: F64,
     materials: Sequence[Material],
     radar: RadarInput,
     offset: F64,
@@ -140,12 +146,13 @@ def seen_by(
     Parameters
     ----------
     label : start of notes
-    geometry, points : in the scene frame
+    geometry : in the scene frame
+    places : (n, 3) m, of what there is to see beside it
     materials : that occur in the geometry
     radar : in the file frame
     offset : (3,) m, of the scene frame
     """
-    built, image, notes = build_radar(radar, _extent(geometry, points), offset)
+    built, image, notes = build_radar(radar, _extent(geometry, places), offset)
     angle_notes: list[str] = []
     for material in materials:
         _check_angle(label, material, built, image, angle_notes)
@@ -251,26 +258,22 @@ def _check_size(what: str, coordinates: F64) -> None:
         )
 
 
-def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
-    """(2, 3) bounds of triangles and points together, m."""
-    clouds = [np.array([p.position for p in points])] if points else []
-    if geometry.n_faces:
-        clouds.append(geometry.bounds)
-    cloud = np.concatenate(clouds)
+def _bounds(geometry: Geometry, places: F64) -> F64:
+    """(2, 3) bounds of triangles and places (n, 3) together, m."""
+    cloud = np.concatenate([places, geometry.bounds]) if geometry.n_faces else places
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 
-def _extent(geometry: Geometry, points: Sequence[PointTarget]) -> Extent:
+def _extent(geometry: Geometry, places: F64) -> Extent:
     """Outline of everything; in its middle at the height of the ground is what a radar aims at."""
-    positions = np.array([p.position for p in points]).reshape(-1, 3)
-    low, high = _bounds(geometry, points)
-    height = geometry.ground_height if geometry.n_faces else float(np.median(positions[:, 2]))
+    low, high = _bounds(geometry, places)
+    height = geometry.ground_height if geometry.n_faces else float(np.median(places[:, 2]))
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([geometry.vertices, positions]), middle)
+    return Extent(np.concatenate([geometry.vertices, places]), middle)
 
 
-def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
-    center = _bounds(geometry, points).mean(axis=0)
+def _offset(geometry: Geometry, places: F64) -> F64:
+    center = _bounds(geometry, places).mean(axis=0)
     if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
         return np.zeros(3)
     return np.asarray(np.round(center))

@@ -22,6 +22,7 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -77,6 +78,7 @@ class SceneMesh:
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
+    lines: Sequence[LineTarget] = (),
     *,
     radar: RadarDescription | None = None,
     film: FilmDescription | None = None,
@@ -88,7 +90,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points : what there is to see, m
+    meshes, points, lines : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : how to trace; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -121,6 +123,7 @@ def build_scene(
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
+    collector.lines.extend(lines)
     return collector.scene()
 
 

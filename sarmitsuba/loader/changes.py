@@ -73,7 +73,7 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
     occurring = set(scene.geometry.face_material.tolist())
     material = with_parts([m for i, m in enumerate(scene.materials) if i in occurring])
     before, after = (
-        seen_by(label, scene.geometry, scene.points, material, each, scene.offset) for each in (old, radar)
+        seen_by(label, scene.geometry, scene.places, material, each, scene.offset) for each in (old, radar)
     )
     kept = [note for note in scene.notes if note not in before[2]]
     return replace(scene, radar=after[0], image=after[1], notes=(*kept, *after[2]), description=radar)

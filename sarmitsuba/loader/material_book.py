@@ -30,6 +30,13 @@ _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
 
 
+# what is no surface, and the shapes that take it
+_ALONE = {
+    tables.POINT_SCATTERER.plugin: "a sphere",
+    tables.RADAR_WIRE.plugin: "a cylinder or a linearcurve",
+}
+
+
 @dataclass
 class MaterialBook:
     """Materials of a scene, one for every BSDF element.
@@ -130,8 +137,8 @@ class MaterialBook:
             ):
                 # Sionna's usual case: worth knowing, no warning
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
-        elif plugin == tables.POINT_SCATTERER.plugin:
-            raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
+        elif plugin in _ALONE:
+            raise SceneError(f"{where}: {plugin} cannot be nested; put it directly on {_ALONE[plugin]}")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
             return self._nested(bsdf, name, depth)
         elif plugin in tables.TABLES:

@@ -23,10 +23,26 @@ _EXTENT = Param(
     "corner, such as `-50 -50 50 50`; left out: they lie on the mesh's texture coordinates",
 )
 
+_PERMITTIVITY = (
+    Param("material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))),
+    Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+    Param(
+        "permittivity_imag",
+        "float",
+        0.0,
+        "loss eps'' of the relative permittivity eps' - j eps''",
+        "",
+        0.0,
+        1e12,
+    ),
+    Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+)
+
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
-    doc="Surface of a half space: `material`, or `permittivity_real` with its loss or conductivity.",
+    doc="Surface of a half space, or of a slab where `thickness` is given: `material`, or `permittivity_real` with its "
+    "loss or conductivity.",
     hints={
         "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
         "type": 'did you mean "material"?',
@@ -34,20 +50,25 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_law_parameters,
     params=(
+        *_PERMITTIVITY,
         Param(
-            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
-        ),
-        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
-        Param(
-            "permittivity_imag",
+            "thickness",
             "float",
             0.0,
-            "loss eps'' of the relative permittivity eps' - j eps''",
-            "",
+            "of a slab, of which every facet is one (a pane, a partition); 0 = a half space",
+            "m",
             0.0,
-            1e12,
+            100.0,
         ),
-        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param(
+            "sheet_resistance",
+            "float",
+            0.0,
+            "per square, of a metal coat on the slab's face away from the facet's normal; 0 = none",
+            "ohm",
+            0.0,
+            1e9,
+        ),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
@@ -151,6 +172,15 @@ POINT_SCATTERER = ParamTable(
     ),
 )
 
+RADAR_WIRE = ParamTable(
+    plugin="radar_wire",
+    element="bsdf",
+    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    "them, and they cast no shadow. Perfect conductors where nothing is given.",
+    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    params=_PERMITTIVITY,
+)
+
 _COLORS = tuple(
     Param(name, "ignored", "", "colour on the screen; no effect")
     for name in ("color", "reflectance", "base_color")
@@ -213,5 +243,6 @@ __all__ = [
     "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
 ]

@@ -8,6 +8,7 @@ from sarmitsuba.loader.material_tables import (
     LAND_COVER,
     POINT_SCATTERER,
     RADAR_MATERIAL,
+    RADAR_WIRE,
     RADIO_MATERIAL,
 )
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
@@ -146,6 +147,7 @@ TABLES: dict[str, ParamTable] = {
         INTEGRATOR,
         RADAR_MATERIAL,
         LAND_COVER,
+        RADAR_WIRE,
         POINT_SCATTERER,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
@@ -163,6 +165,7 @@ __all__ = [
     "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",

@@ -36,6 +36,10 @@ def named_material(
     surface : whose roughness and diffuse law it gets; None for a smooth one
     """
     entry, surface = MATERIALS[kind], surface or smooth()
+    if entry.thickness and not surface.thickness:
+        surface = replace(surface, thickness=entry.thickness)
+    if entry.sheet_resistance and not surface.sheet_resistance:
+        surface = replace(surface, sheet_resistance=entry.sheet_resistance)
     if entry.pec:
         return replace(surface, name=name, pec=True), ""
     return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
@@ -75,16 +79,36 @@ def radar_material(
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
         texture_shape=float_value(values, "texture_shape"),
         texture_length=float_value(values, "texture_length"),
+        thickness=float_value(values, "thickness"),
+        sheet_resistance=float_value(values, "sheet_resistance"),
     )
+    _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
     if kind:
         return named_material(name, kind, frequency, surface)
+    return _material(name, _permittivity(values, given, frequency), surface), ""
+
+
+def wire_permittivity(
+    values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
+) -> tuple[complex | None, str]:
+    """Relative permittivity of a validated ``radar_wire`` element, None for a conductor, and a note (may be empty)."""
+    if not given & {"material", "permittivity_real", "permittivity_imag", "conductivity"}:
+        return None, ""
+    _exclusive(given, where)
+    kind = string_value(values, "material")
+    if not kind:
+        return _permittivity(values, given, frequency), ""
+    entry = MATERIALS[kind]
+    return (None, "") if entry.pec else (entry.permittivity(frequency), entry.note(frequency))
+
+
+def _permittivity(values: Mapping[str, Value | None], given: frozenset[str], frequency: float) -> complex:
+    """Permittivity from ``permittivity_real`` and what goes with it."""
     real = float_value(values, "permittivity_real")
     if "conductivity" in given:
-        eps = permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
-    else:
-        eps = complex(real, -float_value(values, "permittivity_imag"))
-    return _material(name, eps, surface), ""
+        return permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
+    return complex(real, -float_value(values, "permittivity_imag"))
 
 
 def sionna_material(
@@ -263,7 +287,8 @@ def _above_half(values: Mapping[str, object], key: str) -> bool:
 
 def _material(name: str, eps: complex, surface: Material) -> Material:
     """Surface of a permittivity; vacuum without a diffuse return is invisible."""
-    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    reflects = LAWS[surface.diffuse_law].blocks_as_vacuum or surface.sheet_resistance > 0.0
+    invisible = eps == 1.0 and not reflects
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
 
 
@@ -313,6 +338,20 @@ def _check_law(
         )
 
 
+def _check_slab(surface: Material, kind: str, where: str) -> None:
+    """Raise where the words for a slab are given to what is none."""
+    if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
+        raise SceneError(
+            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
+            "through; leave it out"
+        )
+    if surface.sheet_resistance > 0.0 and not (surface.thickness or (kind and MATERIALS[kind].thickness)):
+        raise SceneError(
+            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
+            "thickness in m, above 0"
+        )
+
+
 def _exclusive(given: frozenset[str], where: str) -> None:
     if not given & {"material", "permittivity_real"}:
         raise SceneError(
@@ -343,4 +382,5 @@ __all__ = [
     "scattering_surface",
     "sionna_itu_name",
     "sionna_material",
+    "wire_permittivity",
 ]

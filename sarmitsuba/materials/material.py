@@ -1,4 +1,4 @@
-"""The electromagnetic surface of a half space, as data."""
+"""The electromagnetic surface of a half space or of a slab, as data."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,15 @@ from sarmitsuba.materials.texture import SurfaceMaps, check_texture
 
 @dataclass(frozen=True)
 class Material:
-    """Electromagnetic surface of a half space, at the carrier frequency.
+    """Electromagnetic surface of a half space or a slab, at the carrier frequency.
 
     Parameters
     ----------
     name : unique in a scene
     pec : perfect electric conductor; ``permittivity`` is then ignored
     permittivity : relative, ``eps' - j eps''`` with ``eps'' >= 0`` (time convention exp(+j w t))
-    rms_height : m; standard deviation of the surface height, reduces the coherent reflection
+    rms_height : m; standard deviation of the surface height, reduces the coherent reflection; 0: what the law implies,
+        mostly none
     diffuse_law : name in ``LAWS``: how the incoherent return depends on angle
     diffuse_level_db : level of an empirical law, dB; what it means is in the law's ``level``
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
@@ -30,6 +31,8 @@ class Material:
     texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
     texture_length : m; correlation length of that texture
     maps : what varies over the surface; None: nothing
+    thickness : m, of a slab, of which every facet is one; 0: a half space
+    sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
 
     Raises
     ------
@@ -37,7 +40,7 @@ class Material:
 
     Notes
     -----
-    Ignores transmission through the surface, thickness, anisotropy and magnetic materials.
+    Ignores anisotropy and magnetic materials.
     """
 
     name: str
@@ -55,6 +58,8 @@ class Material:
     texture_shape: float = 0.0
     texture_length: float = 0.0
     maps: SurfaceMaps | None = None
+    thickness: float = 0.0
+    sheet_resistance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -70,6 +75,8 @@ class Material:
                 raise SceneError(
                     f'material "{self.name}": diffuse_law = {self.diffuse_law} has no parameter {name}; {takes}'
                 )
+        if self.rms_height == 0.0:
+            object.__setattr__(self, "rms_height", LAWS[self.diffuse_law].implied_rms_height(self))
 
     @property
     def scatters(self) -> bool:

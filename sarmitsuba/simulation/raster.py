@@ -147,19 +147,13 @@ class Raster:
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
         own = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
-        material, factor = own & MATERIAL_MASK, f32(1.0)
+        material, level = own & MATERIAL_MASK, f32(1.0)
         if flags.texture and scene.surfaces is not None:
-            material, factor = self._at_places(scene, pi, p, normal, own, seen)
+            material, level = self._at_places(scene, pi, p, normal, own, seen)
 
         # ---- sigma0 of the law at the local incidence angle
-        theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
-        node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
-        t = theta - f32(node)
-        entry = material * DIFFUSE_NODES + node
-        low = dr.gather(mi.Vector2f, self.table, entry, seen)
-        high = dr.gather(mi.Vector2f, self.table, entry + 1, seen)
-        amplitude = low + (high - low) * t
-        area = dr.square(dr.opaque(f32, self.spacing)) * factor / cosine
+        area = dr.square(dr.opaque(f32, self.spacing)) * level / cosine
+        amplitude = self._level(p, d, normal, cosine, material, seen)
 
         # ---- pixel of its range and along-track position, shared by four pixels
         x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64), antenna)
@@ -190,6 +184,28 @@ class Raster:
             planes.append(plane)
         dr.eval(planes)
         return np.stack([plane.numpy()[: n_azimuth * n_range].reshape(grid.shape) for plane in planes])
+
+    def _level(
+        self,
+        p: mi.Vector3f,
+        d: mi.Vector3f,
+        normal: mi.Vector3f,
+        cosine: mi.Float,
+        material: mi.UInt32,
+        seen: mi.Bool,
+    ) -> mi.Vector2f:
+        """Root of sigma0 for h and v at places (m) of the surface, whose waves tilt it where it is water."""
+        f32, water = mi.Float, self.trace_scene.water
+        if water is not None:
+            lit = dr.select(dr.dot(normal, d) > 0.0, -normal, normal)
+            cosine = dr.maximum(-dr.dot(water.tilted(lit, p, material, f32(0.0)), d), 1e-3)
+        angle = dr.acos(dr.minimum(cosine, 1.0))
+        theta = angle * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
+        node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
+        entry = material * DIFFUSE_NODES + node
+        low, high = (dr.gather(mi.Vector2f, self.table, entry + i, seen) for i in (0, 1))
+        amplitude = low + (high - low) * (theta - f32(node))
+        return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
 
     def _at_places(
         self,

@@ -86,6 +86,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -102,6 +103,13 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -109,6 +117,7 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "SlabWaves",
     "SpeckleTest",
     "along_track_phase",
     "aperture_cell",
@@ -135,6 +144,8 @@ __all__ = [
     "corner_line",
     "critical_baseline",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
@@ -157,6 +168,7 @@ __all__ = [
     "k_cdf",
     "k_moment",
     "kirchhoff_sigma0",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
@@ -169,6 +181,7 @@ __all__ = [
     "plate_rcs",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
@@ -178,6 +191,9 @@ __all__ = [
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
+    "slab",
+    "slab_delay",
+    "slab_insertion",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",
@@ -193,6 +209,7 @@ __all__ = [
     "start_stop_azimuth_shift",
     "temporal_coherence",
     "texture_correlation",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

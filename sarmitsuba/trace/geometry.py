@@ -19,9 +19,12 @@ from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs,
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.slabs import Slabs
 from sarmitsuba.trace.texture import SurfaceTables
+from sarmitsuba.trace.water import Water
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -59,7 +62,9 @@ class TraceScene:
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
+    slabs : the materials that are slabs, None where there is none
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
         not; None where all stays as it is
@@ -85,6 +90,8 @@ class TraceScene:
     movers: Movers | None = None
     change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
+    water: Water | None = None
+    slabs: Slabs | None = None
 
     @property
     def extent(self) -> float:
@@ -122,6 +129,7 @@ class TraceScene:
             bounds=_bounds(corners),
             triangles=triangles,
             movers=movers,
+            slabs=self.slabs and self.slabs.at(triangles),
         )
 
     @property
@@ -154,6 +162,8 @@ def build_trace_scene(
     materials: tuple[Material, ...],
     wavelength: float,
     antenna: NDArray[np.float64] | None = None,
+    places: NDArray[np.float64] | None = None,
+    seed: int = 0,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -162,13 +172,17 @@ def build_trace_scene(
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
     antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
+    places : (n, 3) m, of scatterers beside the mesh, which may then be empty; None or empty: none
+    seed : of what is drawn once for the scene, such as the waves of water
 
     Raises
     ------
     SceneError
-        When no visible face is left.
+        When no visible face is left, and nothing else is there.
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    if places is not None and len(places):
+        return _with_places(geometry, materials, wavelength, antenna, places, seed, bool(visible.any()))
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -241,22 +255,43 @@ def build_trace_scene(
         change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
         if any(m.temporal_coherence < 1.0 for m in materials)
         else None,
+        water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
+        slabs=Slabs.of(materials, wavelength, material, triangles),
     )
 
 
-def intersector(corners: NDArray[np.float32]) -> mi.Scene:
-    """Intersection structure of triangles (n_faces, 3, 3), m.
-
-    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
-    along shared edges because equal float64 values round alike.
-    """
-    n = len(corners)
-    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(corners.reshape(-1))
-    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
-    params.update()
-    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+def _with_places(
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    wavelength: float,
+    antenna: NDArray[np.float64] | None,
+    places: NDArray[np.float64],
+    seed: int,
+    visible: bool,
+) -> TraceScene:
+    """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
+    if visible:
+        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
+        bounds = np.concatenate([scene.bounds, places])
+        return replace(scene, bounds=np.stack([bounds.min(axis=0), bounds.max(axis=0)]))
+    # tables need a row: of a face that is not there
+    face = replace(
+        Geometry.empty(),
+        vertices=np.eye(3),
+        faces=np.arange(3, dtype=np.int32)[None],
+        face_material=np.zeros(1, dtype=np.int32),
+        face_group=np.zeros(1, dtype=np.int32),
+    )
+    scene = build_trace_scene(face, (Material("nothing", pec=True),), wavelength)
+    return replace(
+        scene,
+        mi_scene=mi.load_dict({"type": "scene"}),
+        bounds=np.stack([places.min(axis=0), places.max(axis=0)]),
+        n_faces=0,
+        needs=(np.zeros(0), np.zeros(0)),
+        triangles=np.zeros((0, 3, 3)),
+        geometry_faces=np.zeros(0, dtype=np.intp),
+    )
 
 
 def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -109,7 +109,7 @@ def k_distribution(quick: bool = False) -> Case:
         y_label="probability or moment",
         comparisons=tuple(comparisons),
         note=f"One look of {n_cells:g} x {n_cells:g} cells of {CELL:g} m, correlation length {LENGTH:g} m; a "
-        "resolution cell averages the texture a little, by the closed form averaged_shape. K-S: pixels 2.2 lengths apart.",
+        "resolution cell averages the texture a little, by theory.averaged_shape. K-S: pixels 2.2 lengths apart.",
     )
 
 
@@ -310,8 +310,8 @@ def surface_maps(quick: bool = False) -> Case:
         x_label="texel",
         y_label="sigma0 (dB)",
         comparisons=tuple(comparisons),
-        note=f"3 x 3 texels on {n_cells:g} x {n_cells:g} cells; mean over each texel less 3 cells along its edges, over "
-        "the same mean of ground without a map, whose speckle is the same; one look.",
+        note=f"3 x 3 texels on {n_cells:g} x {n_cells:g} cells; mean over each texel less 3 cells along its edges, "
+        "over the same mean of ground without a map, whose speckle is the same; one look.",
     )
 
 
