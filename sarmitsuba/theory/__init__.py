@@ -15,6 +15,13 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.clutter import (
+    asked_correlation,
+    averaged_shape,
+    k_cdf,
+    k_moment,
+    texture_correlation,
+)
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -115,6 +122,8 @@ __all__ = [
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
+    "asked_correlation",
+    "averaged_shape",
     "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
@@ -156,6 +165,8 @@ __all__ = [
     "interferometric_phase_sigma",
     "jitter_noise",
     "jittered_response",
+    "k_cdf",
+    "k_moment",
     "kirchhoff_sigma0",
     "line_amplitude",
     "minimum_antenna_area",
@@ -197,6 +208,7 @@ __all__ = [
     "staggered_lines",
     "start_stop_azimuth_shift",
     "temporal_coherence",
+    "texture_correlation",
     "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
