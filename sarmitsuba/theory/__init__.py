@@ -15,6 +15,7 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -100,6 +101,7 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "PairReturn",
     "SpeckleTest",
     "along_track_phase",
     "aperture_cell",
@@ -144,6 +146,7 @@ __all__ = [
     "jitter_noise",
     "jittered_response",
     "kirchhoff_sigma0",
+    "lambertian_bowl",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
@@ -151,6 +154,7 @@ __all__ = [
     "nesz_of_cells",
     "normal_wavenumber",
     "orbital_speed",
+    "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",

@@ -310,7 +310,9 @@ class PointSource:
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
         for came, goes in ways:
-            factor = constants.amplitude * loss * both_gains(kernel, antenna, pulse, came.leaving, goes.leaving)
+            factor = (
+                constants.amplitude * loss * both_gains(kernel, antenna, pulse, came.leaving, goes.leaving)
+            )
             for i, channel in enumerate(flags.channels):
                 e, q = came.sent(channel[0]), goes.sent(channel[1])
                 amplitudes[i] = (
@@ -404,4 +406,14 @@ def _added(
     return added, count
 
 
-__all__ = ["MAX_LANES", "Part", "PointSource", "Recorder", "Scatterers", "Sight", "Source", "both_gains", "free_way"]
+__all__ = [
+    "MAX_LANES",
+    "Part",
+    "PointSource",
+    "Recorder",
+    "Scatterers",
+    "Sight",
+    "Source",
+    "both_gains",
+    "free_way",
+]
