@@ -1,7 +1,9 @@
 """Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,9 @@ from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import LaneArrays
 
 F64 = NDArray[np.float64]
 
@@ -286,11 +291,11 @@ class _Kept:
         self.memory = dr.zeros(mi.Float, 2 * n_lanes * n_channels)
         self.slant_range = dr.zeros(mi.Float64, n_lanes)
 
-    def begin(self) -> tuple[Any, ...]:
+    def begin(self) -> LaneArrays:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         (lane,), active = state, contribution.active
         dr.scatter(self.slant_range, contribution.slant_range, lane, active)
