@@ -78,9 +78,8 @@ class Run:
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
-        if self.sampling is not None and not self.scene.same_shapes(
-            scene
-        ):  # what moved was stopped, or left out
+        if self.sampling is not None and not self.scene.same_shapes(scene):
+            # what moved was stopped, or something left out
             if self.scene.traced:
                 self.trace_scene, self._built_from = built(self.scene), self.scene
             else:

@@ -15,6 +15,14 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.clutter import (
+    asked_correlation,
+    averaged_shape,
+    k_cdf,
+    k_moment,
+    texture_correlation,
+)
+from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -110,11 +118,14 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "PairReturn",
     "SlabWaves",
     "SpeckleTest",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
+    "asked_correlation",
+    "averaged_shape",
     "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
@@ -156,7 +167,10 @@ __all__ = [
     "interferometric_phase_sigma",
     "jitter_noise",
     "jittered_response",
+    "k_cdf",
+    "k_moment",
     "kirchhoff_sigma0",
+    "lambertian_bowl",
     "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
@@ -165,6 +179,7 @@ __all__ = [
     "nesz_of_cells",
     "normal_wavenumber",
     "orbital_speed",
+    "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
@@ -197,6 +212,7 @@ __all__ = [
     "staggered_lines",
     "start_stop_azimuth_shift",
     "temporal_coherence",
+    "texture_correlation",
     "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",

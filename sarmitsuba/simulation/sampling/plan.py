@@ -204,9 +204,16 @@ class SamplingPlan:
         length = movers.block_length(
             self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
         )
-        return (
-            water.block_length(self.scene, self.window.center, length) if self.flags.water_motion else length
-        )
+        if not self.flags.water_motion:
+            return length
+        return water.block_length(self.scene, self.window.center, length, every_beam=self.azimuth_later)
+
+    @cached_property
+    def azimuth_later(self) -> bool:
+        """Whether the range rate of a return tells where in the azimuth beam it is, at each pulse of a block."""
+        if self.flags.motion:
+            return False
+        return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
 
     @property
     def _steady_pulses(self) -> float:
