@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 # rad; two-way phase by which a node's half of a spline, seen from an antenna near by, may differ from the plane wave's
-# at its end. Its mean over the spline is a sixth of that
-NEAR_PHASE = 0.3
+# at its end. Its mean over the spline is a sixth of that: -50 dB
+NEAR_PHASE = 0.02
 # nodes in a resolution cell
 PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
 # where an end is seen from: its part of the line has its middle there, in lengths of that part
@@ -71,7 +71,7 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
     pattern changes by 1.3 % over the whole aperture, little of it over the pulses that share a tracing; and short
     against the Fresnel zone,
 
-    .. math:: k h^2 / R \le 0.3
+    .. math:: k h^2 / R \le 0.02
 
     Parameters
     ----------

@@ -135,8 +135,8 @@ def wire_scene(*lines: LineTarget, meshes: tuple[SceneMesh, ...] = (), **radar: 
     given = {
         "slant_range": 2e3,
         "look_angle_deg": 40.0,
-        "bandwidth": 300e6,
-        "azimuth_resolution": 0.5,
+        "bandwidth": 150e6,
+        "azimuth_resolution": 1.0,
         "polarisation": "HH,VV",
         "aim_x": 0.0,
         "aim_y": 0.0,
@@ -247,7 +247,7 @@ def test_switched_off_rods_leave_the_bits_of_a_scene_without(tmp_path: Path) -> 
         "diffuse_level_db": -10.0,
         "rms_height": 0.005,
     }
-    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),), azimuth_resolution=2.0)
+    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),))
     with pytest.warns(UserWarning, match="line_scatterers is switched off"):
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
