@@ -22,6 +22,7 @@ from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.simulation import sources
+from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.lines import LineScatterers, cut
@@ -206,6 +207,24 @@ def test_posts_of_a_railing_are_dots_at_their_feet() -> None:
     middle = int(np.argmin(np.abs(image.grid.azimuth - 2.0)))
     column = int(np.argmin(np.abs(image.grid.range)))
     assert image.rcs("VV")[middle, column] < 1e-2 * image.rcs("VV").max()
+
+
+def test_the_path_table_has_every_return_of_a_pulse() -> None:
+    """Straight and over the ground, as the method raw adds them up."""
+    ensure_backend()
+    post = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
+    scene = wire_scene(post, meshes=(SceneMesh(GROUND, FACES, "pec", "ground"),)).replace(method="raw")
+    raw = simulate(scene, seed=3)
+    pulse = scene.radar.track.n_pulses // 3
+    table = trace_paths(scene, pulse, seed=3)
+    rods = table[table.kind == KINDS.index("scatterer")]
+    assert set(rods.order.tolist()) == {1, 2, 3}
+    window = scene.radar.window
+    r = window.start_range[pulse] + np.arange(window.n_samples) * window.sample_spacing
+    spread = np.sinc((r - table.slant_range[:, None]) / scene.radar.waveform.range_cell)
+    echo = (table.amplitude[:, :, None] * spread[:, None]).sum(axis=0)
+    difference = np.linalg.norm(echo - raw.data[:, pulse]) / np.linalg.norm(echo)
+    assert difference < 10 ** (-40 / 20)  # tol: gridding of width 4
 
 
 def test_a_cable_across_the_flight_is_dark() -> None:
