@@ -58,7 +58,7 @@ class Tracer:
     ) -> None:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
-        self.sources = sources_of(sampling.scene, flags)
+        self.sources = sources_of(sampling, flags)
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(

@@ -6,6 +6,7 @@ from the target to the radar. Phase is referred to the middle of everything that
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,9 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.source import PointSource, Source
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -147,8 +150,8 @@ def rcs_sweep(
 
     Notes
     -----
-    Ignores what the kernel ignores: edge diffraction, transmission. Ground in the scene is part of the target, up to
-    its edges.
+    Ignores what the kernel ignores (creeping waves, waves between edges). Ground in the scene is part of the target,
+    up to its edges.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -188,6 +191,15 @@ class _Tracing:
     depth: int
     most_rays: int
     progress: Progress
+
+    @cached_property
+    def sources(self) -> tuple[Source, ...]:
+        """What returns echoes beside the surfaces."""
+        scene = self.scene
+        if not self.flags.edge_diffraction:
+            return ()
+        edges = edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength)
+        return (PointSource(FringeCurrents(edges), min(self.depth, 3)),) if edges.n else ()
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
@@ -240,6 +252,7 @@ class _Tracing:
             up=up,
             days=scene.settings.pass_days,
             most_rays=self.most_rays,
+            sources=self.sources,
             progress=self.progress,
         )
 

@@ -15,6 +15,16 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.diffraction import (
+    WedgeFrame,
+    edge_on_rcs,
+    fringe_coefficients,
+    fringe_strip,
+    optics_coefficients,
+    plate_with_edges,
+    wedge_coefficients,
+    wedge_current_series,
+)
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -103,6 +113,7 @@ __all__ = [
     "DihedralAmplitudes",
     "OrbitDoppler",
     "SpeckleTest",
+    "WedgeFrame",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
@@ -130,11 +141,14 @@ __all__ = [
     "disc_rcs",
     "doppler_centroid",
     "double_bounce_range_speed",
+    "edge_on_rcs",
     "equivalent_number_of_looks",
     "expected_coherence",
     "flat_earth_phase",
     "foreshortening",
     "fresnel",
+    "fringe_coefficients",
+    "fringe_strip",
     "gaussian_gain",
     "half_power_width",
     "height_of_ambiguity",
@@ -152,10 +166,12 @@ __all__ = [
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "optics_coefficients",
     "orbital_speed",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "plate_with_edges",
     "point_snr",
     "polarimetry",
     "quadratic_phase",
@@ -186,4 +202,6 @@ __all__ = [
     "uniform_aperture_taper",
     "wall_ground_amplitude",
     "wall_phase_ramp",
+    "wedge_coefficients",
+    "wedge_current_series",
 ]

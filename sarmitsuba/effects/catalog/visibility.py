@@ -11,7 +11,7 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
-    """Off after one bounce (the first hit sees the antenna) and where no face can come between."""
+    """Off after one bounce (the first hit sees the antenna; an edge may not) and where no face can come between."""
 
     name = "visibility"
     title = "shadow rays"
@@ -25,10 +25,15 @@ class Visibility(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        if not decided["max_depth"].on:
+        depth, edges = decided["max_depth"], decided["edge_diffraction"]
+        if not depth.on and (
+            depth.source == "fact" or not edges.on
+        ):  # proven: nothing stands before anything
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
+        if not depth.on:
+            return Assessment(True, "edges can be hidden from the antenna", edges.error_db)
         error = 0.0  # a hidden return may be as strong as any
         if context.pilot is not None and context.pilot.total > 0:
             error = context.pilot.energy_db(3, 2)
