@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, panes
+from sarmitsuba.trace.diffuse_terms import Receiver, Receiving, diffuse_terms, mixed
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.scattering_matrix import speckle_coefficients
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
 from sarmitsuba.trace.state import (
     COHERENT,
@@ -27,24 +28,11 @@ from sarmitsuba.trace.state import (
     Reflection,
 )
 from sarmitsuba.trace.temporal import Age
-from sarmitsuba.trace.water import tilted_hit
 from sarmitsuba.tubes import polygon
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.moving import Movement
-
-
-# a receiving vector: real, or complex where something stands in the way
-Receiving: TypeAlias = "mi.Vector3f | field.ComplexVector"
-
-
-@dataclass(frozen=True, eq=False)
-class Receiver:
-    """Receiving polarisations (by letter) and one-way gain in the direction from a hit to the antenna."""
-
-    basis: dict[str, Receiving]
-    gain: mi.Float
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
@@ -344,7 +332,7 @@ class DiffuseReturns:
             bits = scene.material_at(hit.face, hit.own_material, offset, active)
             properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
             hit = replace(hit, material=bits, properties=properties)
-            terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
+            terms = diffuse_terms(kernel, self.lane, self.ray, hit, self.receive)
             out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2])
             if self.age is not None:
                 out = replace(out, age=Age.of(kernel, bits))
@@ -422,7 +410,7 @@ def close_diffuse(
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
     constants = kernel.constants
-    straight, retro, reverse = _terms(kernel, lane, ray, hit, receive)
+    straight, retro, reverse = diffuse_terms(kernel, lane, ray, hit, receive)
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
     if ray.spread is not None:
@@ -450,70 +438,11 @@ def close_diffuse(
     )
 
 
-Terms: TypeAlias = "list[list[mi.Complex2f]]"
-
-
-def _terms(
-    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
-) -> tuple[Terms, Terms | None, Terms | None]:
-    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
-    flags, both_ways = kernel.flags, kernel.both_ways
-    fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    # only behind a mirror, or with two antennas, do the two directions differ
-    backscatter = hit.first if flags.multi_bounce else None
-    if kernel.bistatic:
-        backscatter = mi.Bool(False)
-    water = kernel.scene.water
-    seen = hit if water is None else tilted_hit(water, hit, hit.material & MATERIAL_MASK, lane.time)
-    matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
-    straight: list[list[mi.Complex2f]] = []
-    retro = None
-    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
-    for channel in flags.closed:
-        sent, received = channel[0], channel[1]
-        terms = _between(matrix, receive.basis[received], fields[sent])
-        if both_ways:
-            # behind mirrors the reversed path comes home with the same length: the transposed channel
-            swapped = _between(matrix, receive.basis[sent], fields[received])
-            if reverse is not None:
-                reverse.append(swapped)
-            else:
-                none = mi.Complex2f(0.0)
-                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
-        straight.append(terms)
-    if both_ways:
-        matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
-        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
-    return (
-        _recorded(flags, straight),
-        None if retro is None else _recorded(flags, retro),
-        None if reverse is None else _recorded(flags, reverse),
-    )
-
-
-def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> list[mi.Complex2f]:
-    """Values of the fixed tensors for a receiving vector."""
-    return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
-
-
-def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
-    """Terms of the channels to record from those of the channels that were closed."""
-    columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
-    return [list(row) for row in zip(*columns, strict=True)]
-
-
-def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
-    """Sum of the fixed tensors' values times the cell's random numbers."""
-    return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
-
-
 __all__ = [
     "DiffuseReturns",
-    "Receiver",
     "Slot",
     "close_coherent",
     "close_diffuse",
-    "mixed",
     "receiver",
     "seen_from",
     "selected",
