@@ -50,11 +50,6 @@ class KernelFlags:
     extra: frozenset[str] = frozenset()
 
     @property
-    def own_rates(self) -> bool:
-        """Range rates come from more than the antenna's motion: they do not tell where in the beam a return is."""
-        return self.motion or self.water_motion
-
-    @property
     def tracked(self) -> tuple[str, ...]:
         """Transmit polarisations whose field is carried along: all that a reciprocal path needs."""
         letters = {c[0] for c in self.closed}

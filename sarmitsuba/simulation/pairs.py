@@ -1,7 +1,9 @@
 """Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +22,18 @@ from sarmitsuba.trace.pair_search import Pairs, find_pairs
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
 
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import LaneArrays
+
 F64 = NDArray[np.float64]
 
 # points that the level is estimated from, about: two per cent of a level that half of them have a part in
 PILOT_POINTS = 30_000
-# points of a run, whatever the tolerance and however many rays a key pulse has
-MOST_POINTS = 1_000_000
+# points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
+# than the rays do
+MOST_POINTS, FINEST = 1_000_000, 0.5
 # antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
-LEAST_VIEWS, VIEW_TURN = 5, np.radians(5.0)
+LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 # pairs in a square of the ground whose level is told, at least
 SQUARE_PAIRS = 30
 
@@ -38,10 +44,12 @@ class _Estimate:
 
     Parameters
     ----------
+    cell : m, of the points that they were drawn from
     pairs : those that were drawn
     power : (n,) float64, m^2, mean of HH and VV of each
     """
 
+    cell: float
     pairs: Pairs
     power: F64
 
@@ -50,7 +58,8 @@ def pair_sources(sampling: SamplingPlan, flags: KernelFlags, trace_scene: TraceS
     """The source of a run's pairs; none where they are off or there are none."""
     if not flags.diffuse_pairs:
         return ()
-    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene))
+    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene, pilot))
     return (DiffusePairs(pairs),) if pairs.n else ()
 
 
@@ -62,18 +71,21 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
     sampling : of the run
     trace_scene : geometry, as the run has it
     """
-    found = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
-    clutter, power = found.pairs.clutter, found.power
-    total = float(power.sum())
-    if not total or not clutter:
-        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=int((power > 0.0).sum()))
-    strongest, square = _strongest(sampling, found)
+    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    total = float(pilot.power.sum())
+    count = int((pilot.power > 0.0).sum())
+    if not total or not pilot.pairs.clutter:
+        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0)
+    strongest, square = _strongest(sampling, pilot)
+    finer = _cell_of_run(sampling, trace_scene, pilot) / pilot.cell
+    share = total / pilot.pairs.clutter
     return PairLevel(
-        share=total / clutter,
-        error=float(np.sqrt(np.square(power).sum())) / clutter,
+        share=share,
+        error=float(np.sqrt(np.square(pilot.power).sum())) / pilot.pairs.clutter,
         strongest=strongest,
         square=square,
-        pairs=int((power > 0.0).sum()),
+        pairs=count,
+        draw_error=min(share, _draw_error(sampling, pilot) * finer**2),
     )
 
 
@@ -137,28 +149,32 @@ def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) ->
     return _rounded_down(float(np.sqrt(max(float(area.sum()), 1e-6) / points)))
 
 
-def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene) -> float:
-    r"""Edge of the cells of a run, m, by its tolerance.
+def _draw_error(sampling: SamplingPlan, found: _Estimate) -> float:
+    r"""Error of the image by the draw of some pairs, over the power of the clutter.
 
-    A resolution cell in which N pairs of powers w return has a mean power that is :math:`\sum w^2 / (\sum w)^2` off, in
-    its square; of the field that is a quarter. So much of the pairs' energy, summed over resolution cells, is the
-    error, and it falls with the number of pairs.
+    A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
+    :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
+    square is error energy. It falls with the number of pairs; squares of the ground stand for the resolution cells in
+    them.
     """
-    cell = _cell_for(sampling, trace_scene, PILOT_POINTS)
-    found = _estimate(sampling, trace_scene, cell)
+    if not found.power.any() or not found.pairs.clutter:
+        return 0.0
     squares, side = _squares(found)
-    power = np.bincount(squares, found.power)
-    fourth = np.bincount(squares, np.square(found.power))
-    some = power > 0.0
-    if not some.any() or not found.pairs.clutter:
-        return cell
-    resolved = side**2 / sampling.for_effects().cell ** 2  # resolution cells in a square
-    error = 0.25 * resolved * float((fourth[some] / power[some]).sum()) / found.pairs.clutter
+    power, fourth = (np.bincount(squares, w) for w in (found.power, np.square(found.power)))
+    lit = power > 0.0
+    resolved = side**2 / sampling.for_effects().cell ** 2
+    return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
+
+
+def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: _Estimate) -> float:
+    """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
+    error = _draw_error(sampling, pilot)
+    if error == 0.0:
+        return pilot.cell
     tolerance = 10.0 ** (sampling.scene.settings.tolerance_db / 10.0)
-    # no more points than the run has rays: pairs then cost less than they do
-    most = min(MOST_POINTS, max(PILOT_POINTS, sampling.rays_per_pulse))
-    finest = _cell_for(sampling, trace_scene, most)
-    return min(cell, max(finest, _rounded_down(cell * float(np.sqrt(tolerance / error)))))
+    wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
+    finest = max(_cell_for(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    return min(pilot.cell, max(wanted, finest))
 
 
 def _rounded_down(cell: float) -> float:
@@ -191,7 +207,7 @@ def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _
     """Draw pairs and let the middle of the track look at them."""
     pairs = scene_pairs(sampling, trace_scene, cell)
     if not pairs.n:
-        return _Estimate(pairs, np.zeros(0))
+        return _Estimate(cell, pairs, np.zeros(0))
     radar, window = sampling.scene.radar, sampling.window
     flags = replace(sampling.flags, channels=("HH", "VV"), depolarisation=False)
     echo = pair_echo(
@@ -203,7 +219,7 @@ def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _
         wavelength=radar.waveform.wavelength,
         seed=sampling.scene.settings.seed,
     )
-    return _Estimate(pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
+    return _Estimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,11 +292,11 @@ class _Kept:
         self.memory = dr.zeros(mi.Float, 2 * n_lanes * n_channels)
         self.slant_range = dr.zeros(mi.Float64, n_lanes)
 
-    def begin(self) -> tuple[Any, ...]:
+    def begin(self) -> LaneArrays:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         (lane,), active = state, contribution.active
         dr.scatter(self.slant_range, contribution.slant_range, lane, active)

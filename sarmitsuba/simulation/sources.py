@@ -1,4 +1,4 @@
-"""What returns echoes in a scene beside the surfaces that rays find."""
+"""What returns echoes in a scene beside the surfaces that rays find, and what stands in the way of all waves."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.lines import LineNodes, LineScatterers, cut, longest_step
+from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.trace.volumes import volume_passage, volume_scatterers
 
 # the scatterer itself, and the ground on the way out and on the way home
 MOST_BOUNCES = 3
@@ -61,6 +63,20 @@ def _lit(nodes: LineNodes, sampling: SamplingPlan) -> LineNodes:
     return nodes.weighted(0.5 + 0.5 * np.cos(np.pi * t))
 
 
-_MAKERS: tuple[_Maker, ...] = (_lines,)
+def _volumes(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
+    """What scatters within bodies that waves go through, straight and over the ground."""
+    scene = sampling.scene
+    if not scene.volumes:
+        return None
+    cell = sampling.azimuth_cell * scene.radar.waveform.range_cell
+    return PointSource(volume_scatterers(scene.volumes, cell), most_bounces(scene))
 
-__all__ = ["most_bounces", "sources_of"]
+
+def passages_of(scene: Scene) -> tuple[Passage, ...]:
+    """What stands in the way of waves in a scene and lets a part of them through; nothing in most scenes."""
+    return (volume_passage(scene.volumes),) if scene.volumes else ()
+
+
+_MAKERS: tuple[_Maker, ...] = (_lines, _volumes)
+
+__all__ = ["most_bounces", "passages_of", "sources_of"]

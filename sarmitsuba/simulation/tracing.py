@@ -110,7 +110,7 @@ class Tracer:
             rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
         )
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern and not self.flags.own_rates
+        beam = self.flags.antenna_pattern and self.sampling.azimuth_later
         profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return profiles, stats
@@ -202,7 +202,7 @@ class Tracer:
         """
         radar = self.sampling.scene.radar
         batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
-        if isinstance(accumulator, BlockAccumulator) and not flags.own_rates:
+        if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
         if record is None:

@@ -22,6 +22,7 @@ from sarmitsuba.theory.clutter import (
     k_moment,
     texture_correlation,
 )
+from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -117,6 +118,7 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "PairReturn",
     "SlabWaves",
     "SpeckleTest",
     "along_track_phase",
@@ -168,6 +170,7 @@ __all__ = [
     "k_cdf",
     "k_moment",
     "kirchhoff_sigma0",
+    "lambertian_bowl",
     "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
@@ -176,6 +179,7 @@ __all__ = [
     "nesz_of_cells",
     "normal_wavenumber",
     "orbital_speed",
+    "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",

@@ -7,15 +7,15 @@ a random choice of pairs has to keep. A pair {A, B} returns
     s_{AB} = \frac{\sqrt{\sigma^0_A \sigma^0_B}}{\sqrt{4 \pi} r} \, \mathbf q \cdot D_B D_A \mathbf e
 
 for each m^2 of both ends. Both orders are one path walked both ways: with one antenna they have one length, and by
-reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of what
-their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs drawn with
-the density p (:mod:`sarmitsuba.trace.pair_search`) return
+reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of
+what their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs
+drawn with the density p (:mod:`sarmitsuba.trace.pair_search`) return
 
 .. math:: S = \sum_{drawn} g \, (s_{AB} + s_{BA}) / \sqrt p, \qquad
     \langle |S|^2 \rangle = \int_{\{A, B\}} p \, |s_{AB} + s_{BA}|^2 / p
 
-with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a sum
-of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
+with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a
+sum of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
 """
 
 from __future__ import annotations
