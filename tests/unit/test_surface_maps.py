@@ -326,11 +326,9 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, bsdf: str, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_sphere_has_no_texture_coordinates(tmp_path: Path) -> None:
-    with pytest.raises(
-        SceneError, match="a map lies on uv of a sphere, which has none here; give map_extent"
-    ):
-        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="sphere">'))
+def test_a_disk_has_no_texture_coordinates(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="a map lies on uv of a disk, which has none here; give map_extent"):
+        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="disk">'))
 
 
 def test_maps_of_a_loaded_mitsuba_scene_are_refused(tmp_path: Path) -> None:
