@@ -13,6 +13,7 @@ from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.simulation.pairs import pair_sources
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources import sources_of
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -61,7 +62,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.sources = sources_of(sampling.scene, flags)
+        self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(
@@ -72,6 +73,7 @@ class Tracer:
             amplitude=radar.amplitude_constant,
             reference_range=_reference_range(radar, center),
             up=polarisation_up(radar, center, antenna),
+            days=sampling.scene.settings.pass_days,
         )
 
     @property

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field
+from sarmitsuba.trace import field, panes
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -26,6 +26,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.trace.temporal import Age
 from sarmitsuba.trace.water import tilted_hit
 from sarmitsuba.tubes import polygon
 
@@ -46,17 +47,19 @@ class Receiver:
     gain: mi.Float
 
 
-def receiver(kernel: Kernel, lane: Lane, hit: Hit) -> Receiver:
-    """How the antenna receives what comes from a hit."""
+def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
+    """How the antenna receives what comes from a hit, and both as far apart as a pulse finds them."""
     h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     passages = kernel.scene.passages
-    if not passages:
-        return Receiver({"H": h, "V": v}, gain)
+    if not passages and not kernel.transmits:
+        return Receiver({"H": h, "V": v}, gain), lane, hit
     none = dr.zeros(mi.Vector3f)
     way = mi.Float(hit.length_back)
-    h_here, v_here = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
-    return Receiver({"H": h_here, "V": v_here}, gain)
+    vectors = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
+    if kernel.transmits:
+        lane, hit, vectors = panes.home(kernel, lane, ray, hit, vectors)
+    return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
 
 
 def _along(q: Receiving, value: Callable[[mi.Vector3f], mi.Complex2f]) -> mi.Complex2f:
@@ -220,6 +223,8 @@ class DiffuseReturns:
     reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
         where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
+    receive : how the antenna receives what comes from the hit
+    age : what has become of the scatterers since the first pass; None where nothing changes
     """
 
     kernel: Kernel
@@ -232,6 +237,8 @@ class DiffuseReturns:
     reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
+    receive: Receiver
+    age: Age | None
 
     def first(self) -> Slot:
         """The first return there is."""
@@ -254,15 +261,22 @@ class DiffuseReturns:
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
-        hit = self.hit
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
+        here = self
+        if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
+            here = self._at_place(centre, active)
+        return here._drifting(slot, active, centre, key)
+
+    def _drifting(self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32) -> Contribution:
+        """The return of a slot, whose scatterer has its place at rest (float64, m) and its hash."""
+        hit = self.hit
         water, movement = self.kernel.scene.water, hit.movement
         if water is None:
-            return self._return(slot, active, centre, key, movement)
+            return self._drawn(slot, active, centre, key, movement)
         material = hit.material & MATERIAL_MASK
         drift = water.drift(centre, key, material, self.kernel.constants.wavenumber, self.lane.time)
         movement = drift.movement if movement is None else movement.plus(drift.movement)
-        found = self._return(slot, active, centre, key, movement)
+        found = self._drawn(slot, active, centre, key, movement)
         if drift.bragg is None:
             return found
         twice, once = -2.0 * hit.direction, hit.to_antenna - hit.direction
@@ -273,14 +287,14 @@ class DiffuseReturns:
             range_rate=found.range_rate + rate,
         )
 
-    def _return(
+    def _drawn(
         self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32, movement: Movement | None
     ) -> Contribution:
         """The return of a scatterer that has its place at rest at ``centre``, m."""
         flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         if movement is not None:  # the lattice is the shape's own
             centre = centre + movement.shift
-        random = speckle_coefficients(key, hit.properties.w, flags)
+        random = speckle_coefficients(key, hit.properties.w, flags, self.age)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
         rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
@@ -291,7 +305,7 @@ class DiffuseReturns:
             pulse=lane.pulse,
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
         )
@@ -303,7 +317,7 @@ class DiffuseReturns:
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
+            amplitudes=tuple(mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, retro, straight)
@@ -313,6 +327,38 @@ class DiffuseReturns:
             slot.other_way,
             self._reversed(straight, self.reverse, random, home, rate_home, movement),
             selected(slot.back, retro, straight),
+        )
+
+    def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
+        """The same with material, map and texture of the place (float64, m, at time zero) where a scatterer stands.
+
+        Whichever ray finds it has hit another place, whose material may be another.
+        """
+        kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
+        surfaces = scene.surfaces
+        assert surfaces is not None
+        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        offset = mi.Vector3f(centre - vertex)
+        out = self
+        if surfaces.classes is not None:
+            bits = scene.material_at(hit.face, hit.own_material, offset, active)
+            properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
+            hit = replace(hit, material=bits, properties=properties)
+            terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
+            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2])
+            if self.age is not None:
+                out = replace(out, age=Age.of(kernel, bits))
+        factor = surfaces.amplitude(
+            hit.face,
+            hit.own_material & MATERIAL_MASK,
+            hit.material & MATERIAL_MASK,
+            offset,
+            self.lattice.place(centre),
+            kernel.constants.seed,
+            active,
+        )
+        return replace(
+            out, straight_weight=self.straight_weight * factor, retro_weight=self.retro_weight * factor
         )
 
     def _reversed(
@@ -346,7 +392,7 @@ class DiffuseReturns:
             kind=mi.UInt32(REVERSED),
             slant_range=0.5 * (length + home),
             range_rate=0.5 * (rate_home - rate),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in reverse),
         )
 
     def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
@@ -375,8 +421,43 @@ def close_diffuse(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: Footprint, receive: Receiver
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
-    flags, constants = kernel.flags, kernel.constants
-    both_ways = kernel.both_ways
+    constants = kernel.constants
+    straight, retro, reverse = _terms(kernel, lane, ray, hit, receive)
+    patch = tube_here.patch
+    cell = cell_on(constants.cell, hit.largest_cell)
+    if ray.spread is not None:
+        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
+        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
+    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
+    # where the facet is at time zero: its scatterers go with it
+    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
+    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
+    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
+    return DiffuseReturns(
+        kernel=kernel,
+        lane=lane,
+        ray=ray,
+        hit=hit,
+        lattice=lattice,
+        straight=straight,
+        retro=retro,
+        reverse=reverse,
+        straight_weight=weight * tube_here.loss * receive.gain,
+        retro_weight=weight * tube_here.loss_retro,
+        receive=receive,
+        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
+    )
+
+
+Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _terms(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[Terms, Terms | None, Terms | None]:
+    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
+    flags, both_ways = kernel.flags, kernel.both_ways
     fields = dict(zip(flags.tracked, ray.fields, strict=True))
     # only behind a mirror, or with two antennas, do the two directions differ
     backscatter = hit.first if flags.multi_bounce else None
@@ -403,29 +484,10 @@ def close_diffuse(
     if both_ways:
         matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
         retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
-
-    patch = tube_here.patch
-    cell = cell_on(constants.cell, hit.largest_cell)
-    if ray.spread is not None:
-        plain = lane.tube_area * dr.square(mi.Float(hit.length) * lane.inverse_start) / hit.cos_incidence
-        cell = thinned(cell, tube_here.area / plain, tube_here.area * patch.area() / patch.weight)
-    returns = hit.sees if retro is None else hit.sees | (hit.active & ~hit.first)
-    # where the facet is at time zero: its scatterers go with it
-    p = hit.p if hit.movement is None else hit.p - hit.movement.shift
-    lattice = ScattererLattice.of(p, hit.normal64, tube_here.u, tube_here.v, patch, cell, returns)
-    # a facet narrower than the rays' lattice is found by chance: power counts for what is missed
-    weight = constants.amplitude * dr.sqrt(lattice.area * patch.weight)
-    return DiffuseReturns(
-        kernel=kernel,
-        lane=lane,
-        ray=ray,
-        hit=hit,
-        lattice=lattice,
-        straight=_recorded(flags, straight),
-        retro=None if retro is None else _recorded(flags, retro),
-        reverse=None if reverse is None else _recorded(flags, reverse),
-        straight_weight=weight * tube_here.loss * receive.gain,
-        retro_weight=weight * tube_here.loss_retro,
+    return (
+        _recorded(flags, straight),
+        None if retro is None else _recorded(flags, retro),
+        None if reverse is None else _recorded(flags, reverse),
     )
 
 
@@ -434,13 +496,13 @@ def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> 
     return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
-def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:
+def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
     """Terms of the channels to record from those of the channels that were closed."""
     columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
@@ -451,6 +513,7 @@ __all__ = [
     "Slot",
     "close_coherent",
     "close_diffuse",
+    "mixed",
     "receiver",
     "seen_from",
     "selected",

@@ -21,7 +21,9 @@ from sarmitsuba.mesh.tessellate import sphere
 WANTED = {
     "bridge",
     "buildings16",
+    "courtyard",
     "dihedral",
+    "fields",
     "flat_ground",
     "moving_cars",
     "plate",

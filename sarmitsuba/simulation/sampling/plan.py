@@ -11,6 +11,7 @@ from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
@@ -102,7 +103,7 @@ class SamplingPlan:
             When no geometry lies within the image's footprint.
         """
         if flags is None:
-            rough = any(m.scatters for m in scene.materials)
+            rough = any(m.scatters for m in with_parts(scene.materials))
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         windows = launch_windows(scene)
         window = _window_at(windows, scene.radar.track.center_index)
@@ -131,7 +132,10 @@ class SamplingPlan:
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
         """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
-        if scene.radar.track is not self.scene.radar.track or scene.geometry is not self.scene.geometry:
+        kept = ("geometry", "volumes")
+        if scene.radar.track is not self.scene.radar.track or any(
+            getattr(scene, name) is not getattr(self.scene, name) for name in kept
+        ):
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)
