@@ -42,6 +42,7 @@ class KernelFlags:
     multi_bounce: bool = True
     motion: bool = False
     texture: bool = False
+    edge_diffraction: bool = False
     temporal: bool = False
     water_motion: bool = False
     diffuse_pairs: bool = False

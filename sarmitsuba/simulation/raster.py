@@ -1,5 +1,7 @@
 """One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Any
 
@@ -73,7 +75,7 @@ class Raster:
         """Samples of the screen."""
         return self.columns * self.rows
 
-    def _stand_in(self) -> "mi.Float":
+    def _stand_in(self) -> mi.Float:
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
@@ -210,12 +212,12 @@ class Raster:
     def _at_places(
         self,
         scene: TraceScene,
-        pi: "mi.PreliminaryIntersection3f",
-        p: "mi.Point3f",
-        normal: "mi.Vector3f",
-        own: "mi.UInt32",
-        seen: "mi.Bool",
-    ) -> "tuple[mi.UInt32, mi.Float]":
+        pi: mi.PreliminaryIntersection3f,
+        p: mi.Point3f,
+        normal: mi.Vector3f,
+        own: mi.UInt32,
+        seen: mi.Bool,
+    ) -> tuple[mi.UInt32, mi.Float]:
         """Number of the material where each sample lands, and the factor on its sigma0 by map and texture."""
         assert scene.surfaces is not None
         corner = dr.gather(mi.Vector4d, scene.face_table, pi.prim_index * 3, seen)
@@ -228,7 +230,7 @@ class Raster:
         )
         return material, dr.square(amplitude)
 
-    def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
+    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))
