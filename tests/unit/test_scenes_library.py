@@ -25,6 +25,7 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "harbour",
     "moving_cars",
     "plate",
     "point",
