@@ -23,6 +23,7 @@ WANTED = {
     "buildings16",
     "dihedral",
     "flat_ground",
+    "glass_house",
     "moving_cars",
     "plate",
     "point",
