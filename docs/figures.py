@@ -267,14 +267,23 @@ def focusers() -> Figure:
 
 def interferogram_tower() -> Figure:
     """The pair that `insar tower` makes: fringes, coherence, heights."""
+    return _pair("tower")
+
+
+def interferogram_fields() -> Figure:
+    """The pair that `insar fields --days 12` makes."""
+    return _pair("fields", "--days", "12")
+
+
+def _pair(scene: str, *options: str) -> Figure:
     with tempfile.TemporaryDirectory() as folder:
-        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        assert main(["insar", scene, "-o", f"{folder}/out", "--quiet", *options]) == 0
         one = read_image(f"{folder}/out/first/image.h5")
         two = focus(
             read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
         )
     pair = interferogram(one, two)
-    return interferogram_figure(pair, height_map(pair), title="tower")
+    return interferogram_figure(pair, height_map(pair), title=scene)
 
 
 def modes() -> Figure:
@@ -498,6 +507,7 @@ FIGURES = {
         azimuth_ambiguities,
         focusers,
         interferogram_tower,
+        interferogram_fields,
         modes,
         footprints,
     )

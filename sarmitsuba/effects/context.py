@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -43,6 +44,26 @@ class Sampling:
     key_pulses: int
 
 
+@dataclass(frozen=True)
+class PairLevel:
+    """What pairs of diffuse scatterers return, from pairs drawn at random; no bias.
+
+    Parameters
+    ----------
+    share : their power over that of diffuse scatterers alone
+    error : standard error of ``share``
+    strongest : power in the square of the ground that has most, over mean clutter on as much ground
+    square : m, side of the squares
+    pairs : drawn ones that return something
+    """
+
+    share: float
+    error: float
+    strongest: float
+    square: float
+    pairs: int
+
+
 @dataclass(frozen=True, eq=False)
 class PilotResult:
     """Power by kind of return and bounce order, from patches about as large as a resolution cell.
@@ -60,6 +81,7 @@ class PilotResult:
     hits : (n_orders,) hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
+    pairs : what pairs of diffuse scatterers return; None where they were not looked for
     """
 
     pulses: tuple[int, ...]
@@ -73,6 +95,7 @@ class PilotResult:
     peak: F64
     rays_per_second: float
     seconds: float
+    pairs: PairLevel | None = None
 
     @property
     def n_orders(self) -> int:
@@ -142,9 +165,9 @@ class SceneContext:
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """Materials that rays can hit."""
+        """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
+        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def shape(self) -> ShapeAnalysis:
@@ -182,7 +205,7 @@ class SceneContext:
             parts.append(self.sampling.box)
         elif self.scene.geometry.n_faces:
             parts.append(self.scene.geometry.bounds)
-        parts += [np.tile(p.position, (2, 1)) for p in self.scene.points]
+        parts += [np.tile(place, (2, 1)) for place in self.scene.places]
         if not parts:
             return np.zeros((2, 3))
         return np.stack([np.min([p[0] for p in parts], axis=0), np.max([p[1] for p in parts], axis=0)])
@@ -207,4 +230,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]

@@ -41,9 +41,18 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
+    texture: bool = False
+    temporal: bool = False
+    water_motion: bool = False
+    diffuse_pairs: bool = False
     slabs: bool = False
     transmission: bool = False
     extra: frozenset[str] = frozenset()
+
+    @property
+    def own_rates(self) -> bool:
+        """Range rates come from more than the antenna's motion: they do not tell where in the beam a return is."""
+        return self.motion or self.water_motion
 
     @property
     def tracked(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.block import plan_block
+from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -142,7 +143,8 @@ class Crew(Protocol):
 def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
-    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna)
+    places, seed = line_ends(scene.lines), scene.settings.seed
+    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna, places, seed)
 
 
 __all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]

@@ -43,8 +43,8 @@ class Run:
     ----------
     scene : as the effects plan leaves it
     plan : decided effects
-    trace_scene : geometry on the device; None where there is no mesh
-    sampling : how the scene is sampled; None where there is no mesh
+    trace_scene : geometry on the device; None where there are ideal points alone
+    sampling : how the scene is sampled; likewise
     layers : what is kept apart
     timer : seconds by stage
     statistics : of the last image or raw data
@@ -71,7 +71,7 @@ class Run:
         self.timer, self.crew = StageTimer(clock), crew
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
-        if scene.geometry.n_faces:
+        if scene.traced:
             self.trace_scene, self._built_from = built(scene), scene
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)

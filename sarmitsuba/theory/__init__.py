@@ -35,7 +35,9 @@ from sarmitsuba.theory.interferometry import (
     interferometric_phase_cdf,
     interferometric_phase_pdf,
     interferometric_phase_sigma,
+    rms_coherence,
     slope_phase_ramp,
+    temporal_coherence,
     wall_phase_ramp,
 )
 from sarmitsuba.theory.link import (
@@ -94,6 +96,13 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -126,6 +135,8 @@ __all__ = [
     "corner_line",
     "critical_baseline",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
@@ -146,6 +157,7 @@ __all__ = [
     "jitter_noise",
     "jittered_response",
     "kirchhoff_sigma0",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
@@ -158,11 +170,13 @@ __all__ = [
     "plate_rcs",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
     "range_walk",
     "received_power",
+    "rms_coherence",
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
@@ -182,6 +196,8 @@ __all__ = [
     "staggered_line",
     "staggered_lines",
     "start_stop_azimuth_shift",
+    "temporal_coherence",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, panes
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.speckle import Node, ScattererLattice, cell_on, thinned
@@ -25,10 +26,13 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
+from sarmitsuba.trace.temporal import Age
+from sarmitsuba.trace.water import tilted_hit
 from sarmitsuba.tubes import polygon
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.trace.moving import Movement
 
 
 # a receiving vector: real, or complex where something stands in the way
@@ -168,8 +172,8 @@ def _closed(
     return dr.select(hit.first, value, turned * -hit.cos_incidence)
 
 
-def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
-    r"""A velocity less that of the facet that was hit, m/s.
+def seen_from(movement: Movement | None, velocity: mi.Vector3d) -> mi.Vector3d:
+    r"""A velocity less that of the facet that was hit, or of the scatterer on it, m/s; None where it rests.
 
     With every mirror i of a chain moving at :math:`\mathbf w_i`, the virtual antenna moves at
     :math:`\mathbf V' = \mathbf V - 2 \mathbf n_i (\mathbf V - \mathbf w_i) \cdot \mathbf n_i`, mirror after mirror,
@@ -180,7 +184,7 @@ def seen_from(hit: Hit, velocity: mi.Vector3d) -> mi.Vector3d:
 
     over all hits, beside what the antenna does.
     """
-    return velocity if hit.movement is None else velocity - hit.movement.velocity
+    return velocity if movement is None else velocity - movement.velocity
 
 
 def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:
@@ -219,6 +223,8 @@ class DiffuseReturns:
     reverse : the same of the path straight to a hit behind mirrors and back through the chain to a receiver apart; None
         where it is as long as the straight one, which then counts for both
     straight_weight, retro_weight : factors of both
+    receive : how the antenna receives what comes from the hit
+    age : what has become of the scatterers since the first pass; None where nothing changes
     """
 
     kernel: Kernel
@@ -231,6 +237,8 @@ class DiffuseReturns:
     reverse: list[list[mi.Complex2f]] | None
     straight_weight: mi.Float
     retro_weight: mi.Float
+    receive: Receiver
+    age: Age | None
 
     def first(self) -> Slot:
         """The first return there is."""
@@ -253,22 +261,51 @@ class DiffuseReturns:
 
     def contribution(self, slot: Slot, active: mi.Bool) -> Contribution:
         """The return of a slot, another one in every lane."""
-        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
         centre, key = self.lattice.scatterer(slot.node, self.kernel.constants.seed)
-        if hit.movement is not None:  # the lattice is the shape's own
-            centre = centre + hit.movement.shift
-        random = speckle_coefficients(key, hit.properties.w, flags)
+        here = self
+        if self.kernel.flags.texture and self.kernel.scene.surfaces is not None:
+            here = self._at_place(centre, active)
+        return here._drifting(slot, active, centre, key)
+
+    def _drifting(self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32) -> Contribution:
+        """The return of a slot, whose scatterer has its place at rest (float64, m) and its hash."""
+        hit = self.hit
+        water, movement = self.kernel.scene.water, hit.movement
+        if water is None:
+            return self._drawn(slot, active, centre, key, movement)
+        material = hit.material & MATERIAL_MASK
+        drift = water.drift(centre, key, material, self.kernel.constants.wavenumber, self.lane.time)
+        movement = drift.movement if movement is None else movement.plus(drift.movement)
+        found = self._drawn(slot, active, centre, key, movement)
+        if drift.bragg is None:
+            return found
+        twice, once = -2.0 * hit.direction, hit.to_antenna - hit.direction
+        rate = drift.bragg.range_rate(dr.select(found.kind == RETRO, twice, once))
+        return replace(
+            found,
+            slant_range=found.slant_range + rate * drift.bragg.time,
+            range_rate=found.range_rate + rate,
+        )
+
+    def _drawn(
+        self, slot: Slot, active: mi.Bool, centre: mi.Vector3d, key: mi.UInt32, movement: Movement | None
+    ) -> Contribution:
+        """The return of a scatterer that has its place at rest at ``centre``, m."""
+        flags, ray, hit, lane = self.kernel.flags, self.ray, self.hit, self.lane
+        if movement is not None:  # the lattice is the shape's own
+            centre = centre + movement.shift
+        random = speckle_coefficients(key, hit.properties.w, flags, self.age)
         leg, leg_back = centre - ray.virtual_antenna, lane.antenna - centre
         length, length_back = dr.norm(leg), dr.norm(leg_back)
-        rate_out = -dr.dot(leg, seen_from(hit, ray.virtual_velocity)) / length
-        rate_back = dr.dot(leg_back, seen_from(hit, lane.velocity)) / length_back
+        rate_out = -dr.dot(leg, seen_from(movement, ray.virtual_velocity)) / length
+        rate_back = dr.dot(leg_back, seen_from(movement, lane.velocity)) / length_back
         straight = Contribution(
             kind=mi.UInt32(DIFFUSE),
             order=hit.order,
             pulse=lane.pulse,
             slant_range=0.5 * (length + length_back),
             range_rate=0.5 * (rate_out + rate_back),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in self.straight),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in self.straight),
             active=active,
             point=centre,
         )
@@ -280,16 +317,48 @@ class DiffuseReturns:
             order=2 * hit.order - 1,  # out through the chain, back through it, the scatterer once
             slant_range=length,
             range_rate=rate_out,
-            amplitudes=tuple(_mixed(terms, random) * self.retro_weight for terms in self.retro),
+            amplitudes=tuple(mixed(terms, random) * self.retro_weight for terms in self.retro),
         )
         if self.reverse is None or slot.other_way is None:
             return selected(slot.back, retro, straight)
-        home, rate_home = self._through_chain(centre)
+        home, rate_home = self._through_chain(centre, movement)
         retro = replace(retro, slant_range=0.5 * (length + home), range_rate=0.5 * (rate_out + rate_home))
         return selected(
             slot.other_way,
-            self._reversed(straight, self.reverse, random, home, rate_home),
+            self._reversed(straight, self.reverse, random, home, rate_home, movement),
             selected(slot.back, retro, straight),
+        )
+
+    def _at_place(self, centre: mi.Vector3d, active: mi.Bool) -> DiffuseReturns:
+        """The same with material, map and texture of the place (float64, m, at time zero) where a scatterer stands.
+
+        Whichever ray finds it has hit another place, whose material may be another.
+        """
+        kernel, hit, scene = self.kernel, self.hit, self.kernel.scene
+        surfaces = scene.surfaces
+        assert surfaces is not None
+        vertex = hit.vertex0 if hit.movement is None else hit.vertex0 - hit.movement.shift
+        offset = mi.Vector3f(centre - vertex)
+        out = self
+        if surfaces.classes is not None:
+            bits = scene.material_at(hit.face, hit.own_material, offset, active)
+            properties = dr.gather(mi.Vector4f, scene.material_table, bits & MATERIAL_MASK, active)
+            hit = replace(hit, material=bits, properties=properties)
+            terms = _terms(kernel, self.lane, self.ray, hit, self.receive)
+            out = replace(out, hit=hit, straight=terms[0], retro=terms[1], reverse=terms[2])
+            if self.age is not None:
+                out = replace(out, age=Age.of(kernel, bits))
+        factor = surfaces.amplitude(
+            hit.face,
+            hit.own_material & MATERIAL_MASK,
+            hit.material & MATERIAL_MASK,
+            offset,
+            self.lattice.place(centre),
+            kernel.constants.seed,
+            active,
+        )
+        return replace(
+            out, straight_weight=self.straight_weight * factor, retro_weight=self.retro_weight * factor
         )
 
     def _reversed(
@@ -299,6 +368,7 @@ class DiffuseReturns:
         random: list[mi.Complex2f],
         home: mi.Float64,
         rate_home: mi.Float64,
+        movement: Movement | None,
     ) -> Contribution:
         """The straight return the other way round: from the transmitter to the scatterer, home through the chain.
 
@@ -308,6 +378,7 @@ class DiffuseReturns:
         reverse : per channel, values of the fixed tensors the other way
         random : of the scatterer
         home, rate_home : m and m/s, of the way home through the chain
+        movement : of the scatterer
 
         Notes
         -----
@@ -315,22 +386,22 @@ class DiffuseReturns:
         """
         leg = straight.point - self.lane.transmitter
         length = dr.norm(leg)
-        rate = dr.dot(leg, seen_from(self.hit, self.lane.transmitter_velocity)) / length
+        rate = dr.dot(leg, seen_from(movement, self.lane.transmitter_velocity)) / length
         return replace(
             straight,
             kind=mi.UInt32(REVERSED),
             slant_range=0.5 * (length + home),
             range_rate=0.5 * (rate_home - rate),
-            amplitudes=tuple(_mixed(terms, random) * self.straight_weight for terms in reverse),
+            amplitudes=tuple(mixed(terms, random) * self.straight_weight for terms in reverse),
         )
 
-    def _through_chain(self, centre: mi.Vector3d) -> tuple[mi.Float64, mi.Float64]:
+    def _through_chain(self, centre: mi.Vector3d, movement: Movement | None) -> tuple[mi.Float64, mi.Float64]:
         """Length (m) of the way through the ray's chain of mirrors to the receiver, and its change (m/s)."""
         receiver, velocity = self.ray.virtual_receiver, self.ray.virtual_receiver_velocity
         assert receiver is not None and velocity is not None
         leg = centre - receiver
         length = dr.norm(leg)
-        return length, -dr.dot(leg, seen_from(self.hit, velocity)) / length
+        return length, -dr.dot(leg, seen_from(movement, velocity)) / length
 
 
 def selected(condition: mi.Bool, a: Contribution, b: Contribution) -> Contribution:
@@ -350,33 +421,8 @@ def close_diffuse(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: Footprint, receive: Receiver
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
-    flags, constants = kernel.flags, kernel.constants
-    both_ways = kernel.both_ways
-    fields = dict(zip(flags.tracked, ray.fields, strict=True))
-    # only behind a mirror, or with two antennas, do the two directions differ
-    backscatter = hit.first if flags.multi_bounce else None
-    if kernel.bistatic:
-        backscatter = mi.Bool(False)
-    matrix = ScatteringMatrix(kernel.scene, hit, hit.to_antenna, flags, backscatter)
-    straight: list[list[mi.Complex2f]] = []
-    retro = None
-    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
-    for channel in flags.closed:
-        sent, received = channel[0], channel[1]
-        terms = _between(matrix, receive.basis[received], fields[sent])
-        if both_ways:
-            # behind mirrors the reversed path comes home with the same length: the transposed channel
-            swapped = _between(matrix, receive.basis[sent], fields[received])
-            if reverse is not None:
-                reverse.append(swapped)
-            else:
-                none = mi.Complex2f(0.0)
-                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
-        straight.append(terms)
-    if both_ways:
-        matrix = ScatteringMatrix(kernel.scene, hit, -hit.direction, flags, None)
-        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
-
+    constants = kernel.constants
+    straight, retro, reverse = _terms(kernel, lane, ray, hit, receive)
     patch = tube_here.patch
     cell = cell_on(constants.cell, hit.largest_cell)
     if ray.spread is not None:
@@ -394,11 +440,54 @@ def close_diffuse(
         ray=ray,
         hit=hit,
         lattice=lattice,
-        straight=_recorded(flags, straight),
-        retro=None if retro is None else _recorded(flags, retro),
-        reverse=None if reverse is None else _recorded(flags, reverse),
+        straight=straight,
+        retro=retro,
+        reverse=reverse,
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
+        receive=receive,
+        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
+    )
+
+
+Terms: TypeAlias = "list[list[mi.Complex2f]]"
+
+
+def _terms(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, receive: Receiver
+) -> tuple[Terms, Terms | None, Terms | None]:
+    """Per channel, values of the fixed tensors straight home, back along the chain, and the other way round."""
+    flags, both_ways = kernel.flags, kernel.both_ways
+    fields = dict(zip(flags.tracked, ray.fields, strict=True))
+    # only behind a mirror, or with two antennas, do the two directions differ
+    backscatter = hit.first if flags.multi_bounce else None
+    if kernel.bistatic:
+        backscatter = mi.Bool(False)
+    water = kernel.scene.water
+    seen = hit if water is None else tilted_hit(water, hit, hit.material & MATERIAL_MASK, lane.time)
+    matrix = ScatteringMatrix(kernel.scene, seen, hit.to_antenna, flags, backscatter)
+    straight: list[list[mi.Complex2f]] = []
+    retro = None
+    reverse: list[list[mi.Complex2f]] | None = [] if both_ways and kernel.bistatic else None
+    for channel in flags.closed:
+        sent, received = channel[0], channel[1]
+        terms = _between(matrix, receive.basis[received], fields[sent])
+        if both_ways:
+            # behind mirrors the reversed path comes home with the same length: the transposed channel
+            swapped = _between(matrix, receive.basis[sent], fields[received])
+            if reverse is not None:
+                reverse.append(swapped)
+            else:
+                none = mi.Complex2f(0.0)
+                terms = [t + dr.select(hit.first, none, r) for t, r in zip(terms, swapped, strict=True)]
+        straight.append(terms)
+    if both_ways:
+        matrix = ScatteringMatrix(kernel.scene, seen, -hit.direction, flags, None)
+        retro = [matrix.between_fields(fields[channel[1]], fields[channel[0]]) for channel in flags.closed]
+    return (
+        _recorded(flags, straight),
+        None if retro is None else _recorded(flags, retro),
+        None if reverse is None else _recorded(flags, reverse),
     )
 
 
@@ -407,13 +496,13 @@ def _between(matrix: ScatteringMatrix, q: Receiving, e: field.ComplexVector) -> 
     return matrix.between_fields(q, e) if isinstance(q, tuple) else matrix.between(q, e)
 
 
-def _recorded(flags: KernelFlags, terms: list[list[mi.Complex2f]]) -> list[list[mi.Complex2f]]:
+def _recorded(flags: KernelFlags, terms: Terms) -> Terms:
     """Terms of the channels to record from those of the channels that were closed."""
     columns = [field.recorded(flags.closed, column, flags.channels) for column in zip(*terms, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def _mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
+def mixed(terms: list[mi.Complex2f], random: list[mi.Complex2f]) -> mi.Complex2f:
     """Sum of the fixed tensors' values times the cell's random numbers."""
     return sum((t * r for t, r in zip(terms[1:], random[1:], strict=True)), terms[0] * random[0])
 
@@ -424,6 +513,7 @@ __all__ = [
     "Slot",
     "close_coherent",
     "close_diffuse",
+    "mixed",
     "receiver",
     "seen_from",
     "selected",

@@ -80,6 +80,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         nudge=dr.normalize(edge_a) * constants.clearance,
         needs=needs,
         pattern=pattern,
+        time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
@@ -192,13 +193,17 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         lit = mi.Bool(False) if kernel.bistatic else first
         hidden = blocked(kernel, departure, to_antenna, mi.Float(length_back), sees & ~lit)
         sees &= lit | ~hidden
-    material = info.x & MATERIAL_MASK
+    bits = info.x
+    if kernel.flags.texture:
+        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), active)
+    material = bits & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
-        material=info.x,
+        material=bits,
+        own_material=info.x,
         largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
         vertex0=vertex0,

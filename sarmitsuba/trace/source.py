@@ -17,6 +17,7 @@ from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import BeamPattern
 from sarmitsuba.trace.closing import selected
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.panes import blocked, through
 from sarmitsuba.trace.passage import passed
@@ -233,7 +234,7 @@ class PointSource:
         to64 = leg / length
         to = mi.Vector3f(to64)
         start = self.scatterers.departure(index, mi.Vector3f(point), to, kernel.constants.clearance)
-        seen = _free(kernel, start, to, mi.Float(length))
+        seen = free_way(kernel, start, to, mi.Float(length))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to, kernel.constants.up)
         (h_here, v_here), extra = _passed(kernel, start, to, mi.Float(length), seen, ((h, none), (v, none)))
@@ -271,14 +272,15 @@ class PointSource:
         seen &= same & (offset < mi.Float64(SAME_PLANE + 8.0 * mi.Float(clearance)))
         n64 = before.normal
         # the antenna above the ground, the scatterer as well
-        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(point - before.point, n64) > 0.0)
+        above = mi.Vector3d(start) - before.point
+        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(above, n64) > 0.0)
         there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
         leg_out = position - there
         way = dr.norm(leg_out)
         to_antenna = mi.Vector3f(leg_out / way)
         n = mi.Vector3f(n64)
         departure = mi.Vector3f(there) + (n + to_antenna) * clearance
-        seen &= _free(kernel, departure, to_antenna, mi.Float(way))
+        seen &= free_way(kernel, departure, to_antenna, mi.Float(way))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to_antenna, kernel.constants.up)
         fields, first = _passed(kernel, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
@@ -313,7 +315,9 @@ class PointSource:
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
         for came, goes in ways:
-            factor = constants.amplitude * loss * _gain(kernel, antenna, pulse, came, goes)
+            factor = (
+                constants.amplitude * loss * both_gains(kernel, antenna, pulse, came.leaving, goes.leaving)
+            )
             for i, channel in enumerate(flags.channels):
                 e, q = came.sent(channel[0]), goes.sent(channel[1])
                 amplitudes[i] = (
@@ -349,9 +353,11 @@ class _Ground:
             mi.Ray3f(start, direction), coherent=False, active=active
         )
         valid = active & found.is_valid()
-        p, own, _, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
+        p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
         n64 = dr.select(dr.dot(own, mi.Vector3d(direction)) > 0.0, -own, own)
-        material = scene.material_of(found.prim_index, valid)
+        bits = scene.material_of(found.prim_index, valid)
+        offset = mi.Vector3f(p - vertex0)
+        material = scene.material_at(found.prim_index, bits, offset, valid) & MATERIAL_MASK
         properties = dr.gather(mi.Vector4f, scene.material_table, material, valid)
         row = None
         if kernel.flags.slabs and scene.slabs is not None:
@@ -359,7 +365,7 @@ class _Ground:
         return _Ground(valid, p, n64, own, properties, row)
 
 
-def _free(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
+def free_way(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
     """Lanes in which nothing stands within so much of a way, m."""
     if not kernel.flags.visibility:
         return mi.Bool(True)
@@ -382,16 +388,18 @@ def _passed(
     return vectors, mi.Float64(extra)
 
 
-def _gain(kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, came: Sight, goes: Sight) -> mi.Float:
-    """Relative amplitude of both antennas' patterns."""
+def both_gains(
+    kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
+) -> mi.Float:
+    """Relative amplitude of both antennas' patterns, in the unit vectors in which both ways leave them."""
     if not kernel.flags.antenna_pattern:
         return mi.Float(1.0)
     pulses, receiver = kernel.pulses, kernel.pulses.receiver
-    transmitting = BeamPattern(antenna, pulses, pulse, came.leaving if receiver is None else None)
-    gain = transmitting.one_way(came.leaving)
+    transmitting = BeamPattern(antenna, pulses, pulse, out if receiver is None else None)
+    gain = transmitting.one_way(out)
     if receiver is None:
-        return gain * transmitting.received(goes.leaving)
-    return gain * BeamPattern(antenna, receiver, pulse, None).received(goes.leaving)
+        return gain * transmitting.received(home)
+    return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
 
 
 def _added(
@@ -426,4 +434,14 @@ def _added(
     return added, count
 
 
-__all__ = ["MAX_LANES", "Part", "PointSource", "Recorder", "Scatterers", "Sight", "Source"]
+__all__ = [
+    "MAX_LANES",
+    "Part",
+    "PointSource",
+    "Recorder",
+    "Scatterers",
+    "Sight",
+    "Source",
+    "both_gains",
+    "free_way",
+]

@@ -22,6 +22,7 @@ WANTED = {
     "bridge",
     "buildings16",
     "dihedral",
+    "fields",
     "flat_ground",
     "glass_house",
     "moving_cars",
