@@ -1,7 +1,7 @@
 """Scenes made in Python: meshes, points and a radar description in, the same `Scene` as from a file out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.mesh_attributes import at_corners
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
 from sarmitsuba.loader.volumes import closed_volume
 from sarmitsuba.materials.material import Material
@@ -23,6 +24,7 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
@@ -50,6 +52,8 @@ class SceneMesh:
     smooth : all faces belong to one smooth surface, however much they bend
     to_world : (4, 4) affine matrix applied to the vertices; None leaves them
     motion : how it moves from there, such as ``Motion(velocity=(0.0, 8.0, 0.0))``
+    attributes : that maps of the material lie on: ``uv`` (n_vertices, 2), ``vertex_NAME`` (n_vertices,) or
+        ``face_NAME`` (n_faces,), 0 to 1
     """
 
     vertices: ArrayLike
@@ -59,6 +63,7 @@ class SceneMesh:
     smooth: bool = False
     to_world: ArrayLike | None = None
     motion: Motion = STILL
+    attributes: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -96,6 +101,7 @@ class SceneVolume:
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
+    lines: Sequence[LineTarget] = (),
     *,
     volumes: Sequence[SceneVolume] = (),
     radar: RadarDescription | None = None,
@@ -108,7 +114,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, volumes : what there is to see, m
+    meshes, points, lines, volumes : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : how to trace; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -141,6 +147,7 @@ def build_scene(
             elements.append((mesh.material, index))
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
+    collector.lines.extend(lines)
     for volume in volumes:
         _add_volume(collector, volume, name)
     return collector.scene()
@@ -220,7 +227,11 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
         if matrix.shape != (4, 4) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
             raise SceneError(f"{where}: to_world is not an affine (4, 4) matrix; its last row is 0, 0, 0, 1")
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return Surface(mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion)
+    faces = faces.astype(np.int32)
+    values = at_corners(mesh.attributes, faces, where)
+    return Surface(
+        mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
+    )
 
 
 __all__ = ["MaterialLike", "SceneMesh", "SceneVolume", "build_scene"]

@@ -111,6 +111,11 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
     name = bsdf.id()
     if hasattr(bsdf, "given"):
         element = _own(bsdf, bsdf.table.plugin, "bsdf")
+        if bsdf.maps:
+            raise SceneError(
+                f"{element.where}: its {', '.join(bsdf.maps)} cannot be read from a loaded scene; load the file with "
+                "sarmitsuba.load_scene"
+            )
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in bsdf.nested)
         return element
     where = f'{_NAME}: bsdf "{name}"'

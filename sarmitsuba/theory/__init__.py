@@ -15,6 +15,24 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.clutter import (
+    asked_correlation,
+    averaged_shape,
+    k_cdf,
+    k_moment,
+    texture_correlation,
+)
+from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
+from sarmitsuba.theory.diffraction import (
+    WedgeFrame,
+    edge_on_rcs,
+    fringe_coefficients,
+    fringe_strip,
+    optics_coefficients,
+    plate_with_edges,
+    wedge_coefficients,
+    wedge_current_series,
+)
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -35,7 +53,9 @@ from sarmitsuba.theory.interferometry import (
     interferometric_phase_cdf,
     interferometric_phase_pdf,
     interferometric_phase_sigma,
+    rms_coherence,
     slope_phase_ramp,
+    temporal_coherence,
     wall_phase_ramp,
 )
 from sarmitsuba.theory.link import (
@@ -77,6 +97,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -104,6 +125,13 @@ from sarmitsuba.theory.vegetation import (
     way_through_ball,
     way_through_box,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -111,10 +139,15 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "PairReturn",
+    "SlabWaves",
     "SpeckleTest",
+    "WedgeFrame",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
+    "asked_correlation",
+    "averaged_shape",
     "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
@@ -136,15 +169,20 @@ __all__ = [
     "critical_baseline",
     "cylinder_at_broadside",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
     "double_bounce_range_speed",
+    "edge_on_rcs",
     "equivalent_number_of_looks",
     "expected_coherence",
     "flat_earth_phase",
     "foreshortening",
     "fresnel",
+    "fringe_coefficients",
+    "fringe_strip",
     "gaussian_gain",
     "half_power_width",
     "height_of_ambiguity",
@@ -156,29 +194,41 @@ __all__ = [
     "isotropic_orientation",
     "jitter_noise",
     "jittered_response",
+    "k_cdf",
+    "k_moment",
     "kirchhoff_sigma0",
     "layer_transmission",
+    "lambertian_bowl",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "optics_coefficients",
     "orbital_speed",
+    "pair_sum",
     "phase_test",
     "plant_permittivity",
     "plate_amplitude",
     "plate_rcs",
+    "plate_with_edges",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
     "range_walk",
     "received_power",
+    "rms_coherence",
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
+    "slab",
+    "slab_delay",
+    "slab_insertion",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",
@@ -193,6 +243,9 @@ __all__ = [
     "staggered_line",
     "staggered_lines",
     "start_stop_azimuth_shift",
+    "temporal_coherence",
+    "texture_correlation",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "trunk_ground_rcs",
     "uniform_aperture_gain",
@@ -202,4 +255,6 @@ __all__ = [
     "water_cloud_sigma0",
     "way_through_ball",
     "way_through_box",
+    "wedge_coefficients",
+    "wedge_current_series",
 ]
