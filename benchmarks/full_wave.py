@@ -207,7 +207,8 @@ def _with_edges(
     for i, channel in ((0, "HH"), (2, "VV")):
         exact = want[:, i]
         field = [
-            20.0 * np.log10(np.linalg.norm(s[:, i] - exact) / np.linalg.norm(exact)) for s in (without, fringed)
+            20.0 * np.log10(np.linalg.norm(s[:, i] - exact) / np.linalg.norm(exact))
+            for s in (without, fringed)
         ]
         pairs = zip(scenes.bands(exact, without[:, i]), scenes.bands(exact, fringed[:, i]), strict=True)
         for a, b in pairs:

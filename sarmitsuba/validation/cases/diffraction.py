@@ -65,8 +65,8 @@ def edge_plate(quick: bool = False) -> Case:
         x_label="angle off the normal (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
-        note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's multiply "
-        "diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, which the "
+        note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's "
+        "multiply diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, which the "
         f"simulator ignores): {'; '.join(notes)}.",
     )
 
@@ -105,8 +105,8 @@ def edge_wedges(quick: bool = False) -> Case:
         x_label="azimuth (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
-        note="VV has the field along the edges. The coefficient is infinite where a side faces the radar; two edges' sum "
-        "there is the side's return.",
+        note="VV has the field along the edges. The coefficient is infinite where a side faces the radar; the sum of "
+        "two edges there is the side's return.",
     )
 
 
@@ -145,11 +145,15 @@ def _keller(corners: F64, height: float, lam: float, azimuth: F64) -> NDArray[np
     look = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     total = np.zeros((2, azimuth.size), dtype=np.complex128)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    for before, here, after in zip(np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), strict=True):
+    for before, here, after in zip(
+        np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), strict=True
+    ):
         into, on = (np.arctan2(*(x - here)[::-1]) for x in (before, after))
         # from the side that comes after, through the outside, to the side before
         exterior = (into - on) % (2.0 * np.pi)
-        exterior, start, turn = (exterior, on, 1.0) if exterior > np.pi else (2.0 * np.pi - exterior, on, -1.0)
+        exterior, start, turn = (
+            (exterior, on, 1.0) if exterior > np.pi else (2.0 * np.pi - exterior, on, -1.0)
+        )
         phi = (turn * (azimuth - start)) % (2.0 * np.pi)
         seen = phi < exterior
         phase = np.exp(4j * np.pi / lam * (look @ (here - middle)))
