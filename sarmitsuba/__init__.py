@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
-    from sarmitsuba.loader.build import SceneMesh, build_scene
+    from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
@@ -75,6 +75,7 @@ _HOME = {
     "Scene": "sarmitsuba.scene.scene",
     "SceneError": "sarmitsuba.errors",
     "SceneMesh": "sarmitsuba.loader.build",
+    "SceneVolume": "sarmitsuba.loader.build",
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
@@ -141,6 +142,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneMesh",
+    "SceneVolume",
     "TraceSettings",
     "Track",
     "__version__",

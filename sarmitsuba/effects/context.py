@@ -6,8 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -42,6 +44,28 @@ class Sampling:
     key_pulses: int
 
 
+@dataclass(frozen=True)
+class PairLevel:
+    """What pairs of diffuse scatterers return, from pairs drawn at random; no bias.
+
+    Parameters
+    ----------
+    share : their power over that of diffuse scatterers alone
+    error : standard error of ``share``
+    strongest : power in the square of the ground that has most, over mean clutter on as much ground
+    square : m, side of the squares
+    pairs : drawn ones that return something
+    draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
+    """
+
+    share: float
+    error: float
+    strongest: float
+    square: float
+    pairs: int
+    draw_error: float
+
+
 @dataclass(frozen=True, eq=False)
 class PilotResult:
     """Power by kind of return and bounce order, from patches about as large as a resolution cell.
@@ -59,6 +83,7 @@ class PilotResult:
     hits : (n_orders,) hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
+    pairs : what pairs of diffuse scatterers return; None where they were not looked for
     """
 
     pulses: tuple[int, ...]
@@ -72,6 +97,7 @@ class PilotResult:
     peak: F64
     rays_per_second: float
     seconds: float
+    pairs: PairLevel | None = None
 
     @property
     def n_orders(self) -> int:
@@ -141,9 +167,9 @@ class SceneContext:
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """Materials that rays can hit."""
+        """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
+        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def shape(self) -> ShapeAnalysis:
@@ -162,6 +188,11 @@ class SceneContext:
         return ShapeAnalysis(self.scene.geometry, visible, self.antenna, thorough=thorough)
 
     @cached_property
+    def seen_through(self) -> tuple[Material, ...]:
+        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.panes`."""
+        return seen_through(self.scene, self.antenna)
+
+    @cached_property
     def antenna(self) -> F64:
         """(n, 3) antenna positions that bound the aperture: at most 65 pulses spread over it, m."""
         position = self.scene.radar.track.position
@@ -176,7 +207,7 @@ class SceneContext:
             parts.append(self.sampling.box)
         elif self.scene.geometry.n_faces:
             parts.append(self.scene.geometry.bounds)
-        parts += [np.tile(p.position, (2, 1)) for p in self.scene.points]
+        parts += [np.tile(place, (2, 1)) for place in self.scene.places]
         if not parts:
             return np.zeros((2, 3))
         return np.stack([np.min([p[0] for p in parts], axis=0), np.max([p[1] for p in parts], axis=0)])
@@ -201,4 +232,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]

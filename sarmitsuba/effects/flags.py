@@ -42,7 +42,12 @@ class KernelFlags:
     multi_bounce: bool = True
     motion: bool = False
     edge_diffraction: bool = False
+    texture: bool = False
     temporal: bool = False
+    water_motion: bool = False
+    diffuse_pairs: bool = False
+    slabs: bool = False
+    transmission: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

@@ -5,10 +5,13 @@ from sarmitsuba.loader.material_tables import (
     ABSORBER,
     HOLDER,
     ITU_RADIO_MATERIAL,
+    LAND_COVER,
     POINT_SCATTERER,
     RADAR_MATERIAL,
+    RADAR_WIRE,
     RADIO_MATERIAL,
 )
+from sarmitsuba.loader.volumes import RADAR_VOLUME
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR
@@ -144,7 +147,10 @@ TABLES: dict[str, ParamTable] = {
         FILM,
         INTEGRATOR,
         RADAR_MATERIAL,
+        LAND_COVER,
+        RADAR_WIRE,
         POINT_SCATTERER,
+        RADAR_VOLUME,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
         ABSORBER,
@@ -158,8 +164,11 @@ __all__ = [
     "HOLDER",
     "INTEGRATOR",
     "ITU_RADIO_MATERIAL",
+    "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_VOLUME",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",

@@ -143,9 +143,10 @@ class Imager:
             Where there is no mesh.
         """
         run = self.run
-        if run.trace_scene is None or run.sampling is None:
+        if run.trace_scene is None or run.sampling is None or not run.scene.geometry.n_faces:
             raise RadarError(
-                f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
+                f"{run.scene.name}: method raster draws surfaces, and the scene has none; add a mesh or use method "
+                "image"
             )
         if run.scene.geometry.moves:
             raise RadarError(
@@ -181,7 +182,7 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-            self._tracer.pose(self.look.time)
+            self._tracer.pose(np.array([self.look.time]))
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),

@@ -206,7 +206,7 @@ class PathTracer:
         parts = [_of_points(run, pulse, gate) for pulse in wanted]
         if self._tracer is not None and self._rays is not None:
             for pulse in wanted:
-                self._tracer.pose(float(radar.track.time[pulse]))
+                self._tracer.pose(radar.track.time[pulse : pulse + 1])
                 serving = (grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse))
                 parts += [_of_grid(run, self._tracer, grid, pulse, gate) for grid in serving]
         table = joined(parts)

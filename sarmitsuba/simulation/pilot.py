@@ -21,6 +21,7 @@ from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pairs import pair_level
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
@@ -155,6 +156,9 @@ def run_pilot(
         seconds += clock() - before
         randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
         features += patches.n_features
+    pairs = None
+    if draft.flags.diffuse and scene.settings.effects.get("diffuse_pairs") != "off":
+        pairs = pair_level(sampling, trace_scene)
     power = np.concatenate(powers, axis=1)  # (4, patches, orders)
     random = np.concatenate(randoms)
     count = int(random.sum())
@@ -170,6 +174,7 @@ def run_pilot(
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
+        pairs=pairs,
         seconds=clock() - start,
     )
 
@@ -191,6 +196,8 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
         visibility="visibility" not in off,
         tube_phase="tube_phase" not in off,
         taper=False,
+        slabs=draft.flags.slabs,
+        transmission=draft.flags.transmission,
     )
 
 

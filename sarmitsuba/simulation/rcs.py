@@ -74,6 +74,7 @@ def monostatic_rcs(
     days: float = 0.0,
     most_rays: int = FINE_RAYS,
     sources: Sequence[Source] = (),
+    places: NDArray[np.float64] | None = None,
     progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
@@ -94,7 +95,8 @@ def monostatic_rcs(
     up : (3,) vertical reference of the polarisation, scene frame
     days : since the first pass
     most_rays : of one direction, where their distance is automatic
-    sources : what returns echoes beside the surfaces, such as edges
+    sources : what returns echoes beside the surfaces, such as edges and rods
+    places : (n, 3) m, where rods stand; the mesh may then be empty
     progress : called after every launch
 
     Raises
@@ -112,8 +114,11 @@ def monostatic_rcs(
     if depth < 0:
         raise RadarError(f"max_depth = {max_depth} is below the bound 0; give the most bounces, or 0 for 8")
     look = _unit_rows(directions)
-    low, high = geometry.bounds
-    center, radius = 0.5 * (low + high), 0.5 * geometry.diameter
+    around = geometry.bounds if geometry.n_faces or places is None else places
+    center, outline = 0.5 * (around.min(axis=0) + around.max(axis=0)), geometry.bounds
+    if places is not None:
+        outline = np.concatenate([around, places])
+    radius = 0.5 * float(np.linalg.norm(np.ptp(outline, axis=0)))
     # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
     far = distance or 2.0 * np.pi / wavelength * radius**2 / 1e-4
     position = center + look * far
@@ -124,7 +129,7 @@ def monostatic_rcs(
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)
-    scene = build_trace_scene(geometry, materials, wavelength)
+    scene = build_trace_scene(geometry, materials, wavelength, places=places)
     settings = KernelSettings(
         wavelength=wavelength,
         max_depth=depth,
@@ -169,6 +174,8 @@ def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
 
 def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
     """Half extents (2,) of the launch window that holds the bounds of the geometry from every position, m."""
+    if not geometry.n_faces:
+        return np.zeros(2)
     corners = np.array(list(itertools.product(*geometry.bounds.T)))
     half = np.zeros(2)
     for place, center, x, y in zip(position, frame.center, frame.axis_x, frame.axis_y, strict=True):
@@ -179,6 +186,7 @@ def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFram
 
 def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth: int) -> KernelFlags:
     """The coherent effects that materials call for."""
+    slabs = any(m.thickness > 0.0 for m in materials)
     return KernelFlags(
         channels=channels,
         fresnel=not all(m.pec for m in materials),
@@ -189,7 +197,9 @@ def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth:
         antenna_pattern=False,
         spreading=True,
         taper=False,
-        multi_bounce=depth > 1,
+        multi_bounce=depth > 1 or slabs,
+        slabs=slabs,
+        transmission=slabs,
     )
 
 

@@ -15,6 +15,14 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.clutter import (
+    asked_correlation,
+    averaged_shape,
+    k_cdf,
+    k_moment,
+    texture_correlation,
+)
+from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
 from sarmitsuba.theory.diffraction import (
     WedgeFrame,
     edge_on_rcs,
@@ -89,6 +97,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -105,6 +114,13 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -112,11 +128,15 @@ __all__ = [
     "BuildingReturns",
     "DihedralAmplitudes",
     "OrbitDoppler",
+    "PairReturn",
+    "SlabWaves",
     "SpeckleTest",
     "WedgeFrame",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
+    "asked_correlation",
+    "averaged_shape",
     "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
@@ -137,6 +157,8 @@ __all__ = [
     "corner_line",
     "critical_baseline",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
@@ -159,7 +181,11 @@ __all__ = [
     "interferometric_phase_sigma",
     "jitter_noise",
     "jittered_response",
+    "k_cdf",
+    "k_moment",
     "kirchhoff_sigma0",
+    "lambertian_bowl",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
@@ -168,12 +194,14 @@ __all__ = [
     "normal_wavenumber",
     "optics_coefficients",
     "orbital_speed",
+    "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
     "plate_with_edges",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
@@ -183,6 +211,9 @@ __all__ = [
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
+    "slab",
+    "slab_delay",
+    "slab_insertion",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",
@@ -197,6 +228,8 @@ __all__ = [
     "staggered_lines",
     "start_stop_azimuth_shift",
     "temporal_coherence",
+    "texture_correlation",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",

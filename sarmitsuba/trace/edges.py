@@ -12,7 +12,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace import field
-from sarmitsuba.trace.geometry import intersector
+from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.source import Scatterers, Sight
 from sarmitsuba.trace.state import Kernel
 

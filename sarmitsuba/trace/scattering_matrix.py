@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -23,8 +23,27 @@ from sarmitsuba.trace.speckle import gaussian, unit_phase
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.bistatic import Dyad
-    from sarmitsuba.trace.state import Hit
     from sarmitsuba.trace.temporal import Age
+
+
+class Struck(Protocol):
+    """A surface where a wave falls on it; see :class:`sarmitsuba.trace.state.Hit`."""
+
+    @property
+    def material(self) -> mi.UInt32:
+        """Bits of the face's material."""
+
+    @property
+    def normal(self) -> mi.Vector3f:
+        """Facing the wave."""
+
+    @property
+    def direction(self) -> mi.Vector3f:
+        """Of the wave."""
+
+    @property
+    def properties(self) -> mi.Vector4f:
+        """Row of the scene's material table."""
 
 
 class ScatteringMatrix:
@@ -45,7 +64,7 @@ class ScatteringMatrix:
     """
 
     def __init__(
-        self, scene: TraceScene, hit: Hit, s: mi.Vector3f, flags: KernelFlags, backscatter: mi.Bool | None
+        self, scene: TraceScene, hit: Struck, s: mi.Vector3f, flags: KernelFlags, backscatter: mi.Bool | None
     ) -> None:
         self.flags = flags
         n, d = hit.normal, hit.direction
@@ -57,11 +76,15 @@ class ScatteringMatrix:
         if "facets" in lanes:
             half = dr.dot(dr.normalize(s - d), n)
             cos_i, cos_s = (dr.select(lanes["facets"], half, c) for c in (cos_i, cos_s))
-        table_i = _diffuse_lookup(scene.diffuse_table, material, cos_i)
+        table_i = diffuse_lookup(scene.diffuse_table, material, cos_i)
         # without mirrors every diffuse return is backscatter: both directions have the same angle
-        table_s = table_i if backscatter is None else _diffuse_lookup(scene.diffuse_table, material, cos_s)
+        table_s = table_i if backscatter is None else diffuse_lookup(scene.diffuse_table, material, cos_s)
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
+        if scene.water is not None:
+            theta = dr.acos(dr.clip(0.5 * (cos_i + cos_s), 0.0, 1.0))
+            level = scene.water.level(material, theta, s - d)
+            self.amp_h, self.amp_v = self.amp_h * level.x, self.amp_v * level.y
         self.amp_cross = dr.sqrt(self.amp_h * self.amp_v)
         self.dyad: Dyad | None = None
         self.planes: Planes | None = None
@@ -81,7 +104,7 @@ class ScatteringMatrix:
             if scene.correction_table is not None:
                 toward = dr.square(dr.maximum(-dr.dot(s, d), 0.0))
                 c_i, c_s = (
-                    1.0 + (_diffuse_lookup(scene.correction_table, material, c) - 1.0) * toward
+                    1.0 + (diffuse_lookup(scene.correction_table, material, c) - 1.0) * toward
                     for c in (cos_i, cos_s)
                 )
                 hh, hv, vh, vv = dyad
@@ -142,7 +165,7 @@ def speckle_coefficients(
     ]
 
 
-def _diffuse_lookup(table: mi.Float, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:
+def diffuse_lookup(table: mi.Float, material: mi.UInt32, cos_theta: mi.Float) -> mi.Vector2f:
     """Values for h and v at an incidence angle, linear between table nodes uniform in angle."""
     theta = dr.acos(dr.clip(cos_theta, 0.0, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
     node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
@@ -170,4 +193,4 @@ def _spectrum_lookup(scene: TraceScene, material: mi.UInt32, change: mi.Vector3f
     return dr.lerp(low, high, y - mi.Float(row))
 
 
-__all__ = ["ScatteringMatrix", "speckle_coefficients"]
+__all__ = ["ScatteringMatrix", "Struck", "diffuse_lookup", "speckle_coefficients"]

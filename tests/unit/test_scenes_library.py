@@ -21,6 +21,7 @@ from sarmitsuba.mesh.tessellate import sphere
 WANTED = {
     "bridge",
     "buildings16",
+    "courtyard",
     "dihedral",
     "fields",
     "flat_ground",

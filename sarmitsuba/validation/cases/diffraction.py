@@ -66,8 +66,8 @@ def edge_plate(quick: bool = False) -> Case:
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
         note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's "
-        "multiply diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, which the "
-        f"simulator ignores): {'; '.join(notes)}.",
+        "multiply diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, "
+        f"which the simulator ignores): {'; '.join(notes)}.",
     )
 
 

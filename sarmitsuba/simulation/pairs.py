@@ -1,0 +1,309 @@
+"""Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.effects.context import PairLevel
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.mesh.surface_samples import surface_samples
+from sarmitsuba.radar.antenna import Antenna
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.trace.diffuse_pairs import DiffusePairs
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
+from sarmitsuba.trace.pair_search import Pairs, find_pairs
+from sarmitsuba.trace.source import Source
+from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
+
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import LaneArrays
+
+F64 = NDArray[np.float64]
+
+# points that the level is estimated from, about: two per cent of a level that half of them have a part in
+PILOT_POINTS = 30_000
+# points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
+# than the rays do
+MOST_POINTS, FINEST = 1_000_000, 0.5
+# antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
+LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
+# pairs in a square of the ground whose level is told, at least
+SQUARE_PAIRS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """What some pairs return at the middle of the track.
+
+    Parameters
+    ----------
+    cell : m, of the points that they were drawn from
+    pairs : those that were drawn
+    power : (n,) float64, m^2, mean of HH and VV of each
+    """
+
+    cell: float
+    pairs: Pairs
+    power: F64
+
+
+def pair_sources(sampling: SamplingPlan, flags: KernelFlags, trace_scene: TraceScene) -> tuple[Source, ...]:
+    """The source of a run's pairs; none where they are off or there are none."""
+    if not flags.diffuse_pairs:
+        return ()
+    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene, pilot))
+    return (DiffusePairs(pairs),) if pairs.n else ()
+
+
+def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
+    """Estimate what pairs of diffuse scatterers return, from the middle of the track.
+
+    Parameters
+    ----------
+    sampling : of the run
+    trace_scene : geometry, as the run has it
+    """
+    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    total = float(pilot.power.sum())
+    count = int((pilot.power > 0.0).sum())
+    if not total or not pilot.pairs.clutter:
+        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0)
+    strongest, square = _strongest(sampling, pilot)
+    finer = _cell_of_run(sampling, trace_scene, pilot) / pilot.cell
+    share = total / pilot.pairs.clutter
+    return PairLevel(
+        share=share,
+        error=float(np.sqrt(np.square(pilot.power).sum())) / pilot.pairs.clutter,
+        strongest=strongest,
+        square=square,
+        pairs=count,
+        draw_error=min(share, _draw_error(sampling, pilot) * finer**2),
+    )
+
+
+def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> Pairs:
+    """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
+    usable = _usable(sampling, trace_scene)
+    rows = np.flatnonzero(usable)
+    box = sampling.box + np.array([[-cell], [cell]])
+    samples = surface_samples(trace_scene.triangles[rows], cell, box, sampling.scene.settings.seed)
+    samples = replace(samples, face=rows[samples.face])
+    pairs = find_pairs(
+        trace_scene, samples, _views(sampling), cell, box, visibility=sampling.flags.visibility
+    )
+    keep = usable[pairs.face[:, 1]]
+    return replace(
+        pairs,
+        **{name: getattr(pairs, name)[keep] for name in ("point", "normal", "face", "weight", "key")},
+    )
+
+
+def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_]:
+    """Faces of the tables that scatter diffusely and rest."""
+    scene = sampling.scene
+    scatters = np.array([m.scatters for m in scene.materials], dtype=bool)
+    usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
+    if trace_scene.movers is not None:
+        usable &= trace_scene.movers.number == 0
+    return np.asarray(usable)
+
+
+def _views(sampling: SamplingPlan) -> F64:
+    """Antenna positions (n, 3) over the track, m, the middle one in the middle; of both antennas where two fly."""
+    views = []
+    for track in sampling.scene.radar.tracks:
+        line = sampling.window.center - track.position
+        line = line / np.linalg.norm(line, axis=1, keepdims=True)
+        turn = float(np.arccos(np.clip(np.einsum("ij,ij->i", line[1:], line[:-1]), -1.0, 1.0)).sum())
+        count = max(LEAST_VIEWS, int(np.ceil(turn / VIEW_TURN))) // 2
+        n, middle = track.n_pulses, track.center_index
+        before = np.linspace(0, middle, count + 1).round().astype(int)[:-1]
+        after = np.linspace(middle, n - 1, count + 1).round().astype(int)[1:]
+        views.append(track.position[[*before, middle, *after]])
+    return np.stack(views, axis=1).reshape(-1, 3) if len(views) == 1 else np.concatenate(views)
+
+
+def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
+    """Edge of cells that about so many points come from, m; a power of the square root of two.
+
+    Looks and passes that differ a little have the same.
+    """
+    triangles = trace_scene.triangles[_usable(sampling, trace_scene)]
+    low, high = (
+        np.maximum(triangles.min(axis=1), sampling.box[0]),
+        np.minimum(triangles.max(axis=1), sampling.box[1]),
+    )
+    whole = np.prod(np.partition(triangles.max(axis=1) - triangles.min(axis=1), 1, axis=1)[:, 1:], axis=1)
+    size = np.maximum(high - low, 0.0)
+    within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
+    return _rounded_down(float(np.sqrt(max(float(area.sum()), 1e-6) / points)))
+
+
+def _draw_error(sampling: SamplingPlan, found: _Estimate) -> float:
+    r"""Error of the image by the draw of some pairs, over the power of the clutter.
+
+    A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
+    :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
+    square is error energy. It falls with the number of pairs; squares of the ground stand for the resolution cells in
+    them.
+    """
+    if not found.power.any() or not found.pairs.clutter:
+        return 0.0
+    squares, side = _squares(found)
+    power, fourth = (np.bincount(squares, w) for w in (found.power, np.square(found.power)))
+    lit = power > 0.0
+    resolved = side**2 / sampling.for_effects().cell ** 2
+    return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
+
+
+def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: _Estimate) -> float:
+    """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
+    error = _draw_error(sampling, pilot)
+    if error == 0.0:
+        return pilot.cell
+    tolerance = 10.0 ** (sampling.scene.settings.tolerance_db / 10.0)
+    wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
+    finest = max(_cell_for(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    return min(pilot.cell, max(wanted, finest))
+
+
+def _rounded_down(cell: float) -> float:
+    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell) + 1e-9)))
+
+
+def _squares(found: _Estimate) -> tuple[NDArray[np.intp], float]:
+    """Number of the square of the ground in which each pair lies, and the squares' side, m."""
+    middle = found.pairs.point.mean(axis=1)[:, :2]
+    lit = found.power > 0.0
+    low, high = middle.min(axis=0), middle.max(axis=0)
+    extent = np.maximum(high - low, 1e-3)
+    side = float(np.sqrt(extent.prod() * SQUARE_PAIRS / max(int(lit.sum()), 1)))
+    columns = int(extent[0] / side) + 1
+    at = ((middle - low) / side).astype(np.intp)
+    return at[:, 1] * columns + at[:, 0], side
+
+
+def _strongest(sampling: SamplingPlan, found: _Estimate) -> tuple[float, float]:
+    """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
+    squares, side = _squares(found)
+    ground = float(np.prod(np.ptp(sampling.box[:, :2], axis=0)))
+    clutter = found.pairs.clutter * side**2 / max(ground, side**2)
+    count = np.bincount(squares, found.power > 0.0)
+    power = np.where(count >= SQUARE_PAIRS / 3, np.bincount(squares, found.power), 0.0)
+    return float(power.max()) / clutter, side
+
+
+def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _Estimate:
+    """Draw pairs and let the middle of the track look at them."""
+    pairs = scene_pairs(sampling, trace_scene, cell)
+    if not pairs.n:
+        return _Estimate(cell, pairs, np.zeros(0))
+    radar, window = sampling.scene.radar, sampling.window
+    flags = replace(sampling.flags, channels=("HH", "VV"), depolarisation=False)
+    echo = pair_echo(
+        pairs,
+        trace_scene,
+        radar.track.center_position,
+        window.center,
+        flags,
+        wavelength=radar.waveform.wavelength,
+        seed=sampling.scene.settings.seed,
+    )
+    return _Estimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class PairEcho:
+    """What each of some pairs returns to one place.
+
+    Parameters
+    ----------
+    amplitude : (n, n_channels) complex128, m; root of the RCS, without the phase of the slant range
+    slant_range : (n,) float64, m
+    """
+
+    amplitude: NDArray[np.complex128]
+    slant_range: F64
+
+
+def pair_echo(
+    pairs: Pairs,
+    trace_scene: TraceScene,
+    position: F64,
+    center: F64,
+    flags: KernelFlags,
+    *,
+    wavelength: float,
+    seed: int = 0,
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> PairEcho:
+    """Look at pairs from one place, without antenna and launch window.
+
+    Parameters
+    ----------
+    position, center : (3,) m, of the antenna, and what spreading is taken at
+    flags : effects and channels
+    wavelength : m
+    seed : of the random phases
+    up : vertical reference of the polarisation
+    """
+    reference = float(np.linalg.norm(center - position))
+    frame = frame_towards(position[None], center, np.array([0.0, 1.0, 0.0]))
+    none = np.zeros(0, np.float32)
+    grid = LaunchGrid(none, none, 1.0, 0.0, 1.0, 1.0, 0.0)
+    settings = KernelSettings(
+        wavelength=wavelength,
+        max_depth=1,
+        cell=1.0,
+        seed=seed,
+        amplitude=reference**2,
+        reference_range=reference,
+        up=up,
+    )
+    flags = replace(flags, antenna_pattern=False, spreading=False, taper=False)
+    batch = PulseBatch(position[None], np.zeros((1, 3)), frame)
+    kernel = Kernel(trace_scene, grid, batch, flags, Constants.of(settings, trace_scene, grid))
+    source = DiffusePairs(pairs)
+    echoes = []
+    for part in source.parts([grid], 1):
+        kept = _Kept(part.count, len(flags.channels))
+        _, state = source.record(part, kernel, Antenna(), kept)
+        dr.eval(state, kept.memory, kept.slant_range)
+        amplitude = kept.memory.numpy().astype(np.float64).reshape(part.count, -1, 2)
+        echoes.append((amplitude[..., 0] + 1j * amplitude[..., 1], kept.slant_range.numpy()))
+    return PairEcho(*(np.concatenate(column) for column in zip(*echoes, strict=True)))
+
+
+class _Kept:
+    """Keeps amplitudes and slant range of each lane; an accumulator of :func:`sarmitsuba.trace.kernel.trace`."""
+
+    def __init__(self, n_lanes: int, n_channels: int) -> None:
+        self.n_lanes, self.n_channels = n_lanes, n_channels
+        self.memory = dr.zeros(mi.Float, 2 * n_lanes * n_channels)
+        self.slant_range = dr.zeros(mi.Float64, n_lanes)
+
+    def begin(self) -> LaneArrays:
+        """The lane's number."""
+        return (dr.arange(mi.UInt32, self.n_lanes),)
+
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
+        """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        (lane,), active = state, contribution.active
+        dr.scatter(self.slant_range, contribution.slant_range, lane, active)
+        for i, a in enumerate(contribution.amplitudes):
+            slot = 2 * (self.n_channels * lane + i)
+            dr.scatter(self.memory, a.real, slot, active)
+            dr.scatter(self.memory, a.imag, slot + 1, active)
+        return state
+
+
+__all__ = ["PairEcho", "pair_echo", "pair_level", "pair_sources", "scene_pairs"]

@@ -1,0 +1,292 @@
+r"""Paths over two diffuse scatterers: antenna, A, B, antenna, and the same way round.
+
+With random phases the sum over all pairs is a complex Gaussian; only its power is a fact of the scene, and that is what
+a random choice of pairs has to keep. A pair {A, B} returns
+
+.. math:: s_{AB} + s_{BA}, \quad
+    s_{AB} = \frac{\sqrt{\sigma^0_A \sigma^0_B}}{\sqrt{4 \pi} r} \, \mathbf q \cdot D_B D_A \mathbf e
+
+for each m^2 of both ends. Both orders are one path walked both ways: with one antenna they have one length, and by
+reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of
+what their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs
+drawn with the density p (:mod:`sarmitsuba.trace.pair_search`) return
+
+.. math:: S = \sum_{drawn} g \, (s_{AB} + s_{BA}) / \sqrt p, \qquad
+    \langle |S|^2 \rangle = \int_{\{A, B\}} p \, |s_{AB} + s_{BA}|^2 / p
+
+with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a
+sum of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.backend import device_array, dr, mi
+from sarmitsuba.radar.polarisation import linear_parts
+from sarmitsuba.trace import field
+from sarmitsuba.trace.beam import fade
+from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.incoherent import mixed
+from sarmitsuba.trace.kernel import TraceCounts
+from sarmitsuba.trace.pair_search import Pairs, sees
+from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.rays import antenna_of
+from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.source import MAX_LANES, Part, both_gains
+from sarmitsuba.trace.speckle import mix
+from sarmitsuba.trace.state import DIFFUSE, Contribution, Kernel
+from sarmitsuba.trace.temporal import Age
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.kernel import Accumulator, LaneArrays
+    from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """One scatterer of a pair."""
+
+    point: mi.Vector3d
+    normal64: mi.Vector3d
+    normal: mi.Vector3f
+    material: mi.UInt32
+    properties: mi.Vector4f
+    random: list[mi.Complex2f]
+
+
+@dataclass(frozen=True, eq=False)
+class _Struck:
+    """An end with the wave that falls on it; see :class:`sarmitsuba.trace.scattering_matrix.Struck`."""
+
+    material: mi.UInt32
+    normal: mi.Vector3f
+    direction: mi.Vector3f
+    properties: mi.Vector4f
+
+
+@dataclass(frozen=True, eq=False)
+class _Leg:
+    """Straight way between an antenna and an end.
+
+    Parameters
+    ----------
+    to_antenna, leaving : unit vectors from the end, and from the antenna
+    length : float64, m
+    rate : float64, m/s, its change
+    seen : lanes in which nothing stands in between
+    waves : at the end, of unit waves that the antenna sends in H and V
+    fade : amplitude of the launch window there
+    """
+
+    to_antenna: mi.Vector3f
+    leaving: mi.Vector3f
+    length: mi.Float64
+    rate: mi.Float64
+    seen: mi.Bool
+    waves: dict[str, field.ComplexVector]
+    fade: mi.Float
+
+
+class DiffusePairs:
+    """Returns of pairs of diffuse scatterers; a :class:`sarmitsuba.trace.source.Source`.
+
+    Parameters
+    ----------
+    pairs : drawn for the scene
+
+    Notes
+    -----
+    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and what either
+    scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's random phase is its own: as
+    surfaces coarse against the wavelength have it, what a cell sends to another does not tell what it sends home.
+    """
+
+    def __init__(self, pairs: Pairs) -> None:
+        self.n = pairs.n
+        self.places = device_array(mi.Float64, _rows(pairs))
+        self.faces = device_array(mi.UInt32, pairs.face.astype(np.uint32))
+        self.key = device_array(mi.UInt32, pairs.key)
+
+    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> Sequence[Part]:
+        """As few launches as memory allows; the window of the first lattice lights all."""
+        step = max(1, MAX_LANES // n_pulses)
+        return [Part(rays[0], first, min(step, self.n - first)) for first in range(0, self.n, step)]
+
+    def record(
+        self, part: Part, kernel: Kernel, antenna: Antenna, accumulator: Accumulator
+    ) -> tuple[TraceCounts, LaneArrays]:
+        """See :class:`sarmitsuba.trace.source.Source`."""
+        pulses, receiver = kernel.pulses, kernel.pulses.receiver
+        number = dr.arange(mi.UInt32, part.count * pulses.n_pulses)
+        count = dr.opaque(mi.UInt32, part.count)
+        pulse = number // count
+        index = number - pulse * count + dr.opaque(mi.UInt32, part.first)
+        a, b, weight = self._ends(kernel, index)
+        out_a, out_b = (_leg(kernel, pulses, pulse, end) for end in (a, b))
+        home_a, home_b = out_a, out_b
+        if receiver is not None:
+            home_a, home_b = (_leg(kernel, receiver, pulse, end) for end in (a, b))
+        weight = weight * kernel.constants.amplitude
+        one = self._way(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
+        added = accumulator.begin()
+        if receiver is None:
+            # the other way round has the same length, and the transposed channel
+            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            both = tuple(x + y for x, y in zip(one.amplitudes, other.amplitudes, strict=True))
+            added = accumulator.add(added, replace(one, amplitudes=both))
+            contributions = dr.select(one.active, mi.UInt32(1), 0)
+        else:
+            other = self._way(kernel, antenna, pulse, (b, out_b), (a, home_a), weight)
+            added = accumulator.add(accumulator.add(added, one), other)
+            contributions = dr.select(one.active, mi.UInt32(1), 0) + dr.select(other.active, mi.UInt32(1), 0)
+        return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
+
+    def _ends(self, kernel: Kernel, index: mi.UInt32) -> tuple[_End, _End, mi.Float]:
+        """Both scatterers, and the weight of the pair."""
+        rows = [dr.gather(mi.Vector4d, self.places, 4 * index + i) for i in range(4)]
+        faces = dr.gather(mi.Vector2u, self.faces, index)
+        key = dr.gather(mi.UInt32, self.key, index) + kernel.constants.seed
+        # a pair has one random phase; its level is that of the mean power
+        flags = replace(kernel.flags, speckle=False)
+        ends = []
+        for i, face in enumerate((faces.x, faces.y)):
+            word = dr.gather(mi.Vector4u, kernel.scene.face_info, face).x
+            place, normal = rows[2 * i], rows[2 * i + 1]
+            properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
+            normal64 = mi.Vector3d(normal[0], normal[1], normal[2])
+            age = Age.of(kernel, word) if flags.temporal else None
+            key_here = mix(key ^ (0x1B873593 * (i + 1)))
+            ends.append(
+                _End(
+                    point=mi.Vector3d(place[0], place[1], place[2]),
+                    normal64=normal64,
+                    normal=mi.Vector3f(normal64),
+                    material=word,
+                    properties=properties,
+                    random=speckle_coefficients(key_here, properties.w, flags, age),
+                )
+            )
+        return ends[0], ends[1], mi.Float(rows[0][3])
+
+    def _way(
+        self,
+        kernel: Kernel,
+        antenna: Antenna,
+        pulse: mi.UInt32,
+        begin: tuple[_End, _Leg],
+        end: tuple[_End, _Leg],
+        weight: mi.Float,
+    ) -> Contribution:
+        """The path over both ends in one order."""
+        flags, constants = kernel.flags, kernel.constants
+        (a, out), (b, home) = begin, end
+        across = mi.Vector3f(b.point - a.point)
+        r = dr.norm(across)
+        s = across / r
+        # both planes of incidence are needed whatever else the kernel does
+        planes = replace(flags, multi_bounce=True)
+        never = mi.Bool(False)
+        first = ScatteringMatrix(
+            kernel.scene, _Struck(a.material, a.normal, -out.to_antenna, a.properties), s, planes, never
+        )
+        second = ScatteringMatrix(
+            kernel.scene, _Struck(b.material, b.normal, s, b.properties), home.to_antenna, planes, never
+        )
+        spreads = dr.opaque(mi.Bool, flags.spreading)
+        loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
+        factor = weight * loss * out.fade
+        if flags.antenna_pattern:
+            factor *= both_gains(kernel, antenna, pulse, out.leaving, home.leaving)
+        closed = _linear(flags)
+        start = mi.Vector3f(a.point) + (a.normal + s) * constants.clearance
+        u, v = mi.coordinate_system(s)
+        between = {}
+        for letter in dict.fromkeys(channel[0] for channel in closed):
+            e = out.waves[letter]
+            zu, zv = (mixed(first.between(q, e), a.random) for q in (u, v))
+            field_b = field.add(field.scale(zu, u), field.scale(zv, v))
+            (between[letter],) = passed(kernel.scene.passages, start, s, r, out.seen, (field_b,))
+        values = [
+            mixed(second.between_fields(home.waves[channel[1]], between[channel[0]]), b.random) * factor
+            for channel in closed
+        ]
+        return Contribution(
+            kind=mi.UInt32(DIFFUSE),
+            order=mi.UInt32(2),
+            pulse=pulse,
+            slant_range=0.5 * (out.length + mi.Float64(dr.norm(b.point - a.point)) + home.length),
+            range_rate=0.5 * (out.rate + home.rate),
+            amplitudes=tuple(field.recorded(closed, values, flags.channels)),
+            active=out.seen & home.seen,
+            point=0.5 * (a.point + b.point),
+        )
+
+
+def _rows(pairs: Pairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """(n, 4, 4) float64: point of an end and the weight, its normal and a zero, twice."""
+    rows = np.zeros((pairs.n, 4, 4))
+    rows[:, 0::2, :3], rows[:, 1::2, :3] = pairs.point, pairs.normal
+    rows[:, 0, 3] = pairs.weight
+    return rows
+
+
+def _leg(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Leg:
+    """The way between an end and the antenna of a pulse."""
+    position, velocity = antenna_of(pulses, pulse)
+    seen, to64, length, start = sees(
+        kernel.scene,
+        end.point,
+        end.normal64,
+        position,
+        kernel.constants.clearance,
+        mi.Bool(True),
+        kernel.flags.visibility,
+    )
+    to = mi.Vector3f(to64)
+    h, v = field.polarisation_basis(-to, kernel.constants.up)
+    none = dr.zeros(mi.Vector3f)
+    waves = passed(kernel.scene.passages, start, to, mi.Float(length), seen, ((h, none), (v, none)))
+    return _Leg(
+        to_antenna=to,
+        leaving=-to,
+        length=length,
+        rate=dr.dot(to64, velocity),
+        seen=seen,
+        waves=dict(zip("HV", waves, strict=True)),
+        fade=_window(kernel, pulse, position, -to64),
+    )
+
+
+def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi.Vector3d) -> mi.Float:
+    """Amplitude that a ray of the launch window has which starts in a direction."""
+    grid, frame = kernel.grid, kernel.pulses.frame
+    if not kernel.flags.taper:
+        return mi.Float(1.0)
+    plane = pulse if frame.center.shape[0] > 1 else dr.zeros(mi.UInt32, 1)
+    center, x, y = (
+        dr.gather(mi.Vector3d, device_array(mi.Float64, rows), plane)
+        for rows in (frame.center, frame.axis_x, frame.axis_y)
+    )
+    across = dr.cross(x, y)
+    there = position - center + leaving * (dr.dot(center - position, across) / dr.dot(leaving, across))
+    gx, gy = mi.Float(dr.dot(there, x)), mi.Float(dr.dot(there, y))
+    # beyond the fade-out there are no rays, and without one none beyond the window
+    lit = (dr.abs(gx) <= dr.opaque(mi.Float, grid.half_x + grid.taper)) & (
+        dr.abs(gy) <= dr.opaque(mi.Float, grid.half_y + grid.taper)
+    )
+    return dr.select(lit, fade(gx, grid.half_x, grid.taper) * fade(gy, grid.half_y, grid.taper), 0.0)
+
+
+def _linear(flags: KernelFlags) -> tuple[str, ...]:
+    """Linear channels of which those to record are sums."""
+    return tuple(dict.fromkeys(part for c in flags.channels for _, part in linear_parts(c)))
+
+
+__all__ = ["DiffusePairs"]

@@ -1,0 +1,249 @@
+r"""Pairs of diffuse scatterers that see each other, drawn at random and fixed to the scene.
+
+A pair is a point A of a surface and the point B where a ray from A lands whose direction the hash of A's cell draws:
+half of the rays by the cosine law, half evenly over the hemisphere. The density of the unordered pair {A, B}, per m^2
+of surface at either end, is that of both orders,
+
+.. math::
+    p = \left[ d_A f(c_A) c_B + d_B f(c_B) c_A \right] / r^2, \quad
+    f(c) = \frac{1}{2} \left( \frac{c}{\pi} + \frac{1}{2 \pi} \right)
+
+with the distance r, the cosines :math:`c` of both ends' angles towards each other, and :math:`d` points for each m^2.
+:attr:`Pairs.weight` is :math:`1 / \sqrt{4 \pi r^2 p}`: r drops out, and neighbours across a corner weigh no more than
+others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import device_array, dr, mi
+from sarmitsuba.mesh.surface_samples import SurfaceSamples
+from sarmitsuba.trace.arrays import vector_rows
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.rays import hit_point
+from sarmitsuba.trace.scattering_matrix import diffuse_lookup
+from sarmitsuba.trace.speckle import mix
+
+F64 = NDArray[np.float64]
+
+# bits of a key in a random number
+BITS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of surface points, none twice.
+
+    Parameters
+    ----------
+    point : (n, 2, 3) float64, m, scene frame; of both ends
+    normal : (n, 2, 3) float64, unit normals on the sides that see each other
+    face : (n, 2) rows of the scene's tables
+    weight : (n,) float64, of the product of the ends' roots of sigma0, m^2
+    key : (n,) uint32, hash
+    clutter : m^2, backscatter of the points alone, as the middle view sees them
+    """
+
+    point: F64
+    normal: F64
+    face: NDArray[np.intp]
+    weight: F64
+    key: NDArray[np.uint32]
+    clutter: float
+
+    @property
+    def n(self) -> int:
+        """How many there are."""
+        return int(self.weight.size)
+
+
+def find_pairs(
+    scene: TraceScene, samples: SurfaceSamples, views: F64, cell: float, box: F64, *, visibility: bool = True
+) -> Pairs:
+    """Draw one partner for each point, and keep the pairs whose ends the views see.
+
+    Parameters
+    ----------
+    scene : geometry at rest
+    samples : points of faces of the scene
+    views : (n, 3) m, antenna positions; the middle one is that of ``Pairs.clutter``
+    cell, box : of the samples, m
+    visibility : off takes no heed of what stands between a point and the antenna
+
+    Notes
+    -----
+    Pairs that have an end which only positions between the views see are left out.
+    """
+    sides = [_facing(samples, views, sign) for sign in (1.0, -1.0)]
+    index = np.concatenate([np.flatnonzero(side) for side in sides])
+    sign = np.repeat([1.0, -1.0], [int(side.sum()) for side in sides])
+    if not index.size:
+        return _none()
+    normal = samples.normal[index] * sign[:, None]
+    key = samples.key[index] ^ np.where(sign > 0.0, 0, 0x5BD1E995).astype(np.uint32)
+    return _search(
+        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, visibility=visibility
+    )
+
+
+def _search(
+    scene: TraceScene,
+    samples: SurfaceSamples,
+    index: NDArray[np.intp],
+    normal: F64,
+    key: NDArray[np.uint32],
+    views: F64,
+    cell: float,
+    box: F64,
+    *,
+    visibility: bool,
+) -> Pairs:
+    f32, f64, u32, v32, v64 = mi.Float, mi.Float64, mi.UInt32, mi.Vector3f, mi.Vector3d
+    n = index.size
+    lane = dr.arange(u32, n)
+    a = dr.gather(v64, vector_rows(samples.point[index]), lane)
+    n_a64 = dr.gather(v64, vector_rows(normal), lane)
+    keys = device_array(u32, key)
+    density = device_array(f64, samples.density[index])
+    face_a = device_array(u32, samples.face[index].astype(np.uint32))
+    clearance = dr.opaque(f32, scene.clearance)
+
+    n_a = v32(n_a64)
+    out = mi.Frame3f(n_a).to_world(_direction(keys))
+    start = v32(a) + (n_a + out) * clearance
+    found = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(start, out), coherent=False)
+    there = found.is_valid()
+    face_b = found.prim_index
+    landed, n_b64, _, _ = hit_point(scene, face_b, found.prim_uv, there)
+    out64 = v64(out)
+    n_b64 = dr.select(dr.dot(n_b64, out64) > 0.0, -n_b64, n_b64)
+    b = a + out64 * (dr.dot(landed - a, n_b64) / dr.dot(out64, n_b64))
+    b = dr.select(dr.squared_norm(b - landed) < dr.square(f64(1e3 * clearance)), b, landed)
+
+    c_a, c_b = dr.dot(n_a64, out64), -dr.dot(n_b64, out64)
+    low, high = (v64(*(dr.opaque(f64, float(x)) for x in corner)) for corner in box)
+    inside = (b.x >= low.x) & (b.y >= low.y) & (b.z >= low.z)
+    inside &= (b.x <= high.x) & (b.y <= high.y) & (b.z <= high.z)
+    steepest = dr.maximum(dr.maximum(dr.abs(n_b64.x), dr.abs(n_b64.y)), dr.abs(n_b64.z))
+    density_b = dr.select(inside, steepest * dr.opaque(f64, cell**-2), 0.0)
+    both = density * _spread(c_a) * c_b + density_b * _spread(c_b) * c_a
+    weight = dr.rsqrt(4.0 * dr.pi * dr.maximum(both, 1e-12))
+    there &= (c_a > 0.0) & (c_b > 0.0)
+
+    ends = ((a, n_a64), (b, n_b64))
+    kept, seen = _seen(scene, ends, views, clearance, there, visibility)
+    material = scene.material_of(face_a, mi.Bool(True))
+    middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
+    cosine = f32(dr.dot(dr.normalize(middle - a), n_a64))
+    backscatter = diffuse_lookup(scene.diffuse_table, material, cosine)
+    clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter) / f32(density), 0.0)
+    dr.eval(b, n_b64, weight, kept, face_b, clutter)
+    pick = np.flatnonzero(kept.numpy())
+    return Pairs(
+        point=np.stack([samples.point[index[pick]], b.numpy().T[pick]], axis=1),
+        normal=np.stack([normal[pick], n_b64.numpy().T[pick]], axis=1),
+        face=np.stack([samples.face[index[pick]], face_b.numpy()[pick].astype(np.intp)], axis=1),
+        weight=weight.numpy()[pick],
+        key=key[pick],
+        clutter=float(clutter.numpy().sum(dtype=np.float64)),
+    )
+
+
+def _direction(key: mi.UInt32) -> mi.Vector3f:
+    """Unit vector about +z: half of them by the cosine law, half evenly over the hemisphere."""
+    k1 = mix(key ^ 0x7F4A7C15)
+    k2 = mix(k1 ^ 0x94D049BB)
+    scale = 2.0**-BITS
+    u = (mi.Float(k1 >> (32 - BITS)) + 0.5) * scale
+    turn = mi.Float(k2 >> (32 - BITS)) * (2.0 * dr.pi * scale)
+    even = (k2 & 1) == 1
+    cosine = dr.select(even, u, dr.sqrt(u))
+    sine = dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0))
+    s, c = dr.sincos(turn)
+    return mi.Vector3f(sine * c, sine * s, cosine)
+
+
+def _spread(cosine: mi.Float64) -> mi.Float64:
+    """Density of directions, 1/sr."""
+    return (0.5 / dr.pi) * cosine + 0.25 / dr.pi
+
+
+def _facing(samples: SurfaceSamples, views: F64, sign: float) -> NDArray[np.bool_]:
+    """Points whose one side faces any of the views."""
+    facing = np.zeros(samples.n, dtype=bool)
+    for view in views:
+        facing |= sign * np.einsum("ij,ij->i", view - samples.point, samples.normal) > 0.0
+    return facing
+
+
+def _seen(
+    scene: TraceScene,
+    ends: tuple[tuple[mi.Vector3d, mi.Vector3d], tuple[mi.Vector3d, mi.Vector3d]],
+    views: F64,
+    clearance: mi.Float,
+    there: mi.Bool,
+    visibility: bool,
+) -> tuple[mi.Bool, mi.Bool]:
+    """Lanes whose two ends each are seen by some view, and those whose first end the middle view sees."""
+    rows = vector_rows(views)
+    n_views, middle = dr.opaque(mi.UInt32, len(views)), dr.opaque(mi.UInt32, len(views) // 2)
+
+    def one(
+        number: mi.UInt32, a: mi.Bool, b: mi.Bool, now: mi.Bool
+    ) -> tuple[mi.UInt32, mi.Bool, mi.Bool, mi.Bool]:
+        view = dr.gather(mi.Vector3d, rows, number)
+        here = number == middle
+        seen_a = sees(scene, *ends[0], view, clearance, here | (there & ~a), visibility)[0]
+        seen_b = sees(scene, *ends[1], view, clearance, there & ~b, visibility)[0]
+        return number + 1, a | seen_a, b | seen_b, now | (here & seen_a)
+
+    none = there & mi.Bool(False)
+    _, a, b, now = dr.while_loop(
+        (mi.UInt32(0), none, none, none),
+        lambda number, a, b, now: number < n_views,
+        one,
+        labels=("number", "a", "b", "now"),
+        label="views",
+        mode="symbolic",
+    )
+    return there & a & b, now
+
+
+def sees(
+    scene: TraceScene,
+    point: mi.Vector3d,
+    normal: mi.Vector3d,
+    position: mi.Vector3d,
+    clearance: mi.Float,
+    active: mi.Bool,
+    visibility: bool,
+) -> tuple[mi.Bool, mi.Vector3d, mi.Float64, mi.Vector3f]:
+    """Lanes in which a surface point sees a position; unit vector there, distance (m), and where the way starts."""
+    leg = position - point
+    length = dr.norm(leg)
+    to64 = leg / length
+    to, n = mi.Vector3f(to64), mi.Vector3f(normal)
+    start = mi.Vector3f(point) + (n + to) * clearance
+    seen = active & (dr.dot(to, n) > 1e-7)
+    if visibility:
+        ray = mi.Ray3f(start, to, mi.Float(length), 0.0, [])
+        seen &= ~scene.mi_scene.ray_test(ray, coherent=False, active=seen)
+    return seen, to64, length, start
+
+
+def _none() -> Pairs:
+    return Pairs(
+        np.zeros((0, 2, 3)),
+        np.zeros((0, 2, 3)),
+        np.zeros((0, 2), np.intp),
+        np.zeros(0),
+        np.zeros(0, np.uint32),
+        0.0,
+    )
+
+
+__all__ = ["Pairs", "find_pairs", "sees"]
