@@ -167,7 +167,7 @@ def trace_paths(
     Notes
     -----
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more.
+    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -252,6 +252,7 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
     batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
+    flags = replace(flags, transmission=False)  # hits are kept by lane: of one path, without branches
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
     room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
     while True:

@@ -25,6 +25,8 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "glass_house",
+    "harbour",
     "moving_cars",
     "plate",
     "point",
