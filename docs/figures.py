@@ -213,6 +213,18 @@ def moving() -> Figure:
     return figure
 
 
+def courtyard() -> Figure:
+    """A court with and without pairs of diffuse scatterers, and what they return."""
+    options = ["--window", "taylor", "--no-error-bars"]
+    images = {
+        "as planned": _render("courtyard", options),
+        "diffuse_pairs off": _render("courtyard", [*options, "-D", "diffuse_pairs=off"]),
+    }
+    with_pairs, without = images.values()
+    images["difference"] = replace(with_pairs, data=with_pairs.data - without.data)
+    return _shown(images, (-35.0, 5.0))
+
+
 def facades() -> Figure:
     """Six houses of the city that import.md shows, imported with plain walls and with relief."""
     images = {}
@@ -494,6 +506,7 @@ FIGURES = {
         methods,
         effects,
         moving,
+        courtyard,
         facades,
         azimuth_ambiguities,
         focusers,

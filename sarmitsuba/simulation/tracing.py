@@ -60,6 +60,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.sources = (*sources_of(sampling.scene, flags), *pair_sources(sampling, flags, trace_scene))
+        timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(
