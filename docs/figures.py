@@ -18,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
@@ -225,6 +226,29 @@ def courtyard() -> Figure:
     return _shown(images, (-35.0, 5.0))
 
 
+def sea() -> Figure:
+    """The harbour with its sea moving and frozen, some looks averaged, so that waves show through the speckle."""
+    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+    picture = None
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"moving": [], "water_motion off": ["-D", "sar_path.water_motion=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("harbour", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(uniform_filter(image.sigma0(), 4), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-27.0, vmax=4.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
+
+
 def facades() -> Figure:
     """Six houses of the city that import.md shows, imported with plain walls and with relief."""
     images = {}
@@ -279,14 +303,23 @@ def focusers() -> Figure:
 
 def interferogram_tower() -> Figure:
     """The pair that `insar tower` makes: fringes, coherence, heights."""
+    return _pair("tower")
+
+
+def interferogram_fields() -> Figure:
+    """The pair that `insar fields --days 12` makes."""
+    return _pair("fields", "--days", "12")
+
+
+def _pair(scene: str, *options: str) -> Figure:
     with tempfile.TemporaryDirectory() as folder:
-        assert main(["insar", "tower", "-o", f"{folder}/out", "--quiet"]) == 0
+        assert main(["insar", scene, "-o", f"{folder}/out", "--quiet", *options]) == 0
         one = read_image(f"{folder}/out/first/image.h5")
         two = focus(
             read_raw(f"{folder}/out/second/raw.h5"), one.grid, range_window="taylor", azimuth_window="taylor"
         )
     pair = interferogram(one, two)
-    return interferogram_figure(pair, height_map(pair), title="tower")
+    return interferogram_figure(pair, height_map(pair), title=scene)
 
 
 def modes() -> Figure:
@@ -507,10 +540,12 @@ FIGURES = {
         effects,
         moving,
         courtyard,
+        sea,
         facades,
         azimuth_ambiguities,
         focusers,
         interferogram_tower,
+        interferogram_fields,
         modes,
         footprints,
     )

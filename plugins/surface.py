@@ -23,6 +23,7 @@ class RadarSurface(mi.BSDF):
     def __init__(self, props: mi.Properties) -> None:
         self.given = given_values(props, self.table)
         self.nested = [props[key] for key in props.keys() if isinstance(props[key], mi.BSDF)]
+        self.maps = [key for key in props.keys() if isinstance(props[key], mi.Texture)]
         super().__init__(props)
         flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
         self.m_components = [flags]

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
 
 NAME = "insar"
+# between two passes, where none are given
+DAYS = 1.0
 HELP = "render two passes over a scene, or one with two receivers, and make their interferogram"
 
 
@@ -36,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="one transmission and two receivers, the second beside the first, in place of two passes",
     )
+    group.add_argument(
+        "--days",
+        type=float,
+        metavar="D",
+        help="days from the first pass to the second, for materials with temporal_coherence below 1 (default: 1)",
+    )
     interferogram.add_pair_arguments(group)  # type: ignore[arg-type]
 
 
@@ -46,14 +54,20 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
     if args.no_focus or args.page:
         raise DataError("insar: --no-focus and --page belong to render; leave them out")
+    if args.one_pass and args.days is not None:
+        raise DataError(
+            f"insar: --days {args.days:g} with --one-pass, whose two images are of one time; leave one out"
+        )
     out = Path(args.output)
     scene = scene_of(args)
+    days = 0.0 if args.one_pass else DAYS if args.days is None else args.days
     offset = second_pass(scene.radar, relief_of(scene), args.baseline, passes=1 if args.one_pass else 2)
     render.run(_changed(args, out / "first"), console)
     second = _changed(args, out / "second", no_focus=True)
     second.define = [
         *args.define,
         *((f"sar_antenna.{name}", repr(value)) for name, value in offset.parameters.items()),
+        ("sar_path.pass_days", repr(scene.settings.pass_days + days)),
     ]
     render.run(second, console)
     pair = argparse.Namespace(**{**vars(args), "first": str(out / "first"), "second": str(out / "second")})

@@ -173,9 +173,8 @@ def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:
     b = pair.baseline
     coherence = pair.coherence
     quartiles = np.percentile(coherence, (25, 50, 75))
-    kind = "two passes" if b.passes == 2 else "one pass, two receivers"
     lines = [
-        f"{kind}, {pair.channel}, {pair.grid.shape[0]} x {pair.grid.shape[1]} blocks of {pair.looks[0]} x "
+        f"{pair.kind}, {pair.channel}, {pair.grid.shape[0]} x {pair.grid.shape[1]} blocks of {pair.looks[0]} x "
         f"{pair.looks[1]} pixels, {pair.independent_looks:.1f} independent looks",
         f"baseline          perpendicular {b.perpendicular:.4g} m, parallel {b.parallel:.4g} m, "
         f"along {b.along:.4g} m",

@@ -37,8 +37,8 @@ def noise_power(radar: Radar, domain: str) -> float:
     return BOLTZMANN * radar.noise_temperature / radar.waveform.pulse_width
 
 
-def noise_generator(radar: Radar, seed: int, channel: int) -> np.random.Generator:
-    """Random numbers of a receiver's noise: of a channel, and of the place that its antennas fly at.
+def noise_generator(radar: Radar, seed: int, channel: int, days: float = 0.0) -> np.random.Generator:
+    """Random numbers of a receiver's noise: of a channel, of the place that its antennas fly at, and of the time.
 
     Two passes of one seed see the same scatterers but have noise of their own.
 
@@ -47,22 +47,25 @@ def noise_generator(radar: Radar, seed: int, channel: int) -> np.random.Generato
     radar : its mid-aperture to a centimetre, and that of a receiver apart, belong to the seed
     seed : the same seed gives the same noise
     channel : number of the channel
+    days : since the first pass
     """
     tracks = [radar.track, *([radar.receiver] if radar.receiver is not None else [])]
     # the shift keeps round figures away from where rounding flips
     place = np.round(
         100.0 * np.concatenate([t.center_position + radar.offset for t in tracks]) + 0.3718
     ).astype(np.int64)
-    return np.random.default_rng([seed, _STREAM, channel, *(int(v) & 0xFFFFFFFF for v in place)])
+    later = [int(np.float64(days).view(np.uint64))] if days else []
+    return np.random.default_rng([seed, _STREAM, channel, *(int(v) & 0xFFFFFFFF for v in place), *later])
 
 
-def add_noise(raw: RawData, seed: int = 0) -> RawData:
+def add_noise(raw: RawData, seed: int = 0, days: float = 0.0) -> RawData:
     """Add one independent realisation of thermal noise per channel.
 
     Parameters
     ----------
     raw : either domain; ``radar.noise_temperature`` in K, 0 returns ``raw`` itself
     seed : the same seed gives the same noise of the same pass
+    days : of the pass, since the first one
 
     Returns
     -------
@@ -83,7 +86,7 @@ def add_noise(raw: RawData, seed: int = 0) -> RawData:
         own = [i for i, layer in enumerate(raw.layers) if layer.channel == channel]
         lowest = min(raw.layers[i].order for i in own)
         targets = [i for i in own if raw.layers[i].order == lowest]
-        rng = noise_generator(radar, seed, index)
+        rng = noise_generator(radar, seed, index, days)
         n_pulses, n_fast = data.shape[1:]
         step = max(1, _BATCH // n_fast)
         for start in range(0, n_pulses, step):

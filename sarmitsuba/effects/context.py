@@ -6,8 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -165,9 +167,9 @@ class SceneContext:
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:
-        """Materials that rays can hit."""
+        """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
-        return tuple(m for m in (self.scene.materials[i] for i in used) if not m.invisible)
+        return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
 
     @cached_property
     def shape(self) -> ShapeAnalysis:
@@ -186,6 +188,11 @@ class SceneContext:
         return ShapeAnalysis(self.scene.geometry, visible, self.antenna, thorough=thorough)
 
     @cached_property
+    def seen_through(self) -> tuple[Material, ...]:
+        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.panes`."""
+        return seen_through(self.scene, self.antenna)
+
+    @cached_property
     def antenna(self) -> F64:
         """(n, 3) antenna positions that bound the aperture: at most 65 pulses spread over it, m."""
         position = self.scene.radar.track.position
@@ -200,7 +207,7 @@ class SceneContext:
             parts.append(self.sampling.box)
         elif self.scene.geometry.n_faces:
             parts.append(self.scene.geometry.bounds)
-        parts += [np.tile(p.position, (2, 1)) for p in self.scene.points]
+        parts += [np.tile(place, (2, 1)) for place in self.scene.places]
         if not parts:
             return np.zeros((2, 3))
         return np.stack([np.min([p[0] for p in parts], axis=0), np.max([p[1] for p in parts], axis=0)])

@@ -41,7 +41,13 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
+    texture: bool = False
+    edge_diffraction: bool = False
+    temporal: bool = False
+    water_motion: bool = False
     diffuse_pairs: bool = False
+    slabs: bool = False
+    transmission: bool = False
     extra: frozenset[str] = frozenset()
 
     @property

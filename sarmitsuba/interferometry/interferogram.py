@@ -41,6 +41,7 @@ class Interferogram:
     independent_looks : number of independent samples in a block, real
     views : where both images were seen from
     baseline : at the grid's middle
+    days : from the first image to the second, as their runs' ``pass_days`` say; 0 where they say nothing
 
     Notes
     -----
@@ -62,6 +63,7 @@ class Interferogram:
     independent_looks: float
     views: tuple[Viewpoint, Viewpoint]
     baseline: Baseline
+    days: float = 0.0
 
     def __repr__(self) -> str:
         return (
@@ -69,6 +71,14 @@ class Interferogram:
             f"{self.looks[1]} pixels, perpendicular baseline {self.baseline.perpendicular:.4g} m of "
             f"{self.baseline.critical:.4g} m critical)"
         )
+
+    @property
+    def kind(self) -> str:
+        """How the pair was made, in words."""
+        if self.baseline.passes == 1:
+            return "one pass, two receivers"
+        days = f" {self.days:g} day{'s' * (self.days != 1.0)} apart" if self.days else ""
+        return f"two passes{days}"
 
     @property
     def phase(self) -> F64:
@@ -127,6 +137,7 @@ class Interferogram:
             "coherence_median": float(np.median(coherence)),
             "coherence_quartiles": [float(v) for v in np.percentile(coherence, (25, 75))],
             "baseline": self.baseline.as_dict(),
+            "days": self.days,
         }
 
 
@@ -184,7 +195,13 @@ def interferogram(
         independent_looks=independent_looks(first, block, share),
         views=views,
         baseline=baseline,
+        days=_days(second) - _days(first),
     )
+
+
+def _days(image: SarImage) -> float:
+    """Since the first pass, as the image's run says."""
+    return float(image.metadata.get("settings", {}).get("pass_days", 0.0))
 
 
 def check_pair(first: SarImage, second: SarImage, channel: str) -> None:

@@ -1,7 +1,7 @@
 """Surfaces, points and parameters put together into a scene: cleaned, grouped, centred, seen by a radar."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
@@ -21,9 +22,11 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
+from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.volumes import Volume
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -50,6 +53,7 @@ class Surface:
     smooth : all faces belong to one smooth surface, however much they bend
     convex : one closed convex body by its kind
     motion : how it moves from there
+    corner_values : attributes that maps lie on, see `Geometry.corner_values`
     """
 
     name: str
@@ -59,6 +63,7 @@ class Surface:
     smooth: bool = False
     convex: bool = False
     motion: Motion = STILL
+    corner_values: Mapping[str, F64] = field(default_factory=dict)
 
 
 def assemble(
@@ -70,17 +75,20 @@ def assemble(
     radar: RadarInput,
     settings: TraceSettings,
     notes: Sequence[str] = (),
+    lines: Sequence[LineTarget] = (),
+    volumes: Sequence[Volume] = (),
 ) -> Scene:
     """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
 
     Parameters
     ----------
     name, path : of the file
-    surfaces, points : in the file frame
+    surfaces, points, lines : in the file frame
     materials : that ``surfaces`` point into
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
+    volumes : in the file frame
 
     Raises
     ------
@@ -89,10 +97,14 @@ def assemble(
     """
     label = path.name if path else name
     visible = any(not materials[s.material].invisible for s in surfaces)
-    if not visible and not points:
+    if not visible and not points and not lines:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
-            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, or a point_scatterer"
+            f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
+        )
+    if volumes and not visible:
+        raise SceneError(
+            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
         )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
@@ -102,11 +114,19 @@ def assemble(
         )
     for point in points:
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
-    offset = _offset(geometry, points)
+    for line in lines:
+        _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
+    for volume in volumes:
+        _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
+    positions = np.array([p.position for p in points]).reshape(-1, 3)
+    places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
+    offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
-    used = list(dict.fromkeys(materials[s.material] for s in surfaces))
-    built, image, radar_notes = seen_by(label, geometry, moved, used, radar, offset)
+    if offset.any():
+        materials = [m if m.maps is None else replace(m, maps=m.maps.moved(offset)) for m in materials]
+    used = list(dict.fromkeys(with_parts([materials[s.material] for s in surfaces])))
+    built, image, radar_notes = seen_by(label, geometry, places - offset, used, radar, offset)
     return Scene(
         name=name,
         path=path,
@@ -119,28 +139,32 @@ def assemble(
         offset=offset,
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
+        lines=tuple(line.moved(-offset) for line in lines),
+        volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
     )
 
 
 def seen_by(
     label: str,
     geometry: Geometry,
-    points: Sequence[PointTarget],
+    places: F64,
     materials: Sequence[Material],
     radar: RadarInput,
     offset: F64,
+    volumes: Sequence[Volume] = (),
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
     """Radar and image request of a description over a geometry, and notes.
 
     Parameters
     ----------
     label : start of notes
-    geometry, points : in the scene frame
+    geometry : in the scene frame
+    places : (n, 3) m, of what there is to see beside it
     materials : that occur in the geometry
     radar : in the file frame
     offset : (3,) m, of the scene frame
     """
-    built, image, notes = build_radar(radar, _extent(geometry, points), offset)
+    built, image, notes = build_radar(radar, _extent(geometry, places), offset)
     angle_notes: list[str] = []
     for material in materials:
         _check_angle(label, material, built, image, angle_notes)
@@ -149,8 +173,8 @@ def seen_by(
 
 def _black(label: str, surfaces: Sequence[Surface], materials: Sequence[Material]) -> list[str]:
     """Say that a scene which is all mirrors will be black but for them."""
-    seen = {s.material: materials[s.material] for s in surfaces if not materials[s.material].invisible}
-    if not seen or any(material.diffuse_law != "none" for material in seen.values()):
+    seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
+    if not seen or any(material.diffuse_law != "none" for material in seen):
         return []
     return [
         f"{label}: no material has a diffuse law: the image is black but for edges, corners and faces that mirror the "
@@ -203,8 +227,19 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
         mesh_face_offset=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         mesh_convex=tuple(convex),
         mesh_motion=() if all(s.motion.still for s in surfaces) else tuple(s.motion for s in surfaces),
+        corner_values=_corner_values(surfaces, joined),
     )
     return geometry, [f"{label}: {note}" for note in notes]
+
+
+def _corner_values(surfaces: Sequence[Surface], joined: JoinedMeshes) -> dict[str, F64]:
+    """Attributes of all meshes at the corners of the faces that are left; NaN where a mesh has none."""
+    out = {}
+    for name in sorted({name for s in surfaces for name in s.corner_values}):
+        columns = 2 if name == "uv" else 1
+        parts = [s.corner_values.get(name, np.full((len(s.faces), 3, columns), np.nan)) for s in surfaces]
+        out[name] = np.concatenate(parts)[joined.kept]
+    return out
 
 
 def _groups(joined: JoinedMeshes, smooth: NDArray[np.bool_]) -> I32:
@@ -235,26 +270,22 @@ def _check_size(what: str, coordinates: F64) -> None:
         )
 
 
-def _bounds(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
-    """(2, 3) bounds of triangles and points together, m."""
-    clouds = [np.array([p.position for p in points])] if points else []
-    if geometry.n_faces:
-        clouds.append(geometry.bounds)
-    cloud = np.concatenate(clouds)
+def _bounds(geometry: Geometry, places: F64) -> F64:
+    """(2, 3) bounds of triangles and places (n, 3) together, m."""
+    cloud = np.concatenate([places, geometry.bounds]) if geometry.n_faces else places
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 
-def _extent(geometry: Geometry, points: Sequence[PointTarget]) -> Extent:
+def _extent(geometry: Geometry, places: F64) -> Extent:
     """Outline of everything; in its middle at the height of the ground is what a radar aims at."""
-    positions = np.array([p.position for p in points]).reshape(-1, 3)
-    low, high = _bounds(geometry, points)
-    height = geometry.ground_height if geometry.n_faces else float(np.median(positions[:, 2]))
+    low, high = _bounds(geometry, places)
+    height = geometry.ground_height if geometry.n_faces else float(np.median(places[:, 2]))
     middle = np.array([*(0.5 * (low + high)[:2]), height])
-    return Extent(np.concatenate([geometry.vertices, positions]), middle)
+    return Extent(np.concatenate([geometry.vertices, places]), middle)
 
 
-def _offset(geometry: Geometry, points: Sequence[PointTarget]) -> F64:
-    center = _bounds(geometry, points).mean(axis=0)
+def _offset(geometry: Geometry, places: F64) -> F64:
+    center = _bounds(geometry, places).mean(axis=0)
     if float(np.linalg.norm(center)) <= RECENTRE_DISTANCE:
         return np.zeros(3)
     return np.asarray(np.round(center))

@@ -7,6 +7,7 @@ from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.loader.tables import INTEGRATOR
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.parameters import did_you_mean, filled
 from sarmitsuba.radar.description import SENSOR, RadarDescription, RadarInput
 from sarmitsuba.radar.film import FILM, FilmDescription
@@ -69,9 +70,10 @@ def _seen_anew(scene: Scene, changes: Mapping[str, object], label: str) -> Scene
         old.track,
         python=True,
     )
-    material = [m for i, m in enumerate(scene.materials) if i in set(scene.geometry.face_material.tolist())]
+    occurring = set(scene.geometry.face_material.tolist())
+    material = with_parts([m for i, m in enumerate(scene.materials) if i in occurring])
     before, after = (
-        seen_by(label, scene.geometry, scene.points, material, each, scene.offset) for each in (old, radar)
+        seen_by(label, scene.geometry, scene.places, material, each, scene.offset) for each in (old, radar)
     )
     kept = [note for note in scene.notes if note not in before[2]]
     return replace(scene, radar=after[0], image=after[1], notes=(*kept, *after[2]), description=radar)

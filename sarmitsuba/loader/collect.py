@@ -1,4 +1,4 @@
-"""Shapes of a scene collected one after the other: surfaces with their materials, and ideal points."""
+"""Shapes of a scene collected one after the other: surfaces with their materials, ideal points and rods."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,8 +18,13 @@ from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
 from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
+from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
+from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
+from sarmitsuba.materials.bsdfs import wire_permittivity
+from sarmitsuba.materials.texture import map_attributes
 from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.units import power_from_db
@@ -49,16 +54,18 @@ class Collector:
     notes: list[str] = field(default_factory=list)
     surfaces: list[Surface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
+    lines: list[LineTarget] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         frequency = self.described.radar.sensor.center_frequency
         self.book = MaterialBook(
             frequency, self.overrides, self.notes, self.described.settings.default_rms_height
         )
+        self.volumes = VolumeBook(frequency, self.overrides)
         self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
 
     def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
-        """Take in a shape element; a ``point_scatterer`` makes it an ideal point.
+        """Take in a shape element: a surface, or by its bsdf an ideal point, rods or a volume.
 
         Raises
         ------
@@ -67,12 +74,32 @@ class Collector:
         if bsdf is not None and bsdf.plugin == tables.POINT_SCATTERER.plugin:
             self.points.append(self._point(placed, bsdf))
             return
+        if bsdf is not None and bsdf.plugin == tables.RADAR_WIRE.plugin:
+            self.lines.extend(self._rods(placed, bsdf))
+            return
+        if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
+            self.volumes.add_shape(placed, bsdf, self.reader)
+            return
+        if placed.element.plugin == "linearcurve":
+            raise SceneError(
+                f"{placed.element.where}: a linearcurve has no surface for rays; give it the bsdf radar_wire"
+            )
         if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
             return
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
+        names = map_attributes(self.book.materials[material])
         self.surfaces.append(
-            Surface(placed.name, vertices, faces, material, placed.is_curved, placed.is_convex, placed.motion)
+            Surface(
+                placed.name,
+                vertices,
+                faces,
+                material,
+                placed.is_curved,
+                placed.is_convex,
+                placed.motion,
+                self.reader.corner_values(placed, faces, names) if names else {},
+            )
         )
 
     def add_parts(
@@ -142,7 +169,17 @@ class Collector:
             self.described.radar,
             self.described.settings,
             self.notes,
+            self.lines,
+            self.volumes.volumes,
         )
+
+    def _rods(self, placed: Placed, bsdf: Element) -> list[LineTarget]:
+        """Rods of a shape that is made of them."""
+        values, given = self.overrides.read(bsdf, tables.RADAR_WIRE)
+        permittivity, note = wire_permittivity(values, given, self.book.frequency, bsdf.where)
+        if note:
+            warn_once(self.notes, f"{bsdf.where.partition(':')[0]}: {note}")
+        return rods(placed, permittivity, self.book.frequency)
 
     def _point(self, placed: Placed, bsdf: Element) -> PointTarget:
         """Ideal scatterer at the centre of a sphere element."""

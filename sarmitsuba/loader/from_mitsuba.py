@@ -71,7 +71,9 @@ def scene_from_mitsuba(
         bsdf = shape.bsdf()
         element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
         name = shape.id() or f"shape_{number}"
-        if shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
+        if shape.is_mesh() and element.plugin == tables.RADAR_VOLUME.plugin:
+            collector.volumes.add(name, *_mesh(shape), element, f'{_NAME}: shape "{name}"')
+        elif shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
             material = collector.book.index(element, f'{_NAME}: shape "{name}"')
             vertices, faces = _mesh(shape)
             collector.surfaces.append(Surface(name, vertices, faces, material))
@@ -109,6 +111,11 @@ def _bsdf(bsdf: "mi.BSDF | None") -> Element:
     name = bsdf.id()
     if hasattr(bsdf, "given"):
         element = _own(bsdf, bsdf.table.plugin, "bsdf")
+        if bsdf.maps:
+            raise SceneError(
+                f"{element.where}: its {', '.join(bsdf.maps)} cannot be read from a loaded scene; load the file with "
+                "sarmitsuba.load_scene"
+            )
         element.children.extend(("_arg_0", _bsdf(inner)) for inner in bsdf.nested)
         return element
     where = f'{_NAME}: bsdf "{name}"'

@@ -7,6 +7,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.maps import CLASS_MAP, MATERIAL_MAPS, land_cover, with_maps
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.materials.bsdfs import (
@@ -22,10 +23,19 @@ from sarmitsuba.materials.bsdfs import (
 )
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.parameters import did_you_mean
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")
 _MAX_NESTING = 16
+
+
+# what is no surface, and the shapes that take it
+_ALONE = {
+    tables.POINT_SCATTERER.plugin: "a sphere",
+    tables.RADAR_WIRE.plugin: "a cylinder or a linearcurve",
+    tables.RADAR_VOLUME.plugin: "a closed shape",
+}
 
 
 @dataclass
@@ -65,7 +75,8 @@ class MaterialBook:
 
     def add(self, material: Material, label: str) -> int:
         """Index of a material that is made already; ``label`` starts every warning."""
-        self._check_law(material, label)
+        for part in {(m.name, m.diffuse_law, m.pec): m for m in with_parts([material])}.values():
+            self._check_law(part, label)
         self.materials.append(material)
         return len(self.materials) - 1
 
@@ -108,8 +119,11 @@ class MaterialBook:
         if itu:
             material, note = named_material(name, itu, self.frequency, rough(self.rms_height))
         elif plugin == tables.RADAR_MATERIAL.plugin:
-            values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL)
+            values, given = self.overrides.read(bsdf, tables.RADAR_MATERIAL, MATERIAL_MAPS)
             material, note = radar_material(name, values, given, self.frequency, where)
+            material = with_maps(material, bsdf, values)
+        elif plugin == tables.LAND_COVER.plugin:
+            return self._land_cover(bsdf, name, depth)
         elif plugin in _SIONNA:
             values, given = self.overrides.read(bsdf, tables.TABLES[plugin])
             if plugin == "itu-radio-material" and "type" not in given:
@@ -124,8 +138,8 @@ class MaterialBook:
             ):
                 # Sionna's usual case: worth knowing, no warning
                 self._say(f"{where.partition(':')[0]}: {rough_note(plugin, self.rms_height)}")
-        elif plugin == tables.POINT_SCATTERER.plugin:
-            raise SceneError(f"{where}: point_scatterer cannot be nested; put it directly on a sphere")
+        elif plugin in _ALONE:
+            raise SceneError(f"{where}: {plugin} cannot be nested; put it directly on {_ALONE[plugin]}")
         elif plugin in ADAPTER_BSDFS or plugin == tables.HOLDER.plugin:
             return self._nested(bsdf, name, depth)
         elif plugin in tables.TABLES:
@@ -135,6 +149,15 @@ class MaterialBook:
         if note:
             warn_once(self.notes, f"{where.partition(':')[0]}: {note}")
         return material
+
+    def _land_cover(self, bsdf: Element, name: str, depth: int) -> Material:
+        classes = tuple(key for key, child in bsdf.children if child.kind == "bsdf")
+        values, _ = self.overrides.read(bsdf, tables.LAND_COVER, (CLASS_MAP, *classes))
+
+        def made(inner: Element) -> Material:
+            return self._material(inner, inner.id or f"{inner.plugin}_{len(self.materials) + 1}", depth + 1)
+
+        return land_cover(name, bsdf, values, made)
 
     def _nested(self, bsdf: Element, name: str, depth: int) -> Material:
         if bsdf.plugin in ADAPTER_BSDFS:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 
 
@@ -14,10 +15,34 @@ def _law_parameters() -> tuple[Param, ...]:
     return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
 
 
+_EXTENT = Param(
+    "map_extent",
+    "string",
+    "",
+    "lays the bitmaps over the scene from above: x and y (m, file frame) of the south-western and of the north-eastern "
+    "corner, such as `-50 -50 50 50`; left out: they lie on the mesh's texture coordinates",
+)
+
+_PERMITTIVITY = (
+    Param("material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))),
+    Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
+    Param(
+        "permittivity_imag",
+        "float",
+        0.0,
+        "loss eps'' of the relative permittivity eps' - j eps''",
+        "",
+        0.0,
+        1e12,
+    ),
+    Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+)
+
 RADAR_MATERIAL = ParamTable(
     plugin="radar_material",
     element="bsdf",
-    doc="Surface of a half space: `material`, or `permittivity_real` with its loss or conductivity.",
+    doc="Surface of a half space, or of a slab where `thickness` is given: `material`, or `permittivity_real` with its "
+    "loss or conductivity.",
     hints={
         "reflectance": "radar reflectivity follows from material or permittivity_real, and diffuse_level_db",
         "type": 'did you mean "material"?',
@@ -25,20 +50,25 @@ RADAR_MATERIAL = ParamTable(
     },
     more=_law_parameters,
     params=(
+        *_PERMITTIVITY,
         Param(
-            "material", "string", "", "permittivity by name", choices=lambda: tuple(sorted(MATERIALS.names))
-        ),
-        Param("permittivity_real", "float", 1.0, "relative permittivity eps', real part", "", 1.0, 1e9),
-        Param(
-            "permittivity_imag",
+            "thickness",
             "float",
             0.0,
-            "loss eps'' of the relative permittivity eps' - j eps''",
-            "",
+            "of a slab, of which every facet is one (a pane, a partition); 0 = a half space",
+            "m",
             0.0,
-            1e12,
+            100.0,
         ),
-        Param("conductivity", "float", 0.0, "conductivity, in place of permittivity_imag", "S/m", 0.0, 1e9),
+        Param(
+            "sheet_resistance",
+            "float",
+            0.0,
+            "per square, of a metal coat on the slab's face away from the facet's normal; 0 = none",
+            "ohm",
+            0.0,
+            1e9,
+        ),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",
@@ -66,7 +96,70 @@ RADAR_MATERIAL = ParamTable(
             -300.0,
             0.0,
         ),
+        Param(
+            "texture_shape",
+            "float",
+            0.0,
+            "shape nu of the gamma texture of the diffuse return (K-distributed clutter), mean 1; 0 = none",
+            "",
+            0.0,
+            GREATEST_SHAPE,
+        ),
+        Param(
+            "texture_length",
+            "float",
+            0.0,
+            "correlation length of that texture, where its autocorrelation falls to 1/e",
+            "m",
+            0.0,
+            1e6,
+        ),
+        _EXTENT,
+        Param(
+            "sigma0_map_range",
+            "string",
+            "",
+            "dB on sigma0 at a pixel of 0 and of 1, such as `-10 5`; left out: the pixel is the factor itself",
+        ),
+        Param(
+            "permittivity_map_range",
+            "string",
+            "",
+            "permittivity eps' at a pixel of 0 and of 1 (the loss tangent stays); left out: the pixel itself",
+        ),
+        Param(
+            "roughness_map_range",
+            "string",
+            "",
+            "rms height at a pixel of 0 and of 1, m; left out: the pixel itself",
+        ),
+        Param(
+            "temporal_coherence",
+            "float",
+            1.0,
+            "coherence of the diffuse return that is left between two passes long apart; 1 = nothing changes",
+            "",
+            0.0,
+            1.0,
+        ),
+        Param(
+            "decorrelation_days",
+            "float",
+            0.0,
+            "time constant of the exponential decay to temporal_coherence; 0 = at once, in every pass",
+            "days",
+            0.0,
+            1e6,
+        ),
     ),
+)
+
+LAND_COVER = ParamTable(
+    plugin="land_cover",
+    element="bsdf",
+    doc="Many materials on one mesh, by a bitmap of classes: a texture `bitmap` under the name `class_map`, and a "
+    "material for each class under `class_N` (grey value N) or `color_RRGGBB`.",
+    params=(_EXTENT,),
 )
 
 POINT_SCATTERER = ParamTable(
@@ -77,6 +170,15 @@ POINT_SCATTERER = ParamTable(
         Param("rcs_dbsm", "float", 0.0, "radar cross section", "dBsm", -200.0, 200.0),
         Param("phase_deg", "float", 0.0, "phase of its reflectivity", "deg", -360.0, 360.0),
     ),
+)
+
+RADAR_WIRE = ParamTable(
+    plugin="radar_wire",
+    element="bsdf",
+    doc="On a `cylinder` or `linearcurve`: rods that scatter by the series of the infinite cylinder; no ray hits "
+    "them, and they cast no shadow. Perfect conductors where nothing is given.",
+    hints={"rms_height": "rods are smooth", "diffuse_law": "rods are smooth"},
+    params=_PERMITTIVITY,
 )
 
 _COLORS = tuple(
@@ -138,7 +240,9 @@ __all__ = [
     "ABSORBER",
     "HOLDER",
     "ITU_RADIO_MATERIAL",
+    "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
 ]

@@ -43,9 +43,11 @@ class Overrides:
                 given[name] = table[name].parse(text, where, table.error)
         return given
 
-    def read(self, element: Element, table: ParamTable) -> tuple[dict[str, Value | None], frozenset[str]]:
-        """Return validated parameters of an element and the names that are given."""
-        given = self.given(element, table)
+    def read(
+        self, element: Element, table: ParamTable, skip: tuple[str, ...] = ()
+    ) -> tuple[dict[str, Value | None], frozenset[str]]:
+        """Return validated parameters of an element and the names that are given, less children to ``skip``."""
+        given = self.given(element, table, skip)
         return table.read(given, element.where), frozenset(given)
 
 

@@ -8,6 +8,7 @@ from xml.parsers import expat
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.library import scenes_dir
+from sarmitsuba.loader.maps import MAP_NAMES, map_file
 from sarmitsuba.parameters import one_line
 
 _REMEDY = "move it there, or allow it: --allow-outside (allow_outside=True)"
@@ -64,7 +65,14 @@ def check_files(label: str, files: Iterable[str], folder: Path) -> None:
 
 
 def check_meshes(elements: Iterable[Element]) -> None:
-    """Raise a SceneError where a shape names a mesh outside the folder of its scene, unless it is shipped."""
+    """Raise a SceneError where a shape names a mesh, or a map a bitmap, outside the scene's folder, unless shipped."""
+    elements = list(elements)
+    for texture in (child for e in elements for name, child in e.children if name in MAP_NAMES):
+        file = map_file(texture)
+        if file is not None and not any(is_inside(file, one) for one in (texture.folder, scenes_dir())):
+            raise SceneError(
+                f'{texture.where}: bitmap "{one_line(file.name)}" lies outside the folder of the scene; {_REMEDY}'
+            )
     inside: dict[Path, bool] = {}
     shipped = scenes_dir()  # meshes that scenes made from shipped ones go on naming
     for element in elements:

@@ -1,6 +1,6 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, Opaque, Property
+from sarmitsuba.loader.mesh_attributes import corner_values
 from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
@@ -34,6 +35,7 @@ SHAPE_PARAMETERS: dict[str, tuple[str, ...]] = {
     "disk": _COMMON,
     "sphere": (*_COMMON, "center", "radius"),
     "cylinder": (*_COMMON, "p0", "p1", "radius"),
+    "linearcurve": (*_COMMON, "filename"),
     "shapegroup": (),
     "instance": ("to_world", *_MOVING),
     "merge": _MOVING,
@@ -100,6 +102,12 @@ class MeshReader:
         vertices, faces = self._local(placed)
         return placed.moved(vertices), faces
 
+    def corner_values(self, placed: Placed, faces: I32, names: Sequence[str]) -> dict[str, F64]:
+        """Attributes of a shape that maps lie on, see `sarmitsuba.loader.mesh_attributes.corner_values`."""
+        element = placed.element
+        path = mesh_path(element) if element.plugin in _MESH_FILES else None
+        return corner_values(element, path, faces, names)
+
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where
         plugin = element.plugin
@@ -123,7 +131,7 @@ class MeshReader:
                 )
             vertices, faces = tessellate.sphere(radius, sagitta)
             return vertices + sphere_center(element), faces
-        return self._cylinder(element, radius, linear)
+        return self._cylinder(element, linear)
 
     def _local_sagitta(self, linear: F64) -> float:
         """Bound in the coordinates of a shape that ``linear`` maps to the world."""
@@ -132,12 +140,9 @@ class MeshReader:
         scale = float(np.linalg.norm(linear, 2))
         return self.sagitta / scale if scale > 0.0 else self.sagitta
 
-    def _cylinder(self, element: Element, radius: float, linear: F64) -> tuple[F64, I32]:
-        p0 = _vector(element, "p0", np.zeros(3))
-        p1 = _vector(element, "p1", np.array([0.0, 0.0, 1.0]))
+    def _cylinder(self, element: Element, linear: F64) -> tuple[F64, I32]:
+        p0, p1, radius = cylinder_axis(element)
         length = float(np.linalg.norm(p1 - p0))
-        if length == 0.0:
-            raise SceneError(f"{element.where}: p0 and p1 are the same point; move one of them")
         z = (p1 - p0) / length
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
         x /= np.linalg.norm(x)
@@ -175,6 +180,20 @@ def placed_shapes(root: Element) -> Iterator[Placed]:
 def sphere_center(element: Element) -> F64:
     """(3,) float64 centre of a sphere element in its own coordinates."""
     return _vector(element, "center", np.zeros(3))
+
+
+def cylinder_axis(element: Element) -> tuple[F64, F64, float]:
+    """Both ends of a cylinder element, (3,) float64, and its radius, in its own coordinates.
+
+    Raises
+    ------
+    SceneError : the ends are one point, or a value is none
+    """
+    p0 = _vector(element, "p0", np.zeros(3))
+    p1 = _vector(element, "p1", np.array([0.0, 0.0, 1.0]))
+    if float(np.linalg.norm(p1 - p0)) == 0.0:
+        raise SceneError(f"{element.where}: p0 and p1 are the same point; move one of them")
+    return p0, p1, _radius(element)
 
 
 def mesh_path(element: Element) -> Path:
@@ -307,6 +326,7 @@ __all__ = [
     "SHAPE_PARAMETERS",
     "MeshReader",
     "Placed",
+    "cylinder_axis",
     "mesh_path",
     "placed_shapes",
     "sphere_center",

@@ -5,10 +5,13 @@ from sarmitsuba.loader.material_tables import (
     ABSORBER,
     HOLDER,
     ITU_RADIO_MATERIAL,
+    LAND_COVER,
     POINT_SCATTERER,
     RADAR_MATERIAL,
+    RADAR_WIRE,
     RADIO_MATERIAL,
 )
+from sarmitsuba.loader.volumes import RADAR_VOLUME
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR
@@ -87,6 +90,15 @@ INTEGRATOR = ParamTable(
             auto=True,
         ),
         Param("seed", "integer", 0, "random seed", "", 0, 2**31 - 1),
+        Param(
+            "pass_days",
+            "float",
+            0.0,
+            "a later pass: days since the first; materials with temporal_coherence below 1 have changed by then",
+            "days",
+            0.0,
+            1e5,
+        ),
         Param("keep_orders", "boolean", False, "keep bounce orders apart, each in layers of its own"),
         Param("keep_subsets", "boolean", False, "keep two independent ray subsets apart, for error bars"),
         Param(
@@ -135,7 +147,10 @@ TABLES: dict[str, ParamTable] = {
         FILM,
         INTEGRATOR,
         RADAR_MATERIAL,
+        LAND_COVER,
+        RADAR_WIRE,
         POINT_SCATTERER,
+        RADAR_VOLUME,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
         ABSORBER,
@@ -149,8 +164,11 @@ __all__ = [
     "HOLDER",
     "INTEGRATOR",
     "ITU_RADIO_MATERIAL",
+    "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_VOLUME",
+    "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",
     "TABLES",

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from sarmitsuba.materials.fresnel import fresnel, refracted_cosine
 
 F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
 
 
 def bragg_factors(theta: F64, permittivity: complex) -> tuple[F64, F64]:
@@ -19,11 +20,17 @@ def bragg_factors(theta: F64, permittivity: complex) -> tuple[F64, F64]:
     Source: Ulaby, Moore and Fung, Microwave Remote Sensing, volume II (1982), chapter 12. Between any two directions:
     :func:`sarmitsuba.trace.bistatic.bragg_dyad`.
     """
-    c, sin2 = np.cos(theta), np.sin(theta) ** 2
+    amplitude_h, amplitude_v = bragg_amplitudes(np.cos(theta), permittivity)
+    return np.abs(amplitude_h) ** 2, np.abs(amplitude_v) ** 2
+
+
+def bragg_amplitudes(cos_theta: F64, permittivity: complex) -> tuple[C128, C128]:
+    """``cos^2 alpha`` of hh and vv at cosines of the incidence angle; see `bragg_factors`."""
+    c, sin2 = cos_theta, 1.0 - cos_theta**2
     q = refracted_cosine(c, permittivity)
     alpha_h, _ = fresnel(c, permittivity)
     alpha_v = (permittivity - 1.0) * (sin2 - permittivity * (1.0 + sin2)) / (permittivity * c + q) ** 2
-    return np.abs(c**2 * alpha_h) ** 2, np.abs(c**2 * alpha_v) ** 2
+    return c**2 * alpha_h, c**2 * alpha_v
 
 
-__all__ = ["bragg_factors"]
+__all__ = ["bragg_amplitudes", "bragg_factors"]

@@ -12,6 +12,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
+from sarmitsuba.materials.texture import check_texture
 from sarmitsuba.parameters import Value, float_value, string_value
 
 _NO_LEVEL_DB = -300.0  # written in XML for "none"
@@ -35,6 +36,10 @@ def named_material(
     surface : whose roughness and diffuse law it gets; None for a smooth one
     """
     entry, surface = MATERIALS[kind], surface or smooth()
+    if entry.thickness and not surface.thickness:
+        surface = replace(surface, thickness=entry.thickness)
+    if entry.sheet_resistance and not surface.sheet_resistance:
+        surface = replace(surface, sheet_resistance=entry.sheet_resistance)
     if entry.pec:
         return replace(surface, name=name, pec=True), ""
     return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
@@ -60,6 +65,7 @@ def radar_material(
     _exclusive(given, where)
     law = LAWS[string_value(values, "diffuse_law")]
     _check_law(law, values, given, where)
+    _check_texture(values, law, where)
     ratio = float_value(values, "cross_polar_ratio_db")
     surface = Material(
         name,
@@ -68,17 +74,41 @@ def radar_material(
         diffuse_level_db=float_value(values, "diffuse_level_db") if law.level else -np.inf,
         correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
+        temporal_coherence=float_value(values, "temporal_coherence"),
+        decorrelation_days=float_value(values, "decorrelation_days"),
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
+        texture_shape=float_value(values, "texture_shape"),
+        texture_length=float_value(values, "texture_length"),
+        thickness=float_value(values, "thickness"),
+        sheet_resistance=float_value(values, "sheet_resistance"),
     )
+    _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
     if kind:
         return named_material(name, kind, frequency, surface)
+    return _material(name, _permittivity(values, given, frequency), surface), ""
+
+
+def wire_permittivity(
+    values: Mapping[str, Value | None], given: frozenset[str], frequency: float, where: str
+) -> tuple[complex | None, str]:
+    """Relative permittivity of a validated ``radar_wire`` element, None for a conductor, and a note (may be empty)."""
+    if not given & {"material", "permittivity_real", "permittivity_imag", "conductivity"}:
+        return None, ""
+    _exclusive(given, where)
+    kind = string_value(values, "material")
+    if not kind:
+        return _permittivity(values, given, frequency), ""
+    entry = MATERIALS[kind]
+    return (None, "") if entry.pec else (entry.permittivity(frequency), entry.note(frequency))
+
+
+def _permittivity(values: Mapping[str, Value | None], given: frozenset[str], frequency: float) -> complex:
+    """Permittivity from ``permittivity_real`` and what goes with it."""
     real = float_value(values, "permittivity_real")
     if "conductivity" in given:
-        eps = permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
-    else:
-        eps = complex(real, -float_value(values, "permittivity_imag"))
-    return _material(name, eps, surface), ""
+        return permittivity_from_conductivity(real, float_value(values, "conductivity"), frequency)
+    return complex(real, -float_value(values, "permittivity_imag"))
 
 
 def sionna_material(
@@ -257,8 +287,17 @@ def _above_half(values: Mapping[str, object], key: str) -> bool:
 
 def _material(name: str, eps: complex, surface: Material) -> Material:
     """Surface of a permittivity; vacuum without a diffuse return is invisible."""
-    invisible = eps == 1.0 and not LAWS[surface.diffuse_law].blocks_as_vacuum
+    reflects = LAWS[surface.diffuse_law].blocks_as_vacuum or surface.sheet_resistance > 0.0
+    invisible = eps == 1.0 and not reflects
     return replace(surface, name=name, permittivity=eps, invisible=invisible)
+
+
+def _check_texture(values: Mapping[str, Value | None], law: DiffuseLaw, where: str) -> None:
+    """Raise where a texture is given by half, or to a surface that returns nothing diffuse."""
+    shape = float_value(values, "texture_shape")
+    check_texture(shape, float_value(values, "texture_length"), where)
+    if shape and not law.scatters:
+        raise SceneError(f"{where}: texture_shape has no effect without a diffuse return; give a diffuse_law")
 
 
 def _check_law(
@@ -287,6 +326,30 @@ def _check_law(
                 f"{where}: {parameter.name} has no effect with diffuse_law = {law.name}; "
                 f"take {takers} or leave it out"
             )
+    if "temporal_coherence" in given and not law.scatters:
+        raise SceneError(
+            f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which returns nothing; "
+            "take another law or leave it out"
+        )
+    if "decorrelation_days" in given and float_value(values, "temporal_coherence") == 1.0:
+        raise SceneError(
+            f"{where}: decorrelation_days = {float_value(values, 'decorrelation_days'):g} days has no effect with "
+            "temporal_coherence = 1; give the coherence that is left at last, such as 0"
+        )
+
+
+def _check_slab(surface: Material, kind: str, where: str) -> None:
+    """Raise where the words for a slab are given to what is none."""
+    if surface.thickness > 0.0 and kind and MATERIALS[kind].pec:
+        raise SceneError(
+            f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
+            "through; leave it out"
+        )
+    if surface.sheet_resistance > 0.0 and not (surface.thickness or (kind and MATERIALS[kind].thickness)):
+        raise SceneError(
+            f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
+            "thickness in m, above 0"
+        )
 
 
 def _exclusive(given: frozenset[str], where: str) -> None:
@@ -319,4 +382,5 @@ __all__ = [
     "scattering_surface",
     "sionna_itu_name",
     "sionna_material",
+    "wire_permittivity",
 ]

@@ -5,6 +5,7 @@ between two directions is in :attr:`sarmitsuba.materials.diffuse_law.DiffuseLaw.
 have a second table for that.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import ExtensionError, SceneError
 from sarmitsuba.materials.bragg import bragg_factors
-from sarmitsuba.materials.diffuse_law import LAWS, Sigma0, permittivity_of
+from sarmitsuba.materials.diffuse_law import LAWS, Sigma0, WindWaves, permittivity_of
 from sarmitsuba.materials.material import Material
 
 F64 = NDArray[np.float64]
@@ -140,6 +141,20 @@ def spectrum_table(
     return SpectrumTable(amplitude, correction)
 
 
+def water_in(materials: Sequence[Material], wavelength: float, seed: int) -> tuple[WindWaves, ...]:
+    """What the wind makes of those materials that are water; empty where none is.
+
+    Parameters
+    ----------
+    materials : with their laws
+    wavelength : m
+    seed : of the long waves
+    """
+    at = np.zeros(1)  # the level over the angle is not asked for
+    found = (LAWS[m.diffuse_law].wind_waves(m, wavelength, at, seed) for m in materials)
+    return tuple(water for water in found if water is not None)
+
+
 def _returns(material: Material) -> bool:
     """Whether there is a surface at all."""
     return not material.invisible and (material.pec or material.permittivity != 1.0)
@@ -154,4 +169,4 @@ def _check(law: str, sigma0: Sigma0, theta: F64) -> None:
             )
 
 
-__all__ = ["DiffuseTable", "SpectrumTable", "diffuse_tables", "spectrum_table"]
+__all__ = ["DiffuseTable", "SpectrumTable", "diffuse_tables", "spectrum_table", "water_in"]

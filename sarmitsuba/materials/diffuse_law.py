@@ -74,6 +74,26 @@ class Sigma0:
         return Sigma0(np.zeros_like(theta), np.zeros_like(theta))
 
 
+@dataclass(frozen=True, eq=False)
+class WindWaves:
+    """What wind does to a level surface of water beside its mean level.
+
+    Parameters
+    ----------
+    downwind : (2,) unit vector, east and north, that the wind blows to
+    contrast : (n, 4) float64 at the incidence angles of the table: harmonics of twice the angle between look and wind
+        for hh and vv, then of four times, over the mean of all directions
+    speeds : (3,) m/s, standard deviations of the velocity of a scatterer: downwind, crosswind, upwards
+    waves : (n, 5) float64, long waves drawn one by one: wavenumber east and north (rad/m), angular frequency (rad/s),
+        phase (rad) and amplitude (m)
+    """
+
+    downwind: F64
+    contrast: F64
+    speeds: F64
+    waves: F64
+
+
 class DiffuseLaw(ABC):
     """How the incoherent return of a surface depends on angle and polarisation.
 
@@ -118,6 +138,20 @@ class DiffuseLaw(ABC):
         ------
         SceneError : a material that the law cannot mean
         """
+
+    def implied_rms_height(self, surface: Surface) -> float:
+        """Rms height of a surface that states none, m."""
+        return 0.0
+
+    def wind_waves(self, surface: Surface, wavelength: float, theta: F64, seed: int) -> WindWaves | None:
+        """For laws of water: what the wind makes of it; None for what neither moves nor knows a direction.
+
+        Parameters
+        ----------
+        surface, wavelength, theta : as for `sigma0`, whose level is the mean over all directions of the wind
+        seed : of the waves
+        """
+        return None
 
     def spectrum(self, surface: Surface, wavelength: float, sine: F64, cosine: F64) -> F64:
         r"""For laws whose ``bistatic`` is ``spectrum``: sigma0 over ``|cos_i cos_s alpha|^2`` of first-order theory.
@@ -171,6 +205,7 @@ __all__ = [
     "DiffuseLaw",
     "Sigma0",
     "Surface",
+    "WindWaves",
     "correlation_length_of",
     "law_parameters",
     "permittivity_of",

@@ -9,18 +9,22 @@ from sarmitsuba.registry import Registry
 
 
 class NamedMaterial(ABC):
-    """A half space that a scene file can name: ``<string name="material" value="NAME"/>``.
+    """A material that a scene file can name: ``<string name="material" value="NAME"/>``.
 
     Attributes
     ----------
     name : in the scene file
     title : half a line for tables: what it is and where the figures are from
     pec : perfect electric conductor; its permittivity is then not asked for
+    thickness : m, of a slab; 0: a half space
+    sheet_resistance : ohm per square, of a slab's coat; 0: none
     """
 
     name: str
     title: str
     pec: bool = False
+    thickness: float = 0.0
+    sheet_resistance: float = 0.0
 
     @abstractmethod
     def permittivity(self, frequency: float) -> complex:

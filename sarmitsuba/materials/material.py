@@ -1,4 +1,4 @@
-"""The electromagnetic surface of a half space, as data."""
+"""The electromagnetic surface of a half space or of a slab, as data."""
 
 from dataclasses import dataclass
 
@@ -6,32 +6,41 @@ import numpy as np
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.texture import SurfaceMaps, check_texture
 
 
 @dataclass(frozen=True)
 class Material:
-    """Electromagnetic surface of a half space, at the carrier frequency.
+    """Electromagnetic surface of a half space or a slab, at the carrier frequency.
 
     Parameters
     ----------
     name : unique in a scene
     pec : perfect electric conductor; ``permittivity`` is then ignored
     permittivity : relative, ``eps' - j eps''`` with ``eps'' >= 0`` (time convention exp(+j w t))
-    rms_height : m; standard deviation of the surface height, reduces the coherent reflection
+    rms_height : m; standard deviation of the surface height, reduces the coherent reflection; 0: what the law implies,
+        mostly none
     diffuse_law : name in ``LAWS``: how the incoherent return depends on angle
     diffuse_level_db : level of an empirical law, dB; what it means is in the law's ``level``
     correlation_length : m; of the surface height, for the laws derived from a height spectrum
     cross_polar_ratio_db : cross- over co-polar diffuse power, dB; -inf for none
     invisible : neither reflects nor blocks (permittivity 1)
+    temporal_coherence : of the incoherent return between two passes long apart, 0 ... 1; 1: nothing changes
+    decorrelation_days : time constant of its decay to that; 0: at once
     law_parameters : name and value of what the law has declared of its own; left out: the law's defaults
+    texture_shape : of the gamma texture that the diffuse return is multiplied by, nu of the K distribution; 0 for none
+    texture_length : m; correlation length of that texture
+    maps : what varies over the surface; None: nothing
+    thickness : m, of a slab, of which every facet is one; 0: a half space
+    sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
 
     Raises
     ------
-    SceneError : no law of that name, or a parameter that the law does not know
+    SceneError : no law of that name, a parameter that the law does not know, or half a texture
 
     Notes
     -----
-    Ignores transmission through the surface, thickness, anisotropy and magnetic materials.
+    Ignores anisotropy and magnetic materials.
     """
 
     name: str
@@ -43,7 +52,14 @@ class Material:
     correlation_length: float = 0.0
     cross_polar_ratio_db: float = -np.inf
     invisible: bool = False
+    temporal_coherence: float = 1.0
+    decorrelation_days: float = 0.0
     law_parameters: tuple[tuple[str, float], ...] = ()
+    texture_shape: float = 0.0
+    texture_length: float = 0.0
+    maps: SurfaceMaps | None = None
+    thickness: float = 0.0
+    sheet_resistance: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -51,6 +67,7 @@ class Material:
             raise SceneError(
                 f'material "{self.name}": diffuse_law = "{self.diffuse_law}" is not one of {known_laws}'
             )
+        check_texture(self.texture_shape, self.texture_length, f'material "{self.name}"')
         known = [p.name for p in LAWS[self.diffuse_law].parameters]
         for name, _ in self.law_parameters:
             if name not in known:
@@ -58,11 +75,24 @@ class Material:
                 raise SceneError(
                     f'material "{self.name}": diffuse_law = {self.diffuse_law} has no parameter {name}; {takes}'
                 )
+        if self.rms_height == 0.0:
+            object.__setattr__(self, "rms_height", LAWS[self.diffuse_law].implied_rms_height(self))
 
     @property
     def scatters(self) -> bool:
         """The diffuse law returns something at all."""
         return LAWS[self.diffuse_law].scatters
+
+    def coherence_after(self, days: float) -> float:
+        r"""Coherence of the incoherent return between passes so many days apart.
+
+        .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
+        """
+        if days == 0.0:
+            return 1.0
+        stays = self.temporal_coherence
+        tau = self.decorrelation_days
+        return stays + (1.0 - stays) * float(np.exp(-abs(days) / tau) if tau > 0.0 else 0.0)
 
     def law_parameter(self, name: str) -> float:
         """Value of a parameter of the law's own, its default when it is not given."""

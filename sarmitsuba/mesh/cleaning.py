@@ -61,6 +61,7 @@ class JoinedMeshes:
     mesh : (n_f,) int64, number of each face's mesh
     notes : of all meshes, in their order
     repaired : (n_meshes,) bool, whether a note is of it
+    kept : (n_f,) int64, row of each face among those given, all meshes one after the other
     """
 
     vertices: F64
@@ -68,6 +69,7 @@ class JoinedMeshes:
     mesh: I64
     notes: list[str]
     repaired: NDArray[np.bool_]
+    kept: I64
 
 
 def clean_meshes(
@@ -96,6 +98,7 @@ def clean_meshes(
     position = weld(v)
     first, n_same, n_flipped = _unique_faces(position + mesh_of_vertex * (int(position.max()) + 1), f, mesh)
     f, mesh = f[first], mesh[first]
+    kept = np.flatnonzero(keep)[first]
 
     n_flat, n_copies = n_given - n_kept, n_same + n_flipped
     notes = []
@@ -112,7 +115,12 @@ def clean_meshes(
         f = (np.cumsum(used) - 1)[f]
         v = v[used]
     return JoinedMeshes(
-        np.ascontiguousarray(v), np.ascontiguousarray(f, dtype=np.int32), mesh, notes, n_flat + n_copies > 0
+        np.ascontiguousarray(v),
+        np.ascontiguousarray(f, dtype=np.int32),
+        mesh,
+        notes,
+        n_flat + n_copies > 0,
+        kept,
     )
 
 

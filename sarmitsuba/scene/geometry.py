@@ -1,6 +1,7 @@
 """What there is to see: triangles and ideal points."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ class Geometry:
     mesh_face_offset : (n_meshes + 1,) int64; mesh i has the faces ``offset[i]:offset[i + 1]``
     mesh_convex : n_meshes, True where the mesh is known to be one closed convex body; empty: none is
     mesh_motion : n_meshes, how each moves from where ``vertices`` have it at time zero; empty: none does
+    corner_values : attributes of the mesh that maps of its materials lie on, at the corners of every face:
+        (n_faces, 3, 2) float64 texture coordinates ``uv``, (n_faces, 3, 1) others; NaN where a mesh has none
     """
 
     vertices: F64
@@ -35,6 +38,7 @@ class Geometry:
     mesh_face_offset: NDArray[np.int64]
     mesh_convex: tuple[bool, ...] = ()
     mesh_motion: tuple[Motion, ...] = ()
+    corner_values: Mapping[str, F64] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"Geometry({self.n_faces} faces, {self.vertices.shape[0]} vertices, {len(self.mesh_names)} meshes)"

@@ -26,6 +26,7 @@ class TraceSettings:
     scatterer_cell : m, side of the cells that carry one persistent diffuse scatterer; 0 = automatic
     gridding_width : samples that one contribution is spread over
     seed : of every random number
+    pass_days : since the first pass; what changes between passes has changed since
     keep_orders : keep contributions of different bounce numbers apart
     keep_subsets : keep two independent ray subsets apart
     phase_precision : arithmetic of path lengths and phases
@@ -44,6 +45,7 @@ class TraceSettings:
     scatterer_cell: float = 0.0
     gridding_width: int = 4
     seed: int = 0
+    pass_days: float = 0.0
     keep_orders: bool = False
     keep_subsets: bool = False
     phase_precision: Literal["double", "single"] = "double"

@@ -143,9 +143,10 @@ class Imager:
             Where there is no mesh.
         """
         run = self.run
-        if run.trace_scene is None or run.sampling is None:
+        if run.trace_scene is None or run.sampling is None or not run.scene.geometry.n_faces:
             raise RadarError(
-                f"{run.scene.name}: method raster cannot draw point_scatterers alone; add a mesh or use method image"
+                f"{run.scene.name}: method raster draws surfaces, and the scene has none; add a mesh or use method "
+                "image"
             )
         if run.scene.geometry.moves:
             raise RadarError(
@@ -181,7 +182,7 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-            self._tracer.pose(self.look.time)
+            self._tracer.pose(np.array([self.look.time]))
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),
@@ -228,13 +229,13 @@ class Imager:
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
         """Receiver noise as it comes out of the focuser: flat over the response's band."""
-        radar, look = self.run.scene.radar, self.look
+        radar, look, settings = self.run.scene.radar, self.look, self.run.scene.settings
         power = noise_power(radar, "compressed")
         for index, channel in enumerate(radar.channels):
             own = [i for i, layer in enumerate(layers) if layer.channel == channel]
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
-            rng = noise_generator(radar, self.run.scene.settings.seed, index)
+            rng = noise_generator(radar, settings.seed, index, settings.pass_days)
             shape = (1, look.grid.n_range, look.grid.n_range_rate)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -108,7 +109,7 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
 def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_]:
     """Faces of the tables that scatter diffusely and rest."""
     scene = sampling.scene
-    scatters = np.array([m.scatters for m in scene.materials], dtype=bool)
+    scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0

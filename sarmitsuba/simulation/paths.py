@@ -165,6 +165,7 @@ def coherent_flags(
     materials: tuple[Material, ...], channels: tuple[str, ...], max_depth: int, **changes: bool
 ) -> KernelFlags:
     """Effects that coherent returns of these materials need."""
+    slabs = any(m.thickness > 0.0 for m in materials)
     switches: dict[str, Any] = {
         "fresnel": not all(m.pec for m in materials),
         "roughness": any(m.rms_height > 0 for m in materials),
@@ -173,7 +174,9 @@ def coherent_flags(
         "polarised_diffuse": False,
         "antenna_pattern": False,
         "taper": False,
-        "multi_bounce": max_depth > 1,
+        "multi_bounce": max_depth > 1 or slabs,
+        "slabs": slabs,
+        "transmission": slabs,
     }
     return KernelFlags(channels=channels, **(switches | changes))
 

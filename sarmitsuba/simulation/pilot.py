@@ -196,6 +196,8 @@ def _flags(scene: Scene, draft: EffectsPlan) -> KernelFlags:
         visibility="visibility" not in off,
         tube_phase="tube_phase" not in off,
         taper=False,
+        slabs=draft.flags.slabs,
+        transmission=draft.flags.transmission,
     )
 
 

@@ -1,5 +1,7 @@
 """One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Any
 
@@ -12,6 +14,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
@@ -62,7 +65,7 @@ class Raster:
         self.notes: list[str] = []
         self.table = trace_scene.diffuse_table
         used = [scene.materials[i] for i in sorted(set(scene.geometry.face_material.tolist()))]
-        if not any(m.scatters for m in used if not m.invisible):
+        if not any(m.scatters for m in with_parts(used) if not m.invisible):
             self.table = self._stand_in()
         self.start = (-0.5 * (self.columns - 1) * self.spacing, -0.5 * (self.rows - 1) * self.spacing)
 
@@ -71,7 +74,7 @@ class Raster:
         """Samples of the screen."""
         return self.columns * self.rows
 
-    def _stand_in(self) -> "mi.Float":
+    def _stand_in(self) -> mi.Float:
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
@@ -81,7 +84,7 @@ class Raster:
         warnings.warn(text, SarmitsubaWarning, stacklevel=4)
         theta = np.linspace(0.0, 0.5 * np.pi, DIFFUSE_NODES)
         one = 10.0 ** (STAND_IN_DB / 20.0) * np.cos(theta)
-        table = np.broadcast_to(one[None, :, None], (len(self.scene.materials), DIFFUSE_NODES, 2))
+        table = np.broadcast_to(one[None, :, None], (len(with_parts(self.scene.materials)), DIFFUSE_NODES, 2))
         return device_array(mi.Float, np.asarray(table, dtype=np.float32))
 
     def run(self, flags: KernelFlags, cell_azimuth: float) -> NDArray[np.complex64]:
@@ -144,17 +147,17 @@ class Raster:
         wide = dr.float64_array_t(mi.Vector4f)
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
-        material = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x & MATERIAL_MASK
+        own = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
+        level = f32(1.0)
+        if flags.texture:
+            seed = dr.opaque(mi.UInt32, self.scene.settings.seed & 0xFFFFFFFF)
+            own, root = scene.at_place(pi.prim_index, own, mi.Vector3d(p), mi.Vector3d(normal), seed, seen)
+            level = dr.square(root)
+        material = own & MATERIAL_MASK
 
         # ---- sigma0 of the law at the local incidence angle
-        theta = dr.acos(dr.minimum(cosine, 1.0)) * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
-        node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
-        t = theta - f32(node)
-        entry = material * DIFFUSE_NODES + node
-        low = dr.gather(mi.Vector2f, self.table, entry, seen)
-        high = dr.gather(mi.Vector2f, self.table, entry + 1, seen)
-        amplitude = low + (high - low) * t
-        area = dr.square(dr.opaque(f32, self.spacing)) / cosine
+        area = dr.square(dr.opaque(f32, self.spacing)) * level / cosine
+        amplitude = self._level(p, d, normal, cosine, material, seen)
 
         # ---- pixel of its range and along-track position, shared by four pixels
         x, y = self._pixel(mi.Vector3d(p) - _constant(antenna, mi.Vector3d, mi.Float64), antenna)
@@ -186,7 +189,29 @@ class Raster:
         dr.eval(planes)
         return np.stack([plane.numpy()[: n_azimuth * n_range].reshape(grid.shape) for plane in planes])
 
-    def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
+    def _level(
+        self,
+        p: mi.Vector3f,
+        d: mi.Vector3f,
+        normal: mi.Vector3f,
+        cosine: mi.Float,
+        material: mi.UInt32,
+        seen: mi.Bool,
+    ) -> mi.Vector2f:
+        """Root of sigma0 for h and v at places (m) of the surface, whose waves tilt it where it is water."""
+        f32, water = mi.Float, self.trace_scene.water
+        if water is not None:
+            lit = dr.select(dr.dot(normal, d) > 0.0, -normal, normal)
+            cosine = dr.maximum(-dr.dot(water.tilted(lit, p, material, f32(0.0)), d), 1e-3)
+        angle = dr.acos(dr.minimum(cosine, 1.0))
+        theta = angle * ((DIFFUSE_NODES - 1) / (0.5 * np.pi))
+        node = dr.minimum(mi.UInt32(theta), DIFFUSE_NODES - 2)
+        entry = material * DIFFUSE_NODES + node
+        low, high = (dr.gather(mi.Vector2f, self.table, entry + i, seen) for i in (0, 1))
+        amplitude = low + (high - low) * (theta - f32(node))
+        return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
+
+    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))

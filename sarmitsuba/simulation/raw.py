@@ -118,7 +118,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     flown = radar.track if radar.recorded is not None else None
     raw = RawData(data, layers, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
     if plan.on("noise"):
-        raw = add_noise(raw, seed=settings.seed)
+        raw = add_noise(raw, seed=settings.seed, days=settings.pass_days)
         run.timer.lap("noise")
     metadata = raw_metadata(run, plan, notes)
     return replace(raw, metadata={**metadata, **raw.metadata})
@@ -158,7 +158,7 @@ def _trace(
 
 def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
     """Raise where nothing came back; warn where much was dropped and return the warning's text."""
-    if scene.geometry.n_faces and stats.hits == 0 and not scene.points:
+    if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.lines:
         raise RadarError(
             f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
             f"(image_center_x, image_center_y, image extents) lies on the geometry"

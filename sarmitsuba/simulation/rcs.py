@@ -1,6 +1,7 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, PulseBatch, frame_towards, lattice, project
+from sarmitsuba.trace.source import Source
+from sarmitsuba.trace.state import Constants, Kernel
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
@@ -68,7 +71,10 @@ def monostatic_rcs(
     draw: int = 0,
     cell: float = 0.0,
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    days: float = 0.0,
     most_rays: int = FINE_RAYS,
+    sources: Sequence[Source] = (),
+    places: NDArray[np.float64] | None = None,
     progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
@@ -87,7 +93,10 @@ def monostatic_rcs(
     draw : number of the independent lattice of this seed
     cell : m, edge of the cells that carry one diffuse scatterer; 0 = a third of the wavelength
     up : (3,) vertical reference of the polarisation, scene frame
+    days : since the first pass
     most_rays : of one direction, where their distance is automatic
+    sources : what returns echoes beside the surfaces, such as edges and rods
+    places : (n, 3) m, where rods stand; the mesh may then be empty
     progress : called after every launch
 
     Raises
@@ -97,15 +106,19 @@ def monostatic_rcs(
 
     Notes
     -----
-    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores (edge diffraction).
+    Phase is referred to the centre of the target's bounds. Ignores what the kernel ignores, and edge
+    diffraction unless it is among the ``sources``.
     """
     wavelength = SPEED_OF_LIGHT / frequency
     depth = max_depth or DEFAULT_DEPTH
     if depth < 0:
         raise RadarError(f"max_depth = {max_depth} is below the bound 0; give the most bounces, or 0 for 8")
     look = _unit_rows(directions)
-    low, high = geometry.bounds
-    center, radius = 0.5 * (low + high), 0.5 * geometry.diameter
+    around = geometry.bounds if geometry.n_faces or places is None else places
+    center, outline = 0.5 * (around.min(axis=0) + around.max(axis=0)), geometry.bounds
+    if places is not None:
+        outline = np.concatenate([around, places])
+    radius = 0.5 * float(np.linalg.norm(np.ptp(outline, axis=0)))
     # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
     far = distance or 2.0 * np.pi / wavelength * radius**2 / 1e-4
     position = center + look * far
@@ -116,7 +129,7 @@ def monostatic_rcs(
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)
-    scene = build_trace_scene(geometry, materials, wavelength)
+    scene = build_trace_scene(geometry, materials, wavelength, places=places)
     settings = KernelSettings(
         wavelength=wavelength,
         max_depth=depth,
@@ -125,6 +138,7 @@ def monostatic_rcs(
         amplitude=far**2,
         reference_range=far,
         up=up,
+        days=days,
     )
     n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)
@@ -140,6 +154,10 @@ def monostatic_rcs(
             batch.n_pulses, len(channels), depth if keep_orders else 0, wavelength, far
         )
         trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
+        for source in sources:
+            for part in source.parts([grid], batch.n_pulses):
+                kernel = Kernel(scene, part.grid, batch, flags, Constants.of(settings, scene, part.grid))
+                source.record(part, kernel, Antenna(), accumulator)
         sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
         amplitude[pick] = np.moveaxis(sums, 2, 0)
         progress("trace", pick.stop, look.shape[0], {})
@@ -156,6 +174,8 @@ def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
 
 def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFrame) -> NDArray[np.float64]:
     """Half extents (2,) of the launch window that holds the bounds of the geometry from every position, m."""
+    if not geometry.n_faces:
+        return np.zeros(2)
     corners = np.array(list(itertools.product(*geometry.bounds.T)))
     half = np.zeros(2)
     for place, center, x, y in zip(position, frame.center, frame.axis_x, frame.axis_y, strict=True):
@@ -166,6 +186,7 @@ def _window(geometry: Geometry, position: NDArray[np.float64], frame: LaunchFram
 
 def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth: int) -> KernelFlags:
     """The coherent effects that materials call for."""
+    slabs = any(m.thickness > 0.0 for m in materials)
     return KernelFlags(
         channels=channels,
         fresnel=not all(m.pec for m in materials),
@@ -176,7 +197,9 @@ def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth:
         antenna_pattern=False,
         spreading=True,
         taper=False,
-        multi_bounce=depth > 1,
+        multi_bounce=depth > 1 or slabs,
+        slabs=slabs,
+        transmission=slabs,
     )
 
 

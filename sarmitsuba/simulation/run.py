@@ -43,8 +43,8 @@ class Run:
     ----------
     scene : as the effects plan leaves it
     plan : decided effects
-    trace_scene : geometry on the device; None where there is no mesh
-    sampling : how the scene is sampled; None where there is no mesh
+    trace_scene : geometry on the device; None where there are ideal points alone
+    sampling : how the scene is sampled; likewise
     layers : what is kept apart
     timer : seconds by stage
     statistics : of the last image or raw data
@@ -71,15 +71,19 @@ class Run:
         self.timer, self.crew = StageTimer(clock), crew
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
-        if scene.geometry.n_faces:
+        if scene.traced:
             self.trace_scene, self._built_from = built(scene), scene
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
-        if self.sampling is not None and self.scene.geometry is not scene.geometry:  # what moved was stopped
-            self.trace_scene, self._built_from = built(self.scene), self.scene
+        if self.sampling is not None and not self.scene.same_shapes(scene):
+            # what moved was stopped, or something left out
+            if self.scene.traced:
+                self.trace_scene, self._built_from = built(self.scene), self.scene
+            else:
+                self.trace_scene = self.sampling = None
         if self.sampling is not None:
             self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
         self.layers = LayerPlan.of(self.scene, self.plan)

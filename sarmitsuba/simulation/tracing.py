@@ -25,6 +25,7 @@ from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.source import Part, Recorder
 from sarmitsuba.trace.state import Constants, Kernel
 
+F64 = NDArray[np.float64]
 # position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
@@ -47,6 +48,7 @@ class Tracer:
     Attributes
     ----------
     largest_grid : bytes of the largest accumulator grid so far
+    times : (n,) s, of the pulses of the next launch; None: as at time zero
     """
 
     def __init__(
@@ -59,7 +61,8 @@ class Tracer:
     ) -> None:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
-        self.sources = (*sources_of(sampling.scene, flags), *pair_sources(sampling, flags, trace_scene))
+        self.times: F64 | None = None
+        self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
         timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
@@ -71,6 +74,7 @@ class Tracer:
             amplitude=radar.amplitude_constant,
             reference_range=_reference_range(radar, center),
             up=polarisation_up(radar, center, antenna),
+            days=sampling.scene.settings.pass_days,
         )
 
     @property
@@ -78,17 +82,18 @@ class Tracer:
         """Pulses that one launch may trace; None for any number."""
         return 1 if self.flags.motion else None
 
-    def pose(self, time: float) -> None:
-        """Put all that moves where it stands at a time, s."""
+    def pose(self, time: F64) -> None:
+        """Put all that moves where it stands at the times of the pulses to come, (n,) s: meshes at the first."""
+        self.times = time
         if self.flags.motion:
-            self.trace_scene = self.trace_scene.at(time)
+            self.trace_scene = self.trace_scene.at(float(time[0]))
 
     def block(
         self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
     ) -> tuple[NDArray[np.complex64], TraceStatistics]:
         """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
         radar = self.sampling.scene.radar
-        self.pose(float(radar.track.time[plan.key]))
+        self.pose(radar.track.time[plan.key : plan.key + 1])
         accumulator = BlockAccumulator(
             plan,
             n_layers // len(radar.channels),
@@ -106,7 +111,7 @@ class Tracer:
             rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
         )
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern and not self.flags.motion
+        beam = self.flags.antenna_pattern and self.sampling.azimuth_later
         profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return profiles, stats
@@ -120,7 +125,7 @@ class Tracer:
         """
         sampling = self.sampling
         radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
-        self.pose(float(radar.track.time[start]))
+        self.pose(radar.track.time[start:stop])
         plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
         accumulator = DirectAccumulator(
             plan,
@@ -177,6 +182,11 @@ class Tracer:
             for part in source.parts(rays, n_pulses)
         ]
 
+    def kernel_of(self, grid: LaunchGrid, batch: PulseBatch) -> Kernel:
+        """What the launches of sources share, with every effect that the run has."""
+        constants = Constants.of(self.kernel, self.trace_scene, grid)
+        return Kernel(self.trace_scene, grid, batch, self.flags, constants)
+
     def launch(
         self,
         grid: LaunchGrid,
@@ -198,7 +208,7 @@ class Tracer:
         """
         radar = self.sampling.scene.radar
         batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
-        if isinstance(accumulator, BlockAccumulator) and not flags.motion:
+        if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
         if record is None:
@@ -206,9 +216,7 @@ class Tracer:
                 self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
             )
         else:
-            constants = Constants.of(self.kernel, self.trace_scene, grid)
-            kernel = Kernel(self.trace_scene, grid, batch, self.flags, constants)
-            counts, state = record(kernel, radar.antenna, accumulator)
+            counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
@@ -245,6 +253,8 @@ class Tracer:
             patterned=flags.antenna_pattern,
             receiver=receiver,
         )
+        if flags.water_motion:
+            batch = replace(batch, time=self.times)
         if grid.purpose == "coherent":
             flags = replace(flags, diffuse=False)
         elif grid.purpose == "diffuse":

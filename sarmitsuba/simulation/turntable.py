@@ -6,6 +6,7 @@ from the target to the radar. Phase is referred to the middle of everything that
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.assemble import seen_by
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
@@ -23,11 +25,16 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sources import most_bounces
+from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.lines import LineScatterers, cut
+from sarmitsuba.trace.source import PointSource, Source
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -147,8 +154,8 @@ def rcs_sweep(
 
     Notes
     -----
-    Ignores what the kernel ignores: edge diffraction, transmission. Ground in the scene is part of the target, up to
-    its edges.
+    Ignores what the kernel ignores (creeping waves, waves between edges). Ground in the scene is part of the target,
+    up to its edges.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -159,11 +166,12 @@ def rcs_sweep(
     ensure_backend()
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
-    flags, depth = _effects(scene, aspects, channels)
+    flags, depth, lines = _effects(scene, aspects, channels)
+    scene = dataclasses.replace(scene, lines=lines)
     tracing = _Tracing(scene, flags, depth, most_rays, progress)
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
-    if scene.geometry.n_faces:
+    if scene.traced:
         first = tracing.amplitudes(aspects, 0)
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
         errors = tracing.errors(aspects, amplitude, checked) if checked else errors
@@ -188,6 +196,19 @@ class _Tracing:
     depth: int
     most_rays: int
     progress: Progress
+
+    @cached_property
+    def sources(self) -> tuple[Source, ...]:
+        """Of returns beside the rays'."""
+        scene, wavelength = self.scene, self.scene.radar.waveform.wavelength
+        found: list[Source] = []
+        if scene.lines:
+            rods = LineScatterers(cut(scene.lines, np.inf), scene.lines, wavelength)
+            found.append(PointSource(rods, most_bounces(scene)))
+        if self.flags.edge_diffraction:
+            edges = edges_of(scene.geometry, scene.materials, wavelength)
+            found += [PointSource(FringeCurrents(edges), min(self.depth, 3))] if edges.n else []
+        return tuple(found)
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
@@ -238,13 +259,18 @@ class _Tracing:
             draw=draw,
             cell=scene.settings.scatterer_cell or 0.5 * wavelength / CELLS_PER_RESOLUTION,
             up=up,
+            days=scene.settings.pass_days,
             most_rays=self.most_rays,
+            sources=self.sources,
+            places=line_ends(scene.lines),
             progress=self.progress,
         )
 
 
-def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[KernelFlags, int]:
-    """Effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
+def _effects(
+    scene: Scene, aspects: Aspects, channels: tuple[str, ...]
+) -> tuple[KernelFlags, int, tuple[LineTarget, ...]]:
+    """Effects of the trace kernel, most bounces and rods, as the plan of a radar at these aspects has them."""
     center, radius = target_middle(scene)
     position = center + aspects.directions * max(FAR * radius, 1.0)
     # the target turns, the antenna does not fly
@@ -266,19 +292,14 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
     flags = dataclasses.replace(
         plan.flags, channels=channels, taper=False, antenna_pattern=False, spreading=True
     )
-    return flags, plan.max_depth
+    return flags, plan.max_depth, plan.apply(scene).lines
 
 
 def target_middle(scene: Scene) -> tuple[F64, float]:
     """Middle of everything that there is to see, (3,) m, scene frame, and the radius of what surrounds it, m."""
-    clouds = [point.position[None] for point in scene.points]
-    if scene.geometry.n_faces:
-        clouds = [scene.geometry.bounds, *clouds]
-    center = 0.5 * (clouds[0].min(axis=0) + clouds[0].max(axis=0))
-    if not scene.geometry.n_faces:
-        cloud = np.concatenate(clouds)
-        center = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
-    outline = np.concatenate([scene.geometry.vertices, *clouds])
+    around = scene.geometry.bounds if scene.geometry.n_faces else scene.places
+    center = 0.5 * (around.min(axis=0) + around.max(axis=0))
+    outline = np.concatenate([scene.geometry.vertices, scene.places])
     return center, float(np.linalg.norm(outline - center, axis=1).max())
 
 
@@ -394,8 +415,8 @@ def turntable_scene(
         ),
         track,
     )
-    used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    radar, image, notes = seen_by(scene.name, scene.geometry, scene.points, used, description, scene.offset)
+    used = with_parts([scene.materials[i] for i in np.unique(scene.geometry.face_material)])
+    radar, image, notes = seen_by(scene.name, scene.geometry, scene.places, used, description, scene.offset)
     return dataclasses.replace(scene, radar=radar, image=image, notes=notes, description=description)
 
 
@@ -416,7 +437,7 @@ def _pixel_spacings(half: float, elevation: float, shortest: float, longest: flo
 
 def _outline(scene: Scene) -> F64:
     """(n, 3) everything that there is to see, m, scene frame."""
-    return np.concatenate([scene.geometry.vertices, *(point.position[None] for point in scene.points)])
+    return np.concatenate([scene.geometry.vertices, scene.places])
 
 
 __all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "target_middle", "turntable_scene"]

@@ -15,7 +15,24 @@ from sarmitsuba.theory.beam import (
 )
 from sarmitsuba.theory.bistatic import bistatic_po, bistatic_range, corner_line
 from sarmitsuba.theory.building import BuildingRcs, canonical_building, kirchhoff_sigma0
+from sarmitsuba.theory.clutter import (
+    asked_correlation,
+    averaged_shape,
+    k_cdf,
+    k_moment,
+    texture_correlation,
+)
 from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
+from sarmitsuba.theory.diffraction import (
+    WedgeFrame,
+    edge_on_rcs,
+    fringe_coefficients,
+    fringe_strip,
+    optics_coefficients,
+    plate_with_edges,
+    wedge_coefficients,
+    wedge_current_series,
+)
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -36,7 +53,9 @@ from sarmitsuba.theory.interferometry import (
     interferometric_phase_cdf,
     interferometric_phase_pdf,
     interferometric_phase_sigma,
+    rms_coherence,
     slope_phase_ramp,
+    temporal_coherence,
     wall_phase_ramp,
 )
 from sarmitsuba.theory.link import (
@@ -78,6 +97,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -94,6 +114,13 @@ from sarmitsuba.theory.synthetic_aperture import (
     circular_response,
     half_power_width,
 )
+from sarmitsuba.theory.wires import (
+    cylinder_series,
+    dielectric_needle_series,
+    line_amplitude,
+    post_amplitude,
+    thin_wire_rcs,
+)
 
 __all__ = [
     "BridgeReturns",
@@ -102,10 +129,14 @@ __all__ = [
     "DihedralAmplitudes",
     "OrbitDoppler",
     "PairReturn",
+    "SlabWaves",
     "SpeckleTest",
+    "WedgeFrame",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
+    "asked_correlation",
+    "averaged_shape",
     "azimuth_ambiguity_ratio",
     "azimuth_displacement",
     "azimuth_ghost",
@@ -126,15 +157,20 @@ __all__ = [
     "corner_line",
     "critical_baseline",
     "cylinder_rcs",
+    "cylinder_series",
+    "dielectric_needle_series",
     "dihedral",
     "disc_rcs",
     "doppler_centroid",
     "double_bounce_range_speed",
+    "edge_on_rcs",
     "equivalent_number_of_looks",
     "expected_coherence",
     "flat_earth_phase",
     "foreshortening",
     "fresnel",
+    "fringe_coefficients",
+    "fringe_strip",
     "gaussian_gain",
     "half_power_width",
     "height_of_ambiguity",
@@ -145,29 +181,39 @@ __all__ = [
     "interferometric_phase_sigma",
     "jitter_noise",
     "jittered_response",
+    "k_cdf",
+    "k_moment",
     "kirchhoff_sigma0",
     "lambertian_bowl",
+    "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
     "moving_echo",
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "optics_coefficients",
     "orbital_speed",
     "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "plate_with_edges",
     "point_snr",
     "polarimetry",
+    "post_amplitude",
     "quadratic_phase",
     "range_acceleration",
     "range_ambiguity_ratio",
     "range_walk",
     "received_power",
+    "rms_coherence",
     "rolled_dihedral",
     "shared_energy_sigma0",
     "single_pulse_snr",
+    "slab",
+    "slab_delay",
+    "slab_insertion",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",
@@ -181,9 +227,14 @@ __all__ = [
     "staggered_line",
     "staggered_lines",
     "start_stop_azimuth_shift",
+    "temporal_coherence",
+    "texture_correlation",
+    "thin_wire_rcs",
     "trihedral_rcs",
     "uniform_aperture_gain",
     "uniform_aperture_taper",
     "wall_ground_amplitude",
     "wall_phase_ramp",
+    "wedge_coefficients",
+    "wedge_current_series",
 ]

@@ -72,6 +72,28 @@ def baseline_coherence(share: ArrayLike) -> F64:
     return np.asarray(np.maximum(1.0 - np.abs(np.asarray(share, dtype=np.float64)), 0.0))
 
 
+def temporal_coherence(days: ArrayLike, long_term: float, decay_days: float) -> F64:
+    r"""Coherence of two passes so many days apart, of which a part stays for ever and the rest decays.
+
+    .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
+
+    Parameters
+    ----------
+    days : t; 0 is one and the same time
+    long_term : gamma_inf
+    decay_days : tau; 0: at once
+
+    Notes
+    -----
+    Ignores seasons, rain and ploughs. Rocca, IEEE TGRS 45 (2007), for the decay; with the part that stays: Kellndorfer
+    et al., Scientific Data 9 (2022). It multiplies with that of baseline and noise: Zebker & Villasenor, IEEE TGRS 30
+    (1992).
+    """
+    t = np.abs(np.asarray(days, dtype=np.float64))
+    left = np.exp(-t / decay_days) if decay_days > 0.0 else np.where(t > 0.0, 0.0, 1.0)
+    return np.asarray(long_term + (1.0 - long_term) * left)
+
+
 def slope_phase_ramp(
     wavelength: float, slant_range: float, incidence: float, perpendicular: float, slope: float
 ) -> float:
@@ -170,6 +192,19 @@ def expected_coherence(coherence: float, looks: float) -> float:
     return float(value)
 
 
+def rms_coherence(coherence: float, looks: float) -> float:
+    r"""Root mean square of the sample coherence, for any number of looks n >= 1.
+
+    .. math:: \langle d^2 \rangle = 1 - \frac{n - 1}{n} (1 - \gamma^2)\, {}_2F_1(1, 1; n + 1; \gamma^2)
+
+    The second moment of `coherence_pdf`; sqrt(1 / n) without any coherence. Touzi et al., IEEE TGRS 37 (1999).
+    """
+    square = coherence**2
+    return float(
+        np.sqrt(1.0 - (looks - 1.0) / looks * (1.0 - square) * hyp2f1(1.0, 1.0, looks + 1.0, square))
+    )
+
+
 __all__ = [
     "baseline_coherence",
     "coherence_pdf",
@@ -180,6 +215,8 @@ __all__ = [
     "interferometric_phase_cdf",
     "interferometric_phase_pdf",
     "interferometric_phase_sigma",
+    "rms_coherence",
     "slope_phase_ramp",
+    "temporal_coherence",
     "wall_phase_ramp",
 ]

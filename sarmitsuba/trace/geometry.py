@@ -12,14 +12,20 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor
 from sarmitsuba.mesh.welding import weld
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.slabs import Slabs
+from sarmitsuba.trace.speckle import SurfacePlace
+from sarmitsuba.trace.texture import SurfaceTables
+from sarmitsuba.trace.water import Water
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -51,13 +57,18 @@ class TraceScene:
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
     geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
+    surfaces : what varies over them; None where all are even
     movers : faces that move, and the time at which all tables have them; None where all rest
     forms : forms of bistatic scattering in the scene other than the mean of both angles
     spectrum_table : (n_materials SPECTRUM_COSINES SPECTRUM_SINES,) float32, amplitude of height spectra, see
         :class:`sarmitsuba.materials.diffuse.SpectrumTable`; None without such a law
     correction_table : as ``diffuse_table``, the table's ``correction``; None where all of it is one
+    water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
+    slabs : the materials that are slabs, None where there is none
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
+    change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
+        not; None where all stays as it is
     """
 
     mi_scene: mi.Scene
@@ -76,13 +87,58 @@ class TraceScene:
     needs: tuple[NDArray[np.float64], NDArray[np.float64]]
     triangles: NDArray[np.float64]
     geometry_faces: NDArray[np.intp]
+    surfaces: SurfaceTables | None = None
     movers: Movers | None = None
+    change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
+    water: Water | None = None
+    slabs: Slabs | None = None
 
     @property
     def extent(self) -> float:
         """Largest coordinate modulus, m; bounds the float32 rounding of positions."""
         return float(np.abs(self.bounds).max())
+
+    def material_at(self, face: mi.UInt32, own: mi.UInt32, offset: mi.Vector3f, active: mi.Bool) -> mi.UInt32:
+        """Bits of the material at a place of a face, in a kernel: its ``own`` where no map says another.
+
+        Parameters
+        ----------
+        own : material of the face, as in ``face_info``
+        offset : m, from the face's vertex 0
+        """
+        if self.surfaces is None or self.surfaces.classes is None:
+            return own
+        there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
+        return (own & FACE_BITS) | there
+
+    def at_place(
+        self,
+        face: mi.UInt32,
+        own: mi.UInt32,
+        point: mi.Vector3d,
+        normal: mi.Vector3d,
+        seed: mi.UInt32,
+        active: mi.Bool,
+    ) -> tuple[mi.UInt32, mi.Float]:
+        """Bits of the material at a point of a face at rest, and the factor on its diffuse amplitude.
+
+        Parameters
+        ----------
+        own : material of the face, as in ``face_info``
+        point, normal : float64, m and unit vector
+        seed : of the scene
+        """
+        if self.surfaces is None:
+            return own, mi.Float(1.0)
+        corner = dr.gather(mi.Vector4d, self.face_table, face * 3, active)
+        offset = mi.Vector3f(point - mi.Vector3d(corner.x, corner.y, corner.z))
+        bits = self.material_at(face, own, offset, active)
+        place = SurfacePlace.of(point, normal)
+        factor = self.surfaces.amplitude(
+            face, own & MATERIAL_MASK, bits & MATERIAL_MASK, offset, place, seed, active
+        )
+        return bits, factor
 
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Rows of the material table of faces, in a kernel."""
@@ -97,11 +153,12 @@ class TraceScene:
         corners = triangles.astype(np.float32)
         return replace(
             self,
-            mi_scene=_intersector(corners),
+            mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
             bounds=_bounds(corners),
             triangles=triangles,
             movers=movers,
+            slabs=self.slabs and self.slabs.at(triangles),
         )
 
     @property
@@ -125,6 +182,8 @@ CLOSED_BIT = 29
 # the first of four that mark those of a face's boundary edges where its facet goes on in its plane
 INNER_BIT = 25
 MATERIAL_MASK = (1 << INNER_BIT) - 1
+# of a face's bits those that are its own whatever its material
+FACE_BITS = 0x3FFFFFFF & ~MATERIAL_MASK
 
 
 def build_trace_scene(
@@ -132,6 +191,8 @@ def build_trace_scene(
     materials: tuple[Material, ...],
     wavelength: float,
     antenna: NDArray[np.float64] | None = None,
+    places: NDArray[np.float64] | None = None,
+    seed: int = 0,
 ) -> TraceScene:
     """Build the intersection structure and the tables of a scene.
 
@@ -140,13 +201,17 @@ def build_trace_scene(
     geometry, materials : as loaded; faces of invisible materials are left out
     wavelength : m
     antenna : (3,) m, from where the density of diffuse rays is planned; None: from square above each face
+    places : (n, 3) m, of scatterers beside the mesh, which may then be empty; None or empty: none
+    seed : of what is drawn once for the scene, such as the waves of water
 
     Raises
     ------
     SceneError
-        When no visible face is left.
+        When no visible face is left, and nothing else is there.
     """
     visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    if places is not None and len(places):
+        return _with_places(geometry, materials, wavelength, antenna, places, seed, bool(visible.any()))
     if not visible.any():
         raise SceneError(
             "scene: nothing to trace: every mesh is empty or invisible; give a mesh a material that reflects"
@@ -158,6 +223,7 @@ def build_trace_scene(
 
     rows = []
     tables = []
+    materials = with_parts(materials)
     for m in materials:
         chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
         rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
@@ -193,15 +259,18 @@ def build_trace_scene(
         axis=1,
     )
     spectrum, correction = _spectra(materials, wavelength)
+    bits = np.arange(len(materials), dtype=np.uint32) | (form << np.uint32(FORM_SHIFT))
+    surfaces = SurfaceTables.of(geometry, rows_kept, materials, bits)
+    occurring = form[material] if surfaces is None or surfaces.classes is None else form
     return TraceScene(
-        mi_scene=_intersector(corners),
+        mi_scene=intersector(corners),
         face_table=device_array(mi.Float64, _packed(triangles)),
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
         material_table=_table32(rows),
         diffuse_table=_table32(tables),
-        forms=frozenset(FORMS[i] for i in np.unique(form[material]) if i > 0),
+        forms=frozenset(FORMS[i] for i in np.unique(occurring) if i > 0),
         spectrum_table=spectrum,
         correction_table=correction,
         bounds=_bounds(corners),
@@ -210,23 +279,48 @@ def build_trace_scene(
         needs=needs,
         triangles=triangles,
         geometry_faces=rows_kept,
+        surfaces=surfaces,
         movers=movers,
+        change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
+        if any(m.temporal_coherence < 1.0 for m in materials)
+        else None,
+        water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
+        slabs=Slabs.of(materials, wavelength, material, triangles),
     )
 
 
-def _intersector(corners: NDArray[np.float32]) -> mi.Scene:
-    """Intersection structure of triangles (n_faces, 3, 3), m.
-
-    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
-    along shared edges because equal float64 values round alike.
-    """
-    n = len(corners)
-    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
-    params = mi.traverse(mesh)
-    params["vertex_positions"] = mi.Float(corners.reshape(-1))
-    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
-    params.update()
-    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+def _with_places(
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    wavelength: float,
+    antenna: NDArray[np.float64] | None,
+    places: NDArray[np.float64],
+    seed: int,
+    visible: bool,
+) -> TraceScene:
+    """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
+    if visible:
+        scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
+        bounds = np.concatenate([scene.bounds, places])
+        return replace(scene, bounds=np.stack([bounds.min(axis=0), bounds.max(axis=0)]))
+    # tables need a row: of a face that is not there
+    face = replace(
+        Geometry.empty(),
+        vertices=np.eye(3),
+        faces=np.arange(3, dtype=np.int32)[None],
+        face_material=np.zeros(1, dtype=np.int32),
+        face_group=np.zeros(1, dtype=np.int32),
+    )
+    scene = build_trace_scene(face, (Material("nothing", pec=True),), wavelength)
+    return replace(
+        scene,
+        mi_scene=mi.load_dict({"type": "scene"}),
+        bounds=np.stack([places.min(axis=0), places.max(axis=0)]),
+        n_faces=0,
+        needs=(np.zeros(0), np.zeros(0)),
+        triangles=np.zeros((0, 3, 3)),
+        geometry_faces=np.zeros(0, dtype=np.intp),
+    )
 
 
 def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -279,6 +373,7 @@ def _canonical_order(geometry: Geometry, visible: NDArray[np.bool_]) -> NDArray[
 __all__ = [
     "CLOSED_BIT",
     "DIFFUSE_NODES",
+    "FACE_BITS",
     "FORMS",
     "FORM_SHIFT",
     "INNER_BIT",
@@ -287,4 +382,5 @@ __all__ = [
     "SPECTRUM_SINES",
     "TraceScene",
     "build_trace_scene",
+    "intersector",
 ]

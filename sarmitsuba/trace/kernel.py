@@ -5,7 +5,7 @@ persistent diffuse scatterers it falls on close as well. A path behind mirrors i
 mirrored through its chain ("unfolded"), which is carried in float64 and mirrored exactly in each facet's plane:
 lengths depend on where a ray hits, never on the rounding of how it got there.
 
-What this does not do: transmission, edge and surface-wave diffraction, and diffuse-to-diffuse bounces, which are
+What this does not do: edge and surface-wave diffraction, and diffuse-to-diffuse bounces, which are
 :mod:`sarmitsuba.trace.diffuse_pairs`.
 """
 
@@ -15,7 +15,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import DiffuseReturns, Slot, close_coherent, close_diffuse, receiver, selected
+from sarmitsuba.trace.closing import close_coherent, receiver, selected
+from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
+from sarmitsuba.trace.panes import Waiting, branched
 from sarmitsuba.trace.rays import (
     footprint,
     intersect,
@@ -86,11 +88,15 @@ def trace(
     kernel = Kernel(scene, grid, pulses, flags, Constants.of(settings, scene, grid))
     lane, ray = launch(kernel, antenna)
 
+    if kernel.transmits:
+        return _through_panes(kernel, lane, ray, accumulator)
+
     def alive(ray: RayState, added: LaneArrays) -> mi.Bool:
         return ray.active
 
     def bounce(ray: RayState, added: LaneArrays) -> tuple[RayState, LaneArrays]:
-        return _bounce(kernel, lane, ray, accumulator, added)
+        _, _, ray, added = _bounce(kernel, lane, ray, accumulator, added)
+        return ray, added
 
     ray, added = dr.while_loop(
         (ray, accumulator.begin()), alive, bounce, labels=("ray", "added"), label="bounces", mode="symbolic"
@@ -98,16 +104,44 @@ def trace(
     return TraceCounts(ray.hits, ray.contributions), added
 
 
+def _through_panes(
+    kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator
+) -> tuple[TraceCounts, LaneArrays]:
+    """The loop where paths branch at panes: lanes go on until none of their paths waits."""
+
+    def alive(ray: RayState, waiting: Waiting, added: LaneArrays) -> mi.Bool:
+        return ray.active
+
+    def bounce(ray: RayState, waiting: Waiting, added: LaneArrays) -> tuple[RayState, Waiting, LaneArrays]:
+        arrived, hit, mirrored, added = _bounce(kernel, lane, ray, accumulator, added)
+        ray, waiting = branched(kernel, arrived, hit, mirrored, waiting)
+        return ray, waiting, added
+
+    ray, waiting, added = dr.while_loop(
+        (ray, Waiting.none(ray), accumulator.begin()),
+        alive,
+        bounce,
+        labels=("ray", "waiting", "added"),
+        label="bounces",
+        mode="symbolic",
+    )
+    return TraceCounts(waiting.hits, ray.contributions), added
+
+
 def _bounce(
     kernel: Kernel, lane: Lane, ray: RayState, accumulator: Accumulator, added: LaneArrays
-) -> tuple[RayState, LaneArrays]:
-    """One bounce of every ray: intersect, close, add, reflect."""
+) -> tuple[RayState, Hit, RayState, LaneArrays]:
+    """One bounce of every ray: intersect, close, add, reflect.
+
+    The ray as it arrives, its hit, the ray behind the mirror, and the accumulator's state.
+    """
     flags = kernel.flags
     hit = intersect(kernel, lane, ray)
-    ray = through_passages(kernel, past_foci(ray, hit), hit)
+    arrived = through_passages(kernel, ray, hit)
+    ray = past_foci(arrived, hit)
     tube_here = footprint(kernel, lane, ray, hit)
     reflection = mirror(kernel, ray, hit, hit.normal)
-    receive = receiver(kernel, lane, hit)
+    receive, lane, hit = receiver(kernel, lane, ray, hit)
     coherent = diffuse = None
     if flags.coherent:
         coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
@@ -118,8 +152,10 @@ def _bounce(
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:
-        return replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count), added
-    return replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count), added
+        ended = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
+        return arrived, hit, ended, added
+    mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count)
+    return arrived, hit, mirrored, added
 
 
 def _add(

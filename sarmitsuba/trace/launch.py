@@ -232,6 +232,7 @@ class PulseBatch:
     boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
     azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
     receiver : state of another antenna that receives; None: the one that transmits does
+    time : (n,) float64, s, where something in the kernel goes by it; None: all is as at time zero
     """
 
     position: F64
@@ -242,6 +243,7 @@ class PulseBatch:
     elevation_axis: F64 | None = None
     azimuth_later: bool = False
     receiver: "PulseBatch | None" = None
+    time: F64 | None = None
 
     @property
     def with_azimuth_later(self) -> "PulseBatch":

@@ -88,6 +88,10 @@ class Movement:
     shift: mi.Vector3d
     velocity: mi.Vector3d
 
+    def plus(self, other: Movement) -> Movement:
+        """Both together: of what moves on a face that moves."""
+        return Movement(self.shift + other.shift, self.velocity + other.velocity)
+
 
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Rim:

@@ -14,6 +14,7 @@ from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.moving import Rim
+from sarmitsuba.trace.panes import blocked, slab_factors
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
@@ -79,6 +80,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         nudge=dr.normalize(edge_a) * constants.clearance,
         needs=needs,
         pattern=pattern,
+        time=None if pulses.time is None else dr.gather(f64, device_array(f64, pulses.time), pulse),
     )
     state = RayState(
         active=dr.full(mi.Bool, True, grid.n_rays * pulses.n_pulses),
@@ -98,6 +100,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         rim=Rim.open() if flags.motion else None,
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
+        crossed=u32(0) if kernel.transmits else None,
     )
     return lane, state
 
@@ -163,7 +166,10 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     face, uv, active = _next_facet(scene, lane, ray, first)
     landed, n64, vertex0, centroid = hit_point(scene, face, uv, active)
     info = dr.gather(mi.Vector4u, scene.face_info, face, active)
-    active &= ~first | _served(kernel.grid.purpose, lane.needs, info)
+    met = active
+    active = active & (~first | _served(kernel.grid.purpose, lane.needs, info))
+    # also rays that stand for something behind a pane go through it
+    known = met if kernel.transmits else active
 
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
@@ -184,17 +190,20 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     if kernel.flags.visibility and (kernel.flags.multi_bounce or kernel.bistatic):
         # the antenna that a ray comes from sees its first hit; no farther than the antenna, which may hang within
         # the scene
-        known = mi.Bool(False) if kernel.bistatic else first
-        shadow_ray = mi.Ray3f(departure, to_antenna, mi.Float(length_back), 0.0, [])
-        blocked = scene.mi_scene.ray_test(shadow_ray, coherent=False, active=sees & ~known)
-        sees &= known | ~blocked
-    material = info.x & MATERIAL_MASK
+        lit = mi.Bool(False) if kernel.bistatic else first
+        hidden = blocked(kernel, departure, to_antenna, mi.Float(length_back), sees & ~lit)
+        sees &= lit | ~hidden
+    bits = info.x
+    if kernel.flags.texture:
+        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), active)
+    material = bits & MATERIAL_MASK
     return Hit(
         active=active,
         first=first,
         order=dr.select(active, ray.hits + 1, ray.hits),
         face=face,
-        material=info.x,
+        material=bits,
+        own_material=info.x,
         largest_cell=dr.reinterpret_array(mi.Float, info.y),
         p=p,
         vertex0=vertex0,
@@ -211,8 +220,12 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         to_antenna64=to_antenna64,
         to_antenna=to_antenna,
         sees=sees,
-        properties=dr.gather(mi.Vector4f, scene.material_table, material, active),
+        properties=dr.gather(mi.Vector4f, scene.material_table, material, known),
         movement=scene.movers.of_face(face, active) if kernel.flags.motion and scene.movers else None,
+        slab=scene.slabs and dr.gather(mi.Vector4f, scene.slabs.table, material, known)
+        if kernel.flags.slabs
+        else None,
+        met=met,
     )
 
 
@@ -345,7 +358,7 @@ def past_foci(ray: RayState, hit: Hit) -> RayState:
 
 def mirror(kernel: Kernel, ray: RayState, hit: Hit, normal: mi.Vector3f) -> Reflection:
     """Direction and fields of a ray behind the mirror of the material that it hits."""
-    return reflected(kernel, hit.direction, normal, hit.properties, ray.fields)
+    return reflected(kernel, hit.direction, normal, hit.properties, hit.slab, hit.behind, ray.fields)
 
 
 def reflected(
@@ -353,6 +366,8 @@ def reflected(
     d: mi.Vector3f,
     normal: mi.Vector3f,
     properties: mi.Vector4f,
+    row: mi.Vector4f | None,
+    behind: mi.Bool,
     fields: tuple[ComplexVector, ...],
 ) -> Reflection:
     """Direction and fields behind a smooth mirror.
@@ -360,7 +375,7 @@ def reflected(
     Parameters
     ----------
     d, normal : direction of the wave and unit normal facing it
-    properties : as in `Hit`
+    properties, row, behind : ``properties``, ``slab`` and ``behind`` of a `Hit`
     fields : at the mirror
     """
     d_out = dr.normalize(d - normal * (2.0 * dr.dot(d, normal)))
@@ -369,6 +384,9 @@ def reflected(
     h = field.incidence_basis(d, normal)
     chi = mi.Complex2f(properties.x, properties.y)
     r_te, r_tm = field.fresnel(dr.maximum(-dr.dot(d, normal), 1e-7), chi)
+    if row is not None:
+        factors, thick = slab_factors(properties, row, d, normal, behind), row.x > 0.0
+        r_te, r_tm = dr.select(thick, factors.r_te, r_te), dr.select(thick, factors.r_tm, r_tm)
     return Reflection(d_out, tuple(field.reflect_field(e, d, d_out, h, r_te, r_tm) for e in fields))
 
 
@@ -424,6 +442,7 @@ def reflect(
         rim=rim,
         fields=fields,
         contributions=ray.contributions,
+        crossed=ray.crossed,
     )
 
 

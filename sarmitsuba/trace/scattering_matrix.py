@@ -23,6 +23,7 @@ from sarmitsuba.trace.speckle import gaussian, unit_phase
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.trace.bistatic import Dyad
+    from sarmitsuba.trace.temporal import Age
 
 
 class Struck(Protocol):
@@ -80,6 +81,10 @@ class ScatteringMatrix:
         table_s = table_i if backscatter is None else diffuse_lookup(scene.diffuse_table, material, cos_s)
         self.amp_h = dr.sqrt(table_i.x * table_s.x)
         self.amp_v = dr.sqrt(table_i.y * table_s.y)
+        if scene.water is not None:
+            theta = dr.acos(dr.clip(0.5 * (cos_i + cos_s), 0.0, 1.0))
+            level = scene.water.level(material, theta, s - d)
+            self.amp_h, self.amp_v = self.amp_h * level.x, self.amp_v * level.y
         self.amp_cross = dr.sqrt(self.amp_h * self.amp_v)
         self.dyad: Dyad | None = None
         self.planes: Planes | None = None
@@ -139,20 +144,24 @@ def _chosen(lanes: mi.Bool, dyad: Dyad, level: mi.Float, other: Dyad) -> Dyad:
     return hh, hv, vh, vv
 
 
-def speckle_coefficients(key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags) -> list[mi.Complex2f]:
+def speckle_coefficients(
+    key: mi.UInt32, cross_ratio: mi.Float, flags: KernelFlags, age: Age | None
+) -> list[mi.Complex2f]:
     """Random numbers of a cell, one for each fixed tensor of :class:`ScatteringMatrix`; mean total power one.
 
     Co-polar; then, with depolarisation, difference and cross terms of azimuthal symmetry
-    (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power.
+    (``<|S_hv|^2> = <|S_hh - S_vv|^2> / 4``), S_hh and S_vv keeping the law's power. ``age``: what has become of the
+    cell since the first pass; None where nothing changes.
     """
-    co = gaussian(key, 0) if flags.speckle else unit_phase(key, 0)
+    normal, modulus_one = (gaussian, unit_phase) if age is None else (age.gaussian, age.unit_phase)
+    co = normal(key, 0) if flags.speckle else modulus_one(key, 0)
     if not flags.depolarisation:
         return [co]
     root = dr.sqrt(cross_ratio)
     return [
         co * dr.sqrt(dr.maximum(1.0 - cross_ratio, 0.0)),
-        gaussian(key, 1) * root,
-        gaussian(key, 2) * root,
+        normal(key, 1) * root,
+        normal(key, 2) * root,
     ]
 
 

@@ -17,7 +17,9 @@ from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import BeamPattern
 from sarmitsuba.trace.closing import selected
+from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
+from sarmitsuba.trace.panes import blocked, through
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
@@ -235,10 +237,9 @@ class PointSource:
         seen = free_way(kernel, start, to, mi.Float(length))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to, kernel.constants.up)
-        h_here, v_here = passed(
-            kernel.scene.passages, start, to, mi.Float(length), seen, ((h, none), (v, none))
-        )
-        return Sight(to64, to, -to, length, dr.dot(to64, velocity), seen, h_here, v_here, over_ground=False)
+        (h_here, v_here), extra = _passed(kernel, start, to, mi.Float(length), seen, ((h, none), (v, none)))
+        rate = dr.dot(to64, velocity)
+        return Sight(to64, to, -to, length + extra, rate, seen, h_here, v_here, over_ground=False)
 
     def _over_ground(
         self,
@@ -249,7 +250,7 @@ class PointSource:
         velocity: mi.Vector3d,
     ) -> Sight:
         """The way over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
-        scene, clearance = kernel.scene, kernel.constants.clearance
+        clearance = kernel.constants.clearance
         down = mi.Vector3f(0.0, 0.0, -1.0)
         here = mi.Vector3f(point)
         below = _Ground.of(
@@ -271,7 +272,8 @@ class PointSource:
         seen &= same & (offset < mi.Float64(SAME_PLANE + 8.0 * mi.Float(clearance)))
         n64 = before.normal
         # the antenna above the ground, the scatterer as well
-        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(point - before.point, n64) > 0.0)
+        above = mi.Vector3d(start) - before.point
+        seen &= (dr.dot(position - before.point, n64) > 0.0) & (dr.dot(above, n64) > 0.0)
         there = point + to64 * (dr.dot(before.point - point, n64) / dr.dot(to64, n64))
         leg_out = position - there
         way = dr.norm(leg_out)
@@ -281,14 +283,17 @@ class PointSource:
         seen &= free_way(kernel, departure, to_antenna, mi.Float(way))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to_antenna, kernel.constants.up)
-        fields = passed(scene.passages, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
-        reflection = reflected(kernel, -to_antenna, n, found.properties, fields)
+        fields, first = _passed(kernel, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
+        reflection = reflected(
+            kernel, -to_antenna, n, found.properties, found.slab, dr.dot(found.own, n64) < 0.0, fields
+        )
         fields = reflection.fields
         if kernel.flags.roughness:
             cosine = dr.dot(to_antenna, n)
             kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * found.properties.z * cosine))
             fields = tuple((re * kept, im * kept) for re, im in fields)
-        fields = passed(scene.passages, start, to, mi.Float(length - way), seen, fields)
+        fields, second = _passed(kernel, start, to, mi.Float(length - way), seen, fields)
+        length = length + first + second
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
         return Sight(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
@@ -332,12 +337,14 @@ class PointSource:
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """Where a ray from a scatterer meets a facet: point, unit normal facing the ray (float64), properties."""
+    """Where a ray from a scatterer meets a facet: point, unit normal facing the ray and its own (float64), material."""
 
     found: mi.Bool
     point: mi.Vector3d
     normal: mi.Vector3d
+    own: mi.Vector3d
     properties: mi.Vector4f
+    slab: mi.Vector4f | None
 
     @staticmethod
     def of(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, active: mi.Bool) -> _Ground:
@@ -346,18 +353,40 @@ class _Ground:
             mi.Ray3f(start, direction), coherent=False, active=active
         )
         valid = active & found.is_valid()
-        p, n64, _, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
-        n64 = dr.select(dr.dot(n64, mi.Vector3d(direction)) > 0.0, -n64, n64)
-        material = scene.material_of(found.prim_index, valid)
-        return _Ground(valid, p, n64, dr.gather(mi.Vector4f, scene.material_table, material, valid))
+        p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
+        n64 = dr.select(dr.dot(own, mi.Vector3d(direction)) > 0.0, -own, own)
+        bits = scene.material_of(found.prim_index, valid)
+        if kernel.flags.texture:
+            bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
+        material = bits & MATERIAL_MASK
+        properties = dr.gather(mi.Vector4f, scene.material_table, material, valid)
+        row = None
+        if kernel.flags.slabs and scene.slabs is not None:
+            row = dr.gather(mi.Vector4f, scene.slabs.table, material, valid)
+        return _Ground(valid, p, n64, own, properties, row)
 
 
 def free_way(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
     """Lanes in which nothing stands within so much of a way, m."""
     if not kernel.flags.visibility:
         return mi.Bool(True)
-    ray = mi.Ray3f(start, direction, distance, 0.0, [])
-    return ~kernel.scene.mi_scene.ray_test(ray, coherent=False)
+    return ~blocked(kernel, start, direction, distance, mi.Bool(True))
+
+
+def _passed(
+    kernel: Kernel,
+    start: mi.Vector3f,
+    direction: mi.Vector3f,
+    distance: mi.Float,
+    active: mi.Bool,
+    vectors: tuple[field.ComplexVector, ...],
+) -> tuple[tuple[field.ComplexVector, ...], mi.Float64]:
+    """Vectors at the start of a way from those at its end, through all that stands there, and its extra length, m."""
+    vectors = passed(kernel.scene.passages, start, direction, distance, active, vectors)
+    if not kernel.transmits:
+        return vectors, mi.Float64(0.0)
+    vectors, extra = through(kernel, start, direction, distance, active, vectors)
+    return vectors, mi.Float64(extra)
 
 
 def both_gains(

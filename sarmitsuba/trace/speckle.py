@@ -26,6 +26,22 @@ def mix(x: mi.UInt32) -> mi.UInt32:
     return x ^ (x >> 16)
 
 
+@dataclass(frozen=True, eq=False)
+class SurfacePlace:
+    """A place in the two lattice axes that span its surface best (float64, m), and which axis is left out (0: z)."""
+
+    a: mi.Float64
+    b: mi.Float64
+    axis: mi.UInt32
+
+    @classmethod
+    def of(cls, point: mi.Vector3d, normal: mi.Vector3d) -> SurfacePlace:
+        """Place of a point on a surface of that unit normal."""
+        take_z, take_y = _left_out(normal)
+        a, b, _ = _lattice_axes(point, take_z, take_y)
+        return cls(a, b, _axis(take_z, take_y))
+
+
 @dataclass  # not frozen: part of a loop's state, which Dr.Jit writes to
 class Node:
     """A node of a patch, and those left in its row.
@@ -98,10 +114,7 @@ class ScattererLattice:
         patch : part of the facet, in units of u and v
         cell : m, distance between nodes
         """
-        ax, ay, az = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
-        # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
-        take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
-        take_y = ~take_z & (ay >= ax - 1e-6)
+        take_z, take_y = _left_out(normal)
         a, b, c = _lattice_axes(point, take_z, take_y)
         na, nb, nc = _lattice_axes(normal, take_z, take_y)
         ua, ub, _ = _lattice_axes(u, take_z, take_y)
@@ -175,6 +188,11 @@ class ScattererLattice:
         )
         return found[0]
 
+    def place(self, point: mi.Vector3d) -> SurfacePlace:
+        """Where a scatterer stands on the lattice."""
+        a, b, _ = _lattice_axes(point, self.take_z, self.take_y)
+        return SurfacePlace(a, b, _axis(self.take_z, self.take_y))
+
     def scatterer(self, node: Node, seed: mi.UInt32) -> tuple[mi.Vector3d, mi.UInt32]:
         """Where a node stands (float64, m) and its hash: the same whichever ray, facet, pulse or look finds it."""
         ia, ib = self.first_a + mi.Float64(node.row), self.first_b + mi.Float64(node.column)
@@ -190,7 +208,7 @@ class ScattererLattice:
         # layers of a few cells tell surfaces apart that lie over one another
         layer = dr.floor(cc / (self.cell * LAYER_CELLS) + 0.4142)
         u32, i32 = mi.UInt32, mi.Int32
-        axis = dr.select(self.take_z, u32(0), dr.select(self.take_y, u32(1), u32(2)))
+        axis = _axis(self.take_z, self.take_y)
         size = dr.reinterpret_array(u32, mi.Float(self.cell))
         key = mix(u32(i32(ia)) * 0x9E3779B1 + seed)
         key = mix(key ^ (u32(i32(ib)) * 0x85EBCA77 + 0x27D4EB2F))
@@ -241,6 +259,19 @@ def _side(
     return dr.select(long, p[1] - p[0] * slope, -1e9), dr.select(long, slope, 0.0), (along >= 0.0) | ~long
 
 
+def _left_out(normal: mi.Vector3d) -> tuple[mi.Bool, mi.Bool]:
+    """Where the lattice leaves out z, and where y."""
+    ax, ay, az = dr.abs(normal.x), dr.abs(normal.y), dr.abs(normal.z)
+    # 1e-6: walls at exactly 45 degrees keep one axis whatever the rounding of their normal
+    take_z = (az >= ax - 1e-6) & (az >= ay - 1e-6)
+    return take_z, ~take_z & (ay >= ax - 1e-6)
+
+
+def _axis(take_z: mi.Bool, take_y: mi.Bool) -> mi.UInt32:
+    u32 = mi.UInt32
+    return dr.select(take_z, u32(0), dr.select(take_y, u32(1), u32(2)))
+
+
 def _lattice_axes(
     w: mi.Vector3d | mi.Vector3f, take_z: mi.Bool, take_y: mi.Bool
 ) -> tuple[mi.Float64 | mi.Float, mi.Float64 | mi.Float, mi.Float64 | mi.Float]:
@@ -277,4 +308,19 @@ def unit_phase(key: mi.UInt32, stream: int) -> mi.Complex2f:
     return mi.Complex2f(c, s)
 
 
-__all__ = ["Node", "ScattererLattice", "cell_on", "gaussian", "mix", "thinned", "unit_phase"]
+def unit_uniform(key: mi.UInt32, salt: int) -> mi.Float:
+    """Uniform in 0 ... 1, both ends left out, from a hashed cell; ``salt`` picks independent ones."""
+    return (mi.Float(mix(mix(key ^ salt)) >> 8) + 0.5) * (1.0 / 16777216.0)
+
+
+__all__ = [
+    "Node",
+    "ScattererLattice",
+    "SurfacePlace",
+    "cell_on",
+    "gaussian",
+    "mix",
+    "thinned",
+    "unit_phase",
+    "unit_uniform",
+]

@@ -41,6 +41,7 @@ class KernelSettings:
     amplitude : factor on every contribution (the radar's amplitude constant, sqrt(W) m^2 per m)
     reference_range : m, stands for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
+    days : since the first pass
     """
 
     wavelength: float
@@ -50,6 +51,7 @@ class KernelSettings:
     amplitude: float
     reference_range: float
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    days: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,7 @@ class Constants:
     clearance: mi.Float
     up: mi.Vector3f
     turn: mi.Float64
+    days: mi.Float
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -94,6 +97,7 @@ class Constants:
             clearance=dr.opaque(f32, scene.clearance),
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             turn=dr.opaque(f64, grid.turn),
+            days=dr.opaque(f32, settings.days),
         )
 
 
@@ -118,6 +122,13 @@ class Kernel:
         return self.flags.diffuse and self.flags.diffuse_double and self.flags.multi_bounce
 
     @property
+    def transmits(self) -> bool:
+        """True where paths go through panes, which takes the loop and the panes' own coefficients."""
+        flags, slabs = self.flags, self.scene.slabs
+        wanted = flags.transmission and flags.slabs and flags.multi_bounce
+        return wanted and slabs is not None and slabs.passes
+
+    @property
     def bistatic(self) -> bool:
         """True where another antenna receives."""
         return self.pulses.receiver is not None
@@ -138,6 +149,7 @@ class Lane:
     nudge : m, step beside a ray that slipped through a vertex
     needs : m; only faces that need rays at least so far apart and closer than the second are this ray's
     pattern : of the antenna that receives, None for an isotropic one
+    time : s, float64, of the pulse where something goes by it; None: all is as at time zero
     """
 
     pulse: mi.UInt32
@@ -152,6 +164,7 @@ class Lane:
     nudge: mi.Vector3f
     needs: tuple[mi.Float, mi.Float]
     pattern: BeamPattern | None
+    time: mi.Float64 | None = None
 
 
 @dataclass
@@ -183,6 +196,7 @@ class RayState:
     rim : what bounds the light, None where nothing moves
     fields : of each tracked transmit polarisation, unit at launch
     contributions : so far
+    crossed : panes that the path went through; None where nothing lets waves through
     """
 
     active: mi.Bool
@@ -200,6 +214,7 @@ class RayState:
     rim: Rim | None
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
+    crossed: mi.UInt32 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +227,8 @@ class Hit:
     first : lanes whose first hit this is
     order : number of this hit, from 1
     face : row of the scene's tables
-    material : bits of the face's material
+    material : bits of the material at the hit
+    own_material : bits of the face's own, whatever maps say of the place
     largest_cell : m, of a diffuse scatterer on the face's piece of surface
     p : float64, m, the ray's own point of the facet
     vertex0, centroid : float64, m, vertex 0 and middle of the triangle
@@ -225,6 +241,8 @@ class Hit:
     sees : lanes that the antenna sees from here
     properties : Re, Im of eps - 1, rms height and cross-polar power ratio of the material
     movement : of the face; None where nothing moves
+    slab : row of `Slabs.table` of the material, None where slabs are left out
+    met : lanes that hit something, whether or not this ray stands for it
     """
 
     active: mi.Bool
@@ -232,6 +250,7 @@ class Hit:
     order: mi.UInt32
     face: mi.UInt32
     material: mi.UInt32
+    own_material: mi.UInt32
     largest_cell: mi.Float
     p: mi.Vector3d
     vertex0: mi.Vector3d
@@ -250,6 +269,8 @@ class Hit:
     sees: mi.Bool
     properties: mi.Vector4f
     movement: Movement | None
+    slab: mi.Vector4f | None
+    met: mi.Bool
 
 
 @dataclass(frozen=True, eq=False)

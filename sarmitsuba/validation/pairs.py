@@ -161,6 +161,7 @@ def pair_of(
     baseline: float | None = None,
     window: str = "rectangular",
     passes: Literal[1, 2] = 2,
+    days: float = 0.0,
 ) -> Pair:
     """Simulate both passes over a scene with automatic settings and focus them on the first's grid.
 
@@ -172,10 +173,12 @@ def pair_of(
     materials : of the meshes
     relief, baseline, passes : as for `sarmitsuba.interferometry.second_pass`
     window : in azimuth and range
+    days : from the first pass to the second
     """
     first = setting.scene(meshes, materials, extent)
     offset = second_pass(first.radar, relief, baseline, passes)
     second = setting.scene(meshes, materials, extent, **offset.parameters)
+    second = replace(second, settings=replace(second.settings, pass_days=days))
     with unwarned():
         raws = simulate(first), simulate(second)
     grid = default_grid(first.radar, first.image)

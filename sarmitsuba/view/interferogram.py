@@ -55,7 +55,7 @@ def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, 
     b = pair.baseline
     lines = [
         title,
-        f"{pair.channel}, {'two passes' if b.passes == 2 else 'one pass, two receivers'}, perpendicular baseline "
+        f"{pair.channel}, {pair.kind}, perpendicular baseline "
         f"{b.perpendicular:.4g} m of {b.critical:.4g} m critical, height of ambiguity {b.height_of_ambiguity:.4g} m, "
         f"{pair.independent_looks:.3g} looks",
     ]

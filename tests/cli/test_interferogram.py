@@ -23,6 +23,7 @@ def test_a_pair_is_rendered_and_evaluated(pair: Path) -> None:
     record = json.loads((pair / "interferogram.json").read_text(encoding="utf-8"))
     assert record["baseline"]["perpendicular_m"] == pytest.approx(40.0, rel=1e-6)
     assert record["baseline"]["passes"] == 2 and record["looks"] == [2, 2]
+    assert record["days"] == 1.0
     assert (pair / "interferogram.png").stat().st_size > 5000
     with np.load(pair / "heights.npz") as arrays:
         assert arrays["points"].shape == (*record["shape"], 3)
@@ -38,7 +39,11 @@ def test_runs_that_are_there_are_evaluated_again(pair: Path, tmp_path: Path, cap
     options = ["-o", str(tmp_path), "--looks", "2", "2", "--common-band", "--unwrap"]
     assert cli.main(["interferogram", *runs, *options]) == 0
     said = capsys.readouterr().out
-    assert "two passes, VV" in said and "perpendicular 40 m" in said and "focused on the grid" in said
+    assert (
+        "two passes 1 day apart, VV" in said
+        and "perpendicular 40 m" in said
+        and "focused on the grid" in said
+    )
     record = json.loads((tmp_path / "interferogram.json").read_text(encoding="utf-8"))
     assert record["band"] == "common" and record["unwrapped"] is True
     with np.load(tmp_path / "heights.npz") as arrays:
@@ -65,3 +70,5 @@ def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any)
     assert not (tmp_path / "same" / "heights.npz").exists()  # no baseline, no heights
     assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--no-focus"]) == 2
     assert "--no-focus and --page belong to render" in capsys.readouterr().err
+    assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--one-pass", "--days", "3"]) == 2
+    assert "--days 3 with --one-pass, whose two images are of one time" in capsys.readouterr().err

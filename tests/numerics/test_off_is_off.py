@@ -65,7 +65,13 @@ pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWar
 def test_what_is_off_or_nothing_is_as_if_it_were_not_there() -> None:
     plain, kernels = run(scene_of())
     assert np.abs(plain).max() > 0.0 and len(kernels) > 1
-    for scene in (scene_of(MENTIONED, NOTHING), scene_of(motion=DRIVING, **NO_EFFECT)):
+    later = scene_of()
+    later = replace(later, settings=replace(later.settings, pass_days=12.0))
+    changing = scene_of()
+    changing = replace(
+        changing, materials=tuple(replace(m, temporal_coherence=0.1) for m in changing.materials)
+    )
+    for scene in (scene_of(MENTIONED, NOTHING), scene_of(motion=DRIVING, **NO_EFFECT), later, changing):
         data, same = run(scene)
         assert np.array_equal(data, plain)
         assert same == kernels

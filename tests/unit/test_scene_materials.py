@@ -82,6 +82,14 @@ def test_conductivity_and_loss_are_the_same_thing() -> None:
             "needs rms_height and correlation_length",
         ),
         ({"material": "pec", "diffuse_level_db": -3.0}, "has no effect with diffuse_law = none"),
+        (
+            {"material": "pec", "temporal_coherence": 0.5},
+            "temporal_coherence has no effect with diffuse_law = none",
+        ),
+        (
+            {"permittivity_real": 3.0, "diffuse_law": "lambert", "decorrelation_days": 5.0},
+            "decorrelation_days = 5 days has no effect with temporal_coherence = 1",
+        ),
     ],
 )
 def test_contradictions_are_refused(given: dict, text: str) -> None:

@@ -38,7 +38,8 @@ class Coherent(Effect):
         if not context.materials:
             return Assessment(False, "no mesh", -np.inf)
         scene = context.scene
-        if scene.settings.effects.get(self.name) == "off" and not decided["diffuse"].on and not scene.points:
+        more = scene.points or scene.lines
+        if scene.settings.effects.get(self.name) == "off" and not decided["diffuse"].on and not more:
             raise SceneError(
                 f"{scene.name}: coherent = off leaves nothing that returns, because diffuse is off "
                 f"({decided['diffuse'].why}); set coherent to auto or give a material a diffuse_law"

@@ -32,7 +32,8 @@ class Fresnel(Effect):
         lossy = [m for m in context.materials if not m.pec]
         if not lossy:
             return Assessment(False, "all conductors are perfect", -np.inf)
-        if not decided["max_depth"].on and not decided["coherent"].on:
+        mirrors = decided["max_depth"].on or context.scene.has_sources
+        if not mirrors and not decided["coherent"].on:
             return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
         error = max(_error_db(m) for m in lossy)
         if error <= context.tolerance_db:

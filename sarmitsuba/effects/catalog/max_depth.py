@@ -33,7 +33,8 @@ class MaxDepth(Effect):
         if settings.method == "raster":
             return Assessment(False, "the raster method has one bounce", float("nan"), 1)
         asked = settings.max_depth
-        proof = context.shape.single_bounce
+        # the proof is of what reflects; what goes through a pane may be hit from its far side
+        proof = "" if context.seen_through else context.shape.single_bounce
         if asked:
             if proof and asked > 1:
                 return Assessment(False, f"asked for {asked}, but {proof}", -np.inf, 1)
@@ -53,7 +54,8 @@ class MaxDepth(Effect):
     ) -> Mapping[str, FlagValue]:
         """Without it the loop and the reflection are left out."""
         depth = decided[self.name].value or DEFAULT_DEPTH
-        return {"multi_bounce": depth > 1}
+        # what goes through a pane needs the loop, even for one bounce
+        return {"multi_bounce": depth > 1 or bool(context.seen_through)}
 
 
 def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:

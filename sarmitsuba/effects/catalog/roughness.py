@@ -30,7 +30,8 @@ class Roughness(Effect):
         height = max((m.rms_height for m in context.materials), default=0.0)
         if height == 0.0:
             return Assessment(False, "every surface is smooth", -np.inf)
-        if not decided["max_depth"].on and not decided["coherent"].on:
+        mirrors = decided["max_depth"].on or context.scene.has_sources
+        if not mirrors and not decided["coherent"].on:
             return Assessment(False, "nothing reflects and nothing returns coherently", -np.inf)
         loss = -np.expm1(-2.0 * (context.wavenumber * height) ** 2)  # at normal incidence, the most
         error = 20.0 * float(np.log10(loss))

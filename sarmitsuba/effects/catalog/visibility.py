@@ -11,12 +11,15 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
-    """Off after one bounce (the first hit sees the antenna) and where no face can come between."""
+    """Off after one bounce (the first hit sees the antenna; an edge may not) and where no face can come between.
+
+    On where scatterers that no ray finds stand beside a mesh.
+    """
 
     name = "visibility"
     title = "shadow rays"
     documentation = "shadow rays, which test whether the antenna is visible from a hit"
-    off_when = "one bounce, or no face can stand between"
+    off_when = "one bounce, or no face can stand between; and no scatterers beside the mesh"
     off_means = "no shadow rays"
     rank = 110
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -25,10 +28,16 @@ class Visibility(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        if not decided["max_depth"].on:
+        if context.scene.has_sources and context.materials:
+            return Assessment(True, "the mesh can hide what no ray finds", 0.0)
+        depth, edges = decided["max_depth"], decided["edge_diffraction"]
+        # proven: nothing stands before anything
+        if not depth.on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
+        if not depth.on:
+            return Assessment(True, "edges can be hidden from the antenna", edges.error_db)
         error = 0.0  # a hidden return may be as strong as any
         if context.pilot is not None and context.pilot.total > 0:
             error = context.pilot.energy_db(3, 2)

@@ -422,7 +422,8 @@ def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
     error = max(bars.error_db)
     passes.history[-1] = (passes.seconds, error)
     if noisy:
-        raw = add_noise(raw, seed=focuser.scene.settings.seed)
+        settings = focuser.scene.settings
+        raw = add_noise(raw, seed=settings.seed, days=settings.pass_days)
         image = focuser.focus(raw)
     met = goal.met(error)
     record = {

@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
 
@@ -16,6 +19,51 @@ F64 = NDArray[np.float64]
 # rad that the line of sight to the scene's middle turns over the pulses of one launch plane. A plane seen 10 degrees
 # off its normal has tubes wider by 1.5 per cent; one seen edge-on lights nothing
 SECTOR = float(np.radians(20.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """What can reach the image from a sector of the track: a box along and across it.
+
+    Parameters
+    ----------
+    axes : (3, 3) float64, rows along, across and up
+    middle : (3,) float64, m, scene frame; of the image
+    low, high : (3,) float64, m, corners along ``axes`` about ``middle``
+    """
+
+    axes: F64
+    middle: F64
+    low: F64
+    high: F64
+
+    @staticmethod
+    def of(image: ImageRequest, axes: F64, away: F64, incidence: float, local: F64) -> "Footprint":
+        """Footprint of what stands at places ``local`` (n, 3), m, along the axes about the image's middle.
+
+        What is tall lays over towards the radar, so the box reaches farther out, ``away``, by its height over the
+        tangent of the incidence angle, and nearer by the depth of what lies below.
+        """
+        low, high = float(local[:, 2].min()), float(local[:, 2].max())
+        slope = max(np.tan(incidence), 0.1)
+        far, near = max(0.0, high) / slope * away[:2], -max(0.0, -low) / slope * away[:2]
+        half = np.array([0.5 * image.extent_azimuth, 0.5 * image.extent_range])
+        return Footprint(
+            axes,
+            np.array([image.center_x, image.center_y, image.height]),
+            np.append(-half + np.minimum(0.0, np.minimum(far, near)), low),
+            np.append(half + np.maximum(0.0, np.maximum(far, near)), high),
+        )
+
+    def local(self, points: F64) -> F64:
+        """Places (n, 3) along the axes about the middle, m, of points of the scene."""
+        return np.asarray((points - self.middle) @ self.axes.T)
+
+    def beyond(self, points: F64) -> F64:
+        """How far points (n, 3) of the scene lie beside the footprint, m, whatever their height; 0 within it."""
+        local = self.local(points)[:, :2]
+        gap = np.maximum(np.maximum(self.low[:2] - local, local - self.high[:2]), 0.0)
+        return np.asarray(np.linalg.norm(gap, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +79,7 @@ class LaunchWindow:
     half_x, half_y : m, half extents of the window in the plane
     taper : m, fade-out beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
+    footprint : what of the lines can reach the image; None in a scene without
     """
 
     pulses: tuple[int, int]
@@ -41,6 +90,7 @@ class LaunchWindow:
     half_y: float
     taper: float
     incidence: float
+    footprint: Footprint | None = None
 
     @property
     def area(self) -> float:
@@ -77,16 +127,14 @@ def sectors(scene: Scene) -> list[tuple[int, int]]:
 def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     """Find the window that lights all geometry which can reach the requested image in a sector of the track.
 
-    Tall objects beyond the far edge lay over into the image, so the box reaches further out by their height over
-    the tangent of the incidence angle, across the track of this sector.
+    The rays' window holds the mesh that can; the box also what stands beside the mesh, which needs no rays.
 
     Raises
     ------
     RadarError
-        When no geometry lies within the image's footprint.
+        When nothing lies within the image's footprint.
     """
     radar, image = scene.radar, scene.image
-    low, high = scene.geometry.bounds
     along, across = radar.track.along, radar.across
     sector = radar.track.of_pulses(slice(*pulses))
     antenna = sector.center_position
@@ -96,31 +144,20 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 
     # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
-    moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
-    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving])
-    g_low, g_high = local.min(axis=0), local.max(axis=0)
-    reach = max(0.0, float(g_high[2])) / max(np.tan(incidence), 0.1)
-    sink = max(0.0, float(-g_low[2])) / max(np.tan(incidence), 0.1)
-    ha, hr = 0.5 * image.extent_azimuth, 0.5 * image.extent_range
     away = axes @ _across(sector, look)
-    far, near = reach * away[:2], -sink * away[:2]
-    i_low = np.append(np.array([-ha, -hr]) + np.minimum(0.0, np.minimum(far, near)), g_low[2])
-    i_high = np.append(np.array([ha, hr]) + np.maximum(0.0, np.maximum(far, near)), g_high[2])
-    b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
-    shown = lit(scene, pulses, i_low, i_high, middle, axes)
-    if shown.size:  # on their way out of the image, or into it
-        whole = np.concatenate([shown, np.stack([b_low, b_high])] if (b_low <= b_high).all() else [shown])
-        b_low, b_high = whole.min(axis=0), whole.max(axis=0)
-    if (b_low > b_high).any():
-        where = "azimuth" if b_low[0] > b_high[0] else "range"
-        raise RadarError(
-            f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "
-            f"({image.center_x:g}, {image.center_y:g}) m) contains no geometry of {where}, which spans "
-            f"x {low[0]:g} ... {high[0]:g} m, y {low[1]:g} ... {high[1]:g} m; move image_center_x, image_center_y "
-            f"or enlarge the image"
-        )
-    cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
+    footprint, found = None, np.zeros((0, 3))
+    if scene.lines:
+        rods = (line_ends(scene.lines) - middle) @ axes.T
+        footprint = Footprint.of(image, axes, away, incidence, rods)
+        found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
+    bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
+    if bounds is None:
+        if not found.size:
+            raise RadarError(_nothing_there(scene))
+        bounds = np.tile(0.5 * (found.min(axis=0) + found.max(axis=0)), (2, 1))
+        cut = False
 
+    b_low, b_high = bounds
     corners = np.array(
         [
             [x, y, z]
@@ -141,8 +178,54 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     frame = LaunchFrame(center[None], frame.axis_x, frame.axis_y)
     # five per cent of the window, at least ten resolution cells, keeps the frame's edge lobe below the clutter
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
-    box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence)
+    every = np.concatenate([corners, found @ axes + middle])
+    box = np.stack([every.min(axis=0), every.max(axis=0)])
+    return LaunchWindow(
+        pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence, footprint
+    )
+
+
+def _lit_mesh(
+    scene: Scene, pulses: tuple[int, int], axes: F64, away: F64, incidence: float
+) -> tuple[F64 | None, bool]:
+    """Bounds (2, 3) of the mesh that can reach the image, along the axes about its middle; and whether more is there.
+
+    None where no mesh can.
+    """
+    image = scene.image
+    middle = np.array([image.center_x, image.center_y, image.height])
+    moving = [(corners.reshape(-1, 3) - middle) @ axes.T for corners in swept(scene, pulses)]
+    bodies = [(volume.vertices - middle) @ axes.T for volume in scene.volumes]
+    local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
+    if not local.size:
+        return None, False
+    footprint = Footprint.of(image, axes, away, incidence, local)
+    i_low, i_high = footprint.low, footprint.high
+    g_low, g_high = local.min(axis=0), local.max(axis=0)
+    b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
+    shown = lit(scene, pulses, i_low, i_high, middle, axes)
+    if shown.size:  # on their way out of the image, or into it
+        whole = np.concatenate([shown, np.stack([b_low, b_high])] if (b_low <= b_high).all() else [shown])
+        b_low, b_high = whole.min(axis=0), whole.max(axis=0)
+    cut = bool((g_low[:2] < i_low[:2] - 1e-6).any() or (g_high[:2] > i_high[:2] + 1e-6).any())
+    if not (b_low > b_high).any():
+        return np.stack([b_low, b_high]), cut
+    if scene.lines:
+        return None, cut
+    raise RadarError(_nothing_there(scene, "azimuth" if b_low[0] > b_high[0] else "range"))
+
+
+def _nothing_there(scene: Scene, where: str = "") -> str:
+    """Message about an image beside everything that there is to see."""
+    image = scene.image
+    cloud = scene.geometry.bounds if scene.geometry.n_faces else line_ends(scene.lines)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    return (
+        f"{scene.name}: the image ({image.extent_azimuth:g} m x {image.extent_range:g} m about "
+        f"({image.center_x:g}, {image.center_y:g}) m) contains no geometry{f' of {where}' if where else ''}, which "
+        f"spans x {low[0]:g} ... {high[0]:g} m, y {low[1]:g} ... {high[1]:g} m; move image_center_x, image_center_y "
+        "or enlarge the image"
+    )
 
 
 def mirrors_outside(scene: Scene, windows: tuple[LaunchWindow, ...]) -> str:

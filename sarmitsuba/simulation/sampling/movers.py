@@ -108,7 +108,7 @@ def block_length(scene: Scene, reference: F64, box: F64, length: int, extra_slan
     ]
     while meshes and length > 1:
         starts = sorted({0, max(0, (n - length) // 2), max(0, n - length)})
-        if _beam_change(radar, reference, length) <= BEAM_CHANGE and all(
+        if beam_change(radar, reference, length) <= BEAM_CHANGE and all(
             _phase_error(plan, radar, point, motion) <= MOTION_PHASE
             for start in starts
             for plan in [
@@ -139,7 +139,7 @@ def _phase_error(plan: BlockPlan, radar: Radar, point: F64, motion: Motion) -> f
     return float(4.0 * np.pi / radar.waveform.wavelength * np.std(left))
 
 
-def _beam_change(radar: Radar, point: F64, length: int) -> float:
+def beam_change(radar: Radar, point: F64, length: int) -> float:
     """Greatest change of the two-way gain towards a point over half a block, of its peak over the track."""
     pointing, leg = radar.pointing, point - radar.track.position
     u = leg / np.linalg.norm(leg, axis=1, keepdims=True)
@@ -151,4 +151,4 @@ def _beam_change(radar: Radar, point: F64, length: int) -> float:
     return float(np.abs(gain[half:] - gain[:-half]).max()) / peak if gain.size > 1 and peak > 0.0 else 0.0
 
 
-__all__ = ["azimuth_shift", "block_length", "fastest", "lit", "swept"]
+__all__ = ["azimuth_shift", "beam_change", "block_length", "fastest", "lit", "swept"]

@@ -11,8 +11,9 @@ from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sampling import movers
+from sarmitsuba.simulation.sampling import movers, water
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
 from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
 
@@ -102,7 +103,7 @@ class SamplingPlan:
             When no geometry lies within the image's footprint.
         """
         if flags is None:
-            rough = any(m.scatters for m in scene.materials)
+            rough = any(m.scatters for m in with_parts(scene.materials))
             flags = KernelFlags(channels=scene.radar.channels, diffuse=rough)
         windows = launch_windows(scene)
         window = _window_at(windows, scene.radar.track.center_index)
@@ -131,7 +132,7 @@ class SamplingPlan:
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
         """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
-        if scene.radar.track is not self.scene.radar.track or scene.geometry is not self.scene.geometry:
+        if scene.radar.track is not self.scene.radar.track or not scene.same_shapes(self.scene):
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)
@@ -200,9 +201,19 @@ class SamplingPlan:
             extra_slant_range=self.extra_slant_range,
             max_length=max(1, int(min(longest, self._steady_pulses))),
         )
-        return movers.block_length(
+        length = movers.block_length(
             self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
         )
+        if not self.flags.water_motion:
+            return length
+        return water.block_length(self.scene, self.window.center, length, every_beam=self.azimuth_later)
+
+    @cached_property
+    def azimuth_later(self) -> bool:
+        """Whether the range rate of a return tells where in the azimuth beam it is, at each pulse of a block."""
+        if self.flags.motion:
+            return False
+        return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
 
     @property
     def _steady_pulses(self) -> float:
@@ -239,8 +250,9 @@ class SamplingPlan:
 
     @cached_property
     def extra_range_rate(self) -> float:
-        """What the motion of shapes may add to a range rate or take off, m/s."""
-        return movers.fastest(self.scene)
+        """What the motion of shapes and water may add to a range rate or take off, m/s."""
+        fastest = movers.fastest(self.scene)
+        return fastest + water.fastest(self.scene) if self.flags.water_motion else fastest
 
     def for_effects(self) -> Sampling:
         """What the effects may know of the sampling."""

@@ -1,0 +1,11 @@
+"""BSDF ``radar_wire``: turns a cylinder or a line into rods that scatter by a closed form."""
+
+from sarmitsuba.loader.plugins import register
+from sarmitsuba.loader.tables import RADAR_WIRE
+
+from .surface import RadarSurface
+
+
+@register(RADAR_WIRE)
+class RadarWire(RadarSurface):
+    """What rods are made of."""

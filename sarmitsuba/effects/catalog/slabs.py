@@ -1,0 +1,58 @@
+"""Reflection of walls and panes of finite thickness."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from sarmitsuba import theory
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.effects.text import length, names
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.slab import COSINES
+
+
+class Slabs(Effect):
+    """On where a material has a thickness and reflects otherwise than a half space of it."""
+
+    name = "slabs"
+    title = "slabs of finite thickness"
+    documentation = "reflection of materials with a thickness as slabs; off: as half spaces"
+    off_when = "no material has a thickness, or all are as good as half spaces"
+    off_means = "Fresnel coefficients of half spaces"
+    rank = 32
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "slabs": "reflection coefficients of slabs, coated or not, at faces that are some",
+    }
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        slabs = [m for m in context.materials if m.thickness > 0.0 and not m.pec]
+        if not slabs:
+            return Assessment(False, "no material has a thickness", -np.inf)
+        if not decided["fresnel"].on:
+            return Assessment(False, "every surface is a perfect conductor", -np.inf)
+        error = max(_error_db(m, context.scene.radar.waveform.wavelength) for m in slabs)
+        what = names([f"{m.name}, {length(m.thickness)}" for m in slabs])
+        if error <= context.tolerance_db and not context.seen_through:
+            return Assessment(False, f"{what}: within {error:.0f} dB of a half space", error)
+        return Assessment(True, f"{what}: reflects otherwise than a half space", error)
+
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Slab coefficients in the kernel."""
+        return {"slabs": on}
+
+
+def _error_db(m: Material, wavelength: float) -> float:
+    """Largest difference of a slab's reflected field from the half space's over the incident one, dB."""
+    slab = theory.slab(COSINES, m.permittivity, m.thickness, wavelength, m.sheet_resistance)
+    te, tm = theory.fresnel(COSINES, m.permittivity)
+    error = max(float(np.abs(slab.r_te - te).max()), float(np.abs(slab.r_tm - tm).max()))
+    return 20.0 * float(np.log10(error)) if error > 0.0 else -np.inf
+
+
+EFFECTS.register(Slabs())

@@ -1,0 +1,57 @@
+"""Rough surfaces that have changed since the first pass."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.flags import FlagValue
+
+
+class TemporalDecorrelation(Effect):
+    r"""On in later passes over materials that lose coherence; the first pass is the scene as it is.
+
+    Two numbers of mean power one and coherence :math:`\gamma` differ by :math:`2 (1 - \gamma)` in the mean square.
+    """
+
+    name = "temporal_decorrelation"
+    title = "change between passes"
+    documentation = (
+        "change of rough surfaces since the first pass, of materials with temporal_coherence below 1"
+    )
+    off_when = "the first pass, or no material changes"
+    off_means = "every pass sees the scatterers of the first"
+    rank = 55
+    cost = 0.01
+    kernel_flags: ClassVar[Mapping[str, str]] = {
+        "temporal": "random numbers of the scatterers mixed with those of their latest change",
+    }
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        days = context.scene.settings.pass_days
+        if days == 0.0:
+            return Assessment(False, "the first pass", -np.inf)
+        if not decided["diffuse"].on:
+            return Assessment(False, "nothing diffuse", -np.inf)
+        if context.scene.settings.method == "raster":
+            return Assessment(False, "method raster draws its speckle anew for every image", -np.inf)
+        changing = [m for m in context.materials if m.scatters and m.coherence_after(days) < 1.0]
+        if not changing:
+            return Assessment(False, "no material changes between passes", -np.inf)
+        least = min(changing, key=lambda m: m.coherence_after(days))
+        gamma = least.coherence_after(days)
+        why = f'{days:g} days after the first pass, coherence down to {gamma:.2f} on "{least.name}"'
+        return Assessment(True, why, 10.0 * float(np.log10(2.0 * (1.0 - gamma))))
+
+    def flags(
+        self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
+    ) -> Mapping[str, FlagValue]:
+        """Two more Gaussians for each of a scatterer's, where some material can change."""
+        changes = any(m.scatters and m.temporal_coherence < 1.0 for m in context.materials)
+        return {"temporal": on and changes and context.scene.settings.pass_days != 0.0}
+
+
+EFFECTS.register(TemporalDecorrelation())

@@ -1,0 +1,63 @@
+"""Which of a scene's slabs waves go through to something behind."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.slab import lets_through
+from sarmitsuba.scene.scene import Scene
+
+# faces so many thicknesses behind another one of their material may be the other face of its slab
+SAME_SLAB = 1.5
+
+
+def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, ...]:
+    """Materials that are slabs, let waves through and have something of the scene behind one of their faces.
+
+    Parameters
+    ----------
+    scene : as loaded
+    antenna : (n, 3) positions that bound the aperture, m
+
+    Notes
+    -----
+    Behind is what lies beyond the plane of a face as seen from the antenna, whether or not a ray meets it there.
+    """
+    geometry = scene.geometry
+    if not geometry.n_faces:
+        return ()
+    wavelength = scene.radar.waveform.wavelength
+    used = np.unique(geometry.face_material)
+    slabs = [i for i in used if lets_through(scene.materials[i], wavelength)]
+    if not slabs:
+        return ()
+    hidden = np.array([m.invisible for m in scene.materials])[geometry.face_material]
+    corners = geometry.vertices[np.unique(geometry.faces[~hidden])]
+    others = np.concatenate([corners, *(p.position[None] for p in scene.points)])
+    return tuple(
+        scene.materials[i]
+        for i in slabs
+        if _something_behind(
+            geometry.vertices[geometry.faces[geometry.face_material == i]],
+            others,
+            antenna,
+            SAME_SLAB * scene.materials[i].thickness,
+        )
+    )
+
+
+def _something_behind(
+    faces: NDArray[np.float64], points: NDArray[np.float64], antenna: NDArray[np.float64], slack: float
+) -> bool:
+    """Whether any point lies farther than ``slack`` (m) beyond the plane of any face (n, 3, 3)."""
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    for n, corner in zip(normal[length > 0] / length[length > 0, None], faces[length > 0, 0], strict=True):
+        sides = np.sign((antenna - corner) @ n)
+        height = (points - corner) @ n
+        if any(bool((height * side < -slack).any()) for side in np.unique(sides) if side):
+            return True
+    return False
+
+
+__all__ = ["seen_through"]

@@ -1,0 +1,33 @@
+"""Panes of window glass."""
+
+from dataclasses import dataclass
+
+from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+
+
+@dataclass(frozen=True)
+class Pane(NamedMaterial):
+    """A slab of ITU-R P.2040's glass.
+
+    Parameters
+    ----------
+    name, title, thickness, sheet_resistance : see `NamedMaterial`
+    """
+
+    name: str
+    title: str
+    thickness: float
+    sheet_resistance: float = 0.0
+
+    def permittivity(self, frequency: float) -> complex:
+        """See the class."""
+        return MATERIALS["glass"].permittivity(frequency)
+
+    def note(self, frequency: float) -> str:
+        """As of glass."""
+        return MATERIALS["glass"].note(frequency)
+
+
+MATERIALS.register(Pane("window_glass", "one pane, 4 mm of ITU-R P.2040's glass", 0.004))
+# hard coats of tin oxide have some 15 ohm per square, soft ones of silver 2 to 6
+MATERIALS.register(Pane("low_e_glass", "the same with a silver coat of 4 ohm per square", 0.004, 4.0))

@@ -1,0 +1,425 @@
+"""Surfaces that vary from place to place: bitmaps of level, classes and properties, and the texture of clutter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammainccinv, gammaincinv, ndtr
+
+from sarmitsuba.errors import SceneError
+
+if TYPE_CHECKING:
+    from sarmitsuba.materials.material import Material
+
+F64 = NDArray[np.float64]
+# values of a permittivity or roughness map that become materials of their own: of one map, and of each of two
+MOST_LEVELS, MOST_LEVELS_OF_TWO = 64, 24
+# texels that stand for an attribute of the mesh, which runs from 0 to 1
+ATTRIBUTE_TEXELS = 256
+# an attribute may miss its bounds by the rounding of float32
+_ATTRIBUTE_SLACK = 1e-5
+# shape parameters: below, one cell in a million holds the power; above, nothing is left of the texture (-30 dB)
+LEAST_SHAPE, GREATEST_SHAPE = 0.05, 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    r"""Where on a bitmap a place of a surface lies.
+
+    .. math:: (u, v) = M (a, b, 1)^T
+
+    with a and b east and north in the scene frame (m), or attributes of the mesh. The bitmap covers the unit square;
+    its first row begins at v = 0.
+
+    Parameters
+    ----------
+    matrix : (2, 3) float64
+    attributes : of the mesh, which give a and b: ``("uv",)``, or one or two scalar ones; empty: from above, in plan
+    """
+
+    matrix: F64
+    attributes: tuple[str, ...] = ()
+
+    def at(self, triangles: F64, values: Mapping[str, F64]) -> F64:
+        """(n, 3, 2) float64 u and v of the corners of triangles.
+
+        Parameters
+        ----------
+        triangles : (n, 3, 3) float64, m, scene frame
+        values : of attributes at the same corners, (n, 3, 2) for ``uv`` and (n, 3, 1) for scalar ones
+
+        Raises
+        ------
+        SceneError : the mesh lacks an attribute, or one leaves 0 ... 1
+        """
+        parts = [triangles[..., :2]] if not self.attributes else []
+        for name in self.attributes:
+            given = values.get(name)
+            if given is None or np.isnan(given).any():
+                raise SceneError(
+                    f'a map lies on the attribute "{name}" of the mesh, and the mesh has none; give it to every mesh '
+                    "of the material, or map_extent"
+                )
+            if name != "uv" and not (np.abs(given - 0.5) <= 0.5 + _ATTRIBUTE_SLACK).all():
+                low, high = float(given.min()), float(given.max())
+                raise SceneError(
+                    f'the attribute "{name}" runs from {low:g} to {high:g}, beyond 0 ... 1; scale it, and say by the '
+                    "map's range what 0 and 1 mean"
+                )
+            parts.append(given)
+        ab = np.concatenate([*parts, np.zeros((*triangles.shape[:2], 2))], axis=-1)[..., :2]
+        return np.asarray(ab @ self.matrix[:, :2].T + self.matrix[:, 2])
+
+    def moved(self, offset: F64) -> Placement:
+        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
+        if self.attributes:
+            return self
+        matrix = self.matrix.copy()
+        matrix[:, 2] += matrix[:, :2] @ offset[:2]
+        return replace(self, matrix=matrix)
+
+
+def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> Placement:
+    """A bitmap laid over the scene from above, its first row along the northern edge.
+
+    Parameters
+    ----------
+    extent : x and y of its south-western corner, then of its north-eastern one, m, file frame
+    transform : (3, 3) applied to u and v afterwards, as Mitsuba's ``to_uv``
+
+    Raises
+    ------
+    SceneError : the extent has no area
+    """
+    west, south, east, north = (float(x) for x in extent)
+    if not (east > west and north > south and np.isfinite([west, south, east, north]).all()):
+        raise SceneError(
+            f"map extent {west:g} {south:g} {east:g} {north:g} m has no area; give x and y of the south-western "
+            "corner, then of the north-eastern one"
+        )
+    width, height = east - west, north - south
+    plain = np.array(
+        [[1.0 / width, 0.0, -west / width], [0.0, -1.0 / height, north / height], [0.0, 0.0, 1.0]]
+    )
+    return Placement(_transformed(plain, transform))
+
+
+def on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> Placement:
+    """A bitmap on the texture coordinates of the mesh (``("uv",)``), or a map of its scalar attributes."""
+    return Placement(_transformed(np.eye(3), transform), attributes)
+
+
+def _transformed(plain: F64, transform: ArrayLike | None) -> F64:
+    after = np.eye(3) if transform is None else np.asarray(transform, dtype=np.float64)
+    return np.asarray((after @ plain)[:2])
+
+
+@dataclass(frozen=True, eq=False)
+class Bitmap:
+    """Numbers over a surface.
+
+    Parameters
+    ----------
+    values : (n_rows, n_columns), first row at v = 0
+    placement : of its texels
+    repeat : goes on beyond its edges from the other side; else with its outermost texels
+    smooth : bilinear between the texels' middles; else constant within each
+    """
+
+    values: NDArray[np.float64] | NDArray[np.int64]
+    placement: Placement
+    repeat: bool = False
+    smooth: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class ClassMap:
+    """Which material there is where.
+
+    Parameters
+    ----------
+    bitmap : of numbers of ``materials``, not smooth
+    materials : none invisible, none with maps of its own
+    """
+
+    bitmap: Bitmap
+    materials: tuple[Material, ...]
+
+    def __post_init__(self) -> None:
+        for material in self.materials:
+            what = (
+                "is invisible: a map makes no holes"
+                if material.invisible
+                else "has a map of its own"
+                if material.maps is not None
+                else "has a thickness: a surface is a slab as a whole"
+                if material.thickness
+                else ""
+            )
+            if what:
+                raise SceneError(f'material "{material.name}" of a map of materials {what}; leave that out')
+        values = self.bitmap.values
+        if self.bitmap.smooth or not (0 <= values.min() and values.max() < len(self.materials)):
+            raise SceneError(
+                f"a map of materials holds numbers from 0 to {len(self.materials) - 1}, not smooth"
+            )
+
+    @property
+    def most_frequent(self) -> Material:
+        """The material of most texels."""
+        return self.materials[int(np.bincount(self.bitmap.values.astype(np.int64).ravel()).argmax())]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaps:
+    """The bitmaps on a material.
+
+    Parameters
+    ----------
+    level : factor on sigma0, of at least 0; None: 1 everywhere
+    classes : what the surface is made of; None: the material itself everywhere
+    """
+
+    level: Bitmap | None = None
+    classes: ClassMap | None = None
+
+    def __post_init__(self) -> None:
+        if self.level is not None:
+            values = np.asarray(self.level.values)
+            if not (np.isfinite(values) & (values >= 0.0)).all():
+                raise SceneError(
+                    "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
+                )
+
+    def moved(self, offset: F64) -> SurfaceMaps:
+        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
+        level, classes = self.level, self.classes
+        if level is not None:
+            level = replace(level, placement=level.placement.moved(offset))
+        if classes is not None:
+            bitmap = replace(classes.bitmap, placement=classes.bitmap.placement.moved(offset))
+            classes = replace(classes, bitmap=bitmap)
+        return SurfaceMaps(level, classes)
+
+
+def with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
+    """Materials, and after them those that only their maps bring, in the order of the kernel's tables."""
+    parts = [
+        p
+        for m in materials
+        if m.maps is not None and m.maps.classes is not None
+        for p in m.maps.classes.materials
+    ]
+    return (*materials, *parts)
+
+
+def map_attributes(material: Material) -> tuple[str, ...]:
+    """Attributes of the mesh that a material's maps lie on."""
+    maps = material.maps
+    bitmaps = [] if maps is None else [maps.level, None if maps.classes is None else maps.classes.bitmap]
+    return tuple(name for b in bitmaps if b is not None for name in b.placement.attributes)
+
+
+def varied(
+    material: Material, permittivity: F64 | None, rms_height: F64 | None
+) -> tuple[NDArray[np.int64], tuple[Material, ...]]:
+    """Materials for every pair of values of two bitmaps: numbers of materials (the bitmaps' shape), and those.
+
+    Parameters
+    ----------
+    material : what they have in common; its loss tangent is kept with every permittivity, its correlation length with
+        every roughness
+    permittivity : real parts; None: the material's
+    rms_height : m; None: the material's
+
+    Raises
+    ------
+    SceneError : a value makes no material, or the bitmaps differ in shape
+
+    Notes
+    -----
+    Up to ``MOST_LEVELS`` different values are exact (``MOST_LEVELS_OF_TWO`` each where there are two bitmaps); more are
+    rounded to so many steps, equal in dB, between the least and the largest.
+    """
+    label = f'material "{material.name}"'
+    if permittivity is not None and rms_height is not None and permittivity.shape != rms_height.shape:
+        raise SceneError(
+            f"{label}: permittivity_map has {permittivity.shape} texels and roughness_map {rms_height.shape}; give "
+            "both the same size"
+        )
+    if permittivity is not None and (material.pec or not (permittivity >= 1.0).all()):
+        what = (
+            "of a perfect conductor has no effect"
+            if material.pec
+            else f"goes down to {permittivity.min():g}, below 1"
+        )
+        raise SceneError(f"{label}: permittivity_map {what}; change the map or its range")
+    if rms_height is not None and not (rms_height >= 0.0).all():
+        raise SceneError(
+            f"{label}: roughness_map goes down to {rms_height.min():g} m, below 0 m; change its range"
+        )
+    most = MOST_LEVELS if permittivity is None or rms_height is None else MOST_LEVELS_OF_TWO
+    shape = next(values.shape for values in (permittivity, rms_height) if values is not None)
+    levels_e, index_e = _levels(permittivity, shape, most, material.permittivity.real)
+    levels_r, index_r = _levels(rms_height, shape, most, material.rms_height)
+    pair = index_e * len(levels_r) + index_r
+    used, number = np.unique(pair, return_inverse=True)
+    parts = []
+    for k in used.tolist():
+        eps, height = float(levels_e[k // len(levels_r)]), float(levels_r[k % len(levels_r)])
+        loss = material.permittivity.imag / max(material.permittivity.real, 1e-12)
+        parts.append(
+            replace(
+                material,
+                maps=None,
+                permittivity=material.permittivity if permittivity is None else complex(eps, eps * loss),
+                rms_height=height,
+            )
+        )
+    return number.reshape(shape).astype(np.int64), tuple(parts)
+
+
+def _levels(
+    values: F64 | None, shape: tuple[int, ...], most: int, own: float
+) -> tuple[F64, NDArray[np.int64]]:
+    """Values that stand for all of a bitmap, and the number of each texel's among them."""
+    if values is None:
+        return np.array([own]), np.zeros(shape, dtype=np.int64)
+    found, index = np.unique(values, return_inverse=True)
+    if len(found) > most:
+        positive = found[found > 0.0]
+        least = max(float(positive[0]), 1e-3 * float(positive[-1]))
+        found = np.geomspace(least, float(positive[-1]), most)
+        index = np.rint(np.log(np.maximum(values, least) / least) / np.log(found[1] / least))
+    return np.asarray(found, dtype=np.float64), np.asarray(index, dtype=np.int64).reshape(shape)
+
+
+# ---- gamma texture
+
+# range of the normal field in the table of its gamma quantiles, and nodes
+FIELD_LIMIT, QUANTILE_NODES = 6.0, 1024
+
+
+def texture_amplitudes(shape: float) -> F64:
+    r"""Square root of the texture over the normal field that it is made from, (``QUANTILE_NODES``,) float64.
+
+    .. math:: \tau = F_\nu^{-1}(\Phi(g))
+
+    with the gamma distribution F of unit mean and shape nu: whatever the field's correlation, a texture made from
+    standard normal numbers g follows the gamma law exactly. Nodes are uniform in g from ``-FIELD_LIMIT`` to
+    ``FIELD_LIMIT``.
+
+    References
+    ----------
+    Tough and Ward, "The correlation properties of gamma and other non-Gaussian processes generated by memoryless
+    nonlinear transformation", J. Phys. D 32 (1999) 3075, section 2.
+    """
+    g = np.linspace(-FIELD_LIMIT, FIELD_LIMIT, QUANTILE_NODES)
+    return np.sqrt(_texture(g, shape))
+
+
+def _texture(g: F64, shape: float) -> F64:
+    # from the side where the probability is small: 1 - Phi(6) = 1e-9 leaves nothing of Phi(6)
+    low = gammaincinv(shape, ndtr(np.minimum(g, 0.0)))
+    high = gammainccinv(shape, ndtr(-np.maximum(g, 0.0)))
+    return np.asarray(np.where(g < 0.0, low, high) / shape)
+
+
+def spline_weights(t: F64) -> F64:
+    """Weights (..., 3) of the nodes before, at and after the nearest one, ``t`` = -1/2 ... 1/2 from it.
+
+    Quadratic B-spline over the root of the sum of the squares: the field then has unit variance at every place.
+    """
+    w = np.stack([0.5 * (0.5 - t) ** 2, 0.75 - t * t, 0.5 * (0.5 + t) ** 2], axis=-1)
+    return np.asarray(w / np.sqrt(np.square(w).sum(axis=-1, keepdims=True)))
+
+
+@cache
+def node_spacing(shape: float) -> float:
+    """Distance between the nodes of the field over the texture's correlation length, where it falls to 1/e.
+
+    Mean over places and directions; the field's correlation is that of the splines, the texture's follows from it by
+    the Hermite series of Tough and Ward, equation 13.
+    """
+    lag = np.linspace(0.0, 2.5, 101)
+    field = _field_correlation(lag)
+    g = np.linspace(-8.0, 8.0, 4001)
+    density = np.exp(-0.5 * g * g) / np.sqrt(2.0 * np.pi) * (g[1] - g[0])
+    tau = _texture(g, shape)
+    # a_n = E[tau h_n] with normalised Hermite polynomials h_n
+    before, this, series = np.zeros_like(g), np.ones_like(g), []
+    for n in range(60):
+        series.append(float(np.sum(density * tau * this)))
+        before, this = this, (g * this - np.sqrt(n) * before) / np.sqrt(n + 1.0)
+    power = np.square(series[1:])
+    rho = (power * np.power.outer(field, np.arange(1, 60))).sum(axis=-1) / power.sum()
+    at = float(np.interp(-np.exp(-1.0), -rho, lag))
+    return 1.0 / at
+
+
+def _field_correlation(lag: F64) -> F64:
+    """Correlation of the normal field at lags in spacings of its nodes, mean over places and directions."""
+    place = np.asarray((np.arange(16) + 0.5) / 16.0 - 0.5, dtype=np.float64)
+    total = np.zeros_like(lag)
+    angles = np.radians(np.arange(3.75, 45.0, 7.5))  # the lattice repeats after that, mirrored
+    for angle in angles.tolist():
+        along, across = (_line_correlation(place, lag * part) for part in (math.cos(angle), math.sin(angle)))
+        total += along * across
+    return total / len(angles)
+
+
+def _line_correlation(place: F64, lag: F64) -> F64:
+    """Of one axis, mean over places: sum over common nodes of the products of both weights."""
+    ends = place[:, None] + lag
+    node = np.rint(ends)
+    one, other = spline_weights(place), spline_weights(ends - node)
+    total = np.zeros(ends.shape)
+    for i in range(3):
+        for j in range(3):
+            common = node + j == i
+            total += np.where(common, one[:, None, i] * other[..., j], 0.0)
+    return np.asarray(total.mean(axis=0))
+
+
+def check_texture(shape: float, length: float, where: str) -> None:
+    """Raise a SceneError unless shape and correlation length (m) are both given or both 0."""
+    if (shape > 0.0) != (length > 0.0):
+        given, missing = (
+            ("texture_shape", "texture_length") if shape > 0.0 else ("texture_length", "texture_shape")
+        )
+        raise SceneError(f"{where}: {given} is given without {missing}; give both, or none")
+    if shape > 0.0 and not LEAST_SHAPE <= shape <= GREATEST_SHAPE:
+        raise SceneError(
+            f"{where}: texture_shape = {shape:g} is not between {LEAST_SHAPE:g} and {GREATEST_SHAPE:g}; leave the "
+            "texture out for a larger one"
+        )
+
+
+__all__ = [
+    "ATTRIBUTE_TEXELS",
+    "FIELD_LIMIT",
+    "GREATEST_SHAPE",
+    "LEAST_SHAPE",
+    "MOST_LEVELS",
+    "MOST_LEVELS_OF_TWO",
+    "QUANTILE_NODES",
+    "Bitmap",
+    "ClassMap",
+    "Placement",
+    "SurfaceMaps",
+    "check_texture",
+    "in_plan",
+    "map_attributes",
+    "node_spacing",
+    "on_mesh",
+    "spline_weights",
+    "texture_amplitudes",
+    "varied",
+    "with_parts",
+]

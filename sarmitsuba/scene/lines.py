@@ -1,0 +1,49 @@
+"""Straight round rods that scatter by a closed form: wires, rails, posts, members of lattice masts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LineTarget:
+    """A straight round rod; it returns echoes by the series of the infinite cylinder, and no ray hits it.
+
+    Parameters
+    ----------
+    name : of the shape that it came from
+    start, end : (3,) float64, m, scene frame
+    radius : m
+    permittivity : relative, eps' - j eps''; None is a perfect conductor
+    """
+
+    name: str
+    start: F64
+    end: F64
+    radius: float
+    permittivity: complex | None = None
+
+    @property
+    def ends(self) -> F64:
+        """(2, 3) float64, m, scene frame."""
+        return np.stack([self.start, self.end])
+
+    @property
+    def length(self) -> float:
+        """From end to end, m."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    def moved(self, step: F64) -> "LineTarget":
+        """The same, (3,) m farther on."""
+        return LineTarget(self.name, self.start + step, self.end + step, self.radius, self.permittivity)
+
+
+def line_ends(lines: tuple[LineTarget, ...]) -> F64:
+    """(2 n_lines, 3) float64 ends of all lines, m, scene frame."""
+    return np.concatenate([line.ends for line in lines]) if lines else np.zeros((0, 3))
+
+
+__all__ = ["LineTarget", "line_ends"]

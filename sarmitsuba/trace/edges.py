@@ -1,0 +1,301 @@
+"""Fringe currents along the sharp edges of metal: what diffraction by a wedge adds to physical optics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import device_array, dr, mi
+from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.trace import field
+from sarmitsuba.trace.intersector import intersector
+from sarmitsuba.trace.source import Scatterers, Sight
+from sarmitsuba.trace.state import Kernel
+
+F64 = NDArray[np.float64]
+
+# longest piece over the wavelength, where no resolution cell asks for less: shadows then end within it
+LONGEST = 2.0
+# what comes so near to an edge (wavelengths, share of its piece) touches it
+REACH, REACH_SHARE = 0.02, 0.25
+# corners of the path round an edge that looks for what touches it
+PROBES = 8
+# sine of the angle between wave and edge, and of angles in a wedge, rad: closer than this formulas stay where they are
+LEAST = 1e-3
+# modulus below which the series of a difference of cotangents is used
+SERIES = 0.2
+
+
+def edges_of(
+    geometry: Geometry, materials: tuple[Material, ...], wavelength: float, cell: float = np.inf
+) -> SharpEdges:
+    """Sharp metal edges of a scene in pieces, without those that something else touches and those that move.
+
+    Parameters
+    ----------
+    geometry, materials : of the scene
+    wavelength : m
+    cell : m, longest piece beside ``LONGEST`` wavelengths
+    """
+    visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
+    moving = np.zeros(geometry.n_faces, dtype=bool)
+    for _, faces in geometry.moving_meshes():
+        moving[faces] = True
+    corners = geometry.vertices[geometry.faces[visible]]
+    metal = np.array([m.pec for m in materials], dtype=bool)[geometry.face_material[visible]]
+    metal &= ~moving[visible]
+    if not metal.any():
+        return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
+    edges = sharp_edges(corners, metal).cut(min(LONGEST * wavelength, cell))
+    return edges.of(uncovered(edges, intersector(corners.astype(np.float32)), wavelength))
+
+
+def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
+    """(n,) edges that nothing touches: a path round the middle of each, through its exterior, meets no triangle.
+
+    Parameters
+    ----------
+    edges : pieces of edges
+    scene : intersection structure of everything that waves meet
+    wavelength : m
+    """
+    if not edges.n:
+        return np.zeros(0, dtype=bool)
+    rounding = 16.0 * 2.0**-24 * np.abs(edges.middle).max()
+    reach = np.maximum(np.minimum(REACH * wavelength, REACH_SHARE * edges.length), rounding)
+    # from a sixteenth of the exterior off face a to as much off face b
+    share = np.linspace(1.0 / 16.0, 15.0 / 16.0, PROBES)
+    turn = np.pi * edges.angle[:, None] * share
+    rim = (
+        np.cos(turn)[..., None] * edges.inward[:, None, 0]
+        + np.sin(turn)[..., None] * edges.normal[:, None, 0]
+    )
+    path = (edges.middle[:, None] + reach[:, None, None] * rim).astype(np.float32)
+    start, step = path[:, :-1].reshape(-1, 3), np.diff(path, axis=1).reshape(-1, 3)
+    origin, direction = (
+        [device_array(mi.Float, np.ascontiguousarray(column)) for column in rows.T] for rows in (start, step)
+    )
+    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
+    met = np.asarray(scene.ray_test(ray)).reshape(edges.n, PROBES - 1)
+    return ~met.any(axis=1)
+
+
+class FringeCurrents(Scatterers):
+    r"""Michaeli's equivalent fringe currents of short straight edges, with the phase integral over each.
+
+    .. math::
+        \sqrt\sigma = \frac{j}{\sqrt\pi} l\, \mathrm{sinc}\left(\tfrac12 k l (\hat d - \hat s) \cdot \hat z\right)
+        \mathbf q \cdot \sum_{a, b} \left[ \hat z \frac{E_z D_s + \cos\beta' H_z (\mu D_h - \frac1N + U)}
+        {\sin^2\beta'} + \hat x \frac{H_z D_h}{\sin\beta'} \right]
+
+    with H in units of the field. The coefficients of a face, lit (U = 1) or not,
+
+    .. math::
+        D_s = -\tfrac12 [C(\tfrac{\phi' + a}2) + C(\tfrac{\phi' - a}2)], \quad
+        D_h = \frac{C(\tfrac{\phi' + a}2) - C(\tfrac{\phi' - a}2)}{2 \sin a}, \quad
+        C(x) = \tfrac1N \cot\tfrac xN - U \cot x
+
+    are finite where the exact current and the optical one are both infinite, since their poles at x = 0 cancel. Where
+    :math:`\mu = -\cos a` is below -1, a is imaginary and x complex. :func:`sarmitsuba.theory.fringe_strip` has the
+    geometry. The mean of a path and of the reversed one is taken, so that ``S_HV = S_VH``.
+
+    Parameters
+    ----------
+    edges : pieces
+
+    Notes
+    -----
+    Ignores corners, waves between edges (which halve what a thin plate returns edge-on with the field across its
+    edge), the bend of curved edges and the roughness of the metal. Within a thousandth of the forward direction of a
+    grazing wave, where the theory is infinite, the value at that distance is taken.
+    """
+
+    def __init__(self, edges: SharpEdges) -> None:
+        self.n = edges.n
+        self._middle = device_array(mi.Float64, edges.middle)
+        rows = [
+            np.column_stack([edges.inward[:, 0], edges.angle]),
+            np.column_stack([edges.normal[:, 0], edges.length]),
+            np.column_stack([edges.inward[:, 1], edges.weight]),
+            np.column_stack([edges.normal[:, 1], np.zeros(edges.n)]),
+        ]
+        self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
+
+    def point(self, index: mi.UInt32) -> mi.Vector3d:
+        """See :class:`sarmitsuba.trace.source.Scatterers`."""
+        return dr.gather(mi.Vector3d, self._middle, index)
+
+    def departure(
+        self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
+    ) -> mi.Vector3f:
+        """Off both faces: away from them, and along the direction."""
+        first, second = self._row(index, 0), self._row(index, 2)
+        inward = mi.Vector3f(first.x + second.x, first.y + second.y, first.z + second.z)
+        return point + (direction - dr.normalize(inward)) * clearance
+
+    def amplitude(
+        self,
+        kernel: Kernel,
+        index: mi.UInt32,
+        came: Sight,
+        goes: Sight,
+        e: field.ComplexVector,
+        q: field.ComplexVector,
+    ) -> mi.Complex2f:
+        """See the class."""
+        rows = [self._row(index, i) for i in range(4)]
+        n, length = rows[0].w, rows[1].w
+        faces = [
+            _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
+        ]
+        source, observer = came.to_antenna, goes.to_antenna
+        total, outside = mi.Complex2f(0.0), mi.Bool(True)
+        for face in faces:
+            out, into = (_Strip.of(face, n, *ways) for ways in ((source, observer), (observer, source)))
+            total += out.current(e, q) + into.current(q, e)
+            outside &= out.outside & into.outside
+        turn = dr.dot(source + observer, faces[0].along) * (0.5 * kernel.constants.wavenumber) * length
+        half = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
+        return dr.select(outside, mi.Complex2f(-total.imag, total.real) * half, mi.Complex2f(0.0))
+
+    def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
+        return dr.gather(mi.Vector4f, self._table, index * 4 + i)
+
+
+def _sinc(x: mi.Float) -> mi.Float:
+    small = dr.abs(x) < 1e-2
+    return dr.select(small, 1.0 - dr.square(x) / 6.0, dr.sin(x) / dr.select(small, 1.0, x))
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """A face of a wedge: unit vectors into it across the edge, off it, and along the edge."""
+
+    inward: mi.Vector3f
+    normal: mi.Vector3f
+    along: mi.Vector3f
+
+    @staticmethod
+    def of(inward: mi.Vector3f, normal: mi.Vector3f) -> _Face:
+        return _Face(inward, normal, dr.cross(inward, normal))
+
+
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """Fringe current of a strip of one face, per metre of edge and unit field.
+
+    Parameters
+    ----------
+    face : of the wedge
+    outside : whether the wave comes through the exterior
+    to_source : where the wave comes from
+    cosine, sine : of the angle between the wave and the edge
+    soft, hard, charge : D_s, D_h and mu D_h - 1 / N + U
+    grazing : unit vector of the ray that grazes the face from the edge
+    lifted : across it, to where the observer's direction counts when it is that ray: to the source's side of a sheet
+    """
+
+    face: _Face
+    outside: mi.Bool
+    to_source: mi.Vector3f
+    cosine: mi.Float
+    sine: mi.Float
+    soft: mi.Float
+    hard: mi.Float
+    charge: mi.Float
+    grazing: mi.Vector3f
+    lifted: mi.Vector3f
+
+    @staticmethod
+    def of(face: _Face, n: mi.Float, to_source: mi.Vector3f, to_observer: mi.Vector3f) -> _Strip:
+        across, off = dr.dot(to_source, face.inward), dr.dot(to_source, face.normal)
+        cosine = -dr.dot(to_source, face.along)
+        sine = dr.maximum(dr.sqrt(dr.square(across) + dr.square(off)), LEAST)
+        phi = dr.atan2(off, across)
+        # the interior's middle parts angles of the exterior from those a little below face a
+        phi = dr.select(phi < -(1.0 - 0.5 * n) * dr.pi, phi + 2.0 * dr.pi, phi)
+        outside = (phi > -LEAST) & (phi < n * dr.pi + LEAST)
+        phi = dr.clip(phi, 0.0, n * dr.pi)
+        # sin(alpha / 2): half the distance of directions
+        grazing = face.inward * sine + face.along * cosine
+        w = 0.5 * dr.norm(to_observer - grazing) / sine
+        real = _spectra(n, phi, w)
+        imaginary = _evanescent(n, phi, w)
+        soft, hard = (dr.select(w <= 1.0, a, b) for a, b in zip(real, imaginary, strict=True))
+        lit = dr.select(phi < dr.pi, mi.Float(1.0), 0.0)
+        mu = 1.0 - 2.0 * dr.square(w)
+        # along that ray D_h is infinite and the current's part across it none: what it returns depends on the side
+        side = dr.select((phi < dr.pi) | (n < 2.0 - LEAST), mi.Float(1.0), -1.0)
+        lifted = dr.select(w < 0.5 * LEAST, face.normal * (side * LEAST * sine), mi.Vector3f(0.0))
+        charge = mu * hard - dr.rcp(n) + lit
+        return _Strip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
+
+    def current(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
+        """Its part along q, for an incoming field e."""
+        at = dr.squared_norm(self.lifted) > 0.0
+        off = field.dot(q, dr.select(at, self.grazing + self.lifted, mi.Vector3f(0.0)))
+        q = field.add(q, field.scale(-off, self.grazing))
+        h = field.cross_left(-self.to_source, e)
+        e_z, h_z = field.dot(e, self.face.along), field.dot(h, self.face.along)
+        along = (e_z * self.soft + h_z * (self.cosine * self.charge)) * dr.rcp(dr.square(self.sine))
+        across = h_z * (self.hard / self.sine)
+        return along * field.dot(q, self.face.along) + across * field.dot(q, self.face.inward)
+
+
+def _spectra(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """D_s and D_h where a is real: cos(a / 2) = w."""
+    a = dr.clip(2.0 * dr.acos(dr.minimum(w, 1.0)), LEAST, dr.pi - LEAST)
+    lit = phi < dr.pi
+    plus, minus = _fringe(n, 0.5 * (phi + a), lit), _fringe(n, 0.5 * (phi - a), lit)
+    return -0.5 * (plus + minus), 0.5 * (plus - minus) / dr.sin(a)
+
+
+def _fringe(n: mi.Float, x: mi.Float, lit: mi.Bool) -> mi.Float:
+    """C(x): the pole at x = 0 only where the face is not lit, one at pi only where it is."""
+    x = dr.select(lit, dr.minimum(x, dr.pi - LEAST), dr.maximum(x, LEAST))
+    small = lit & (dr.abs(x) < SERIES)
+    safe = dr.select(small, 1.0, x)
+    whole = _real_cot(safe / n) / n - dr.select(lit, _real_cot(safe), 0.0)
+    first, third = _series(n)
+    return dr.select(small, x * (first + third * dr.square(x)), whole)
+
+
+def _real_cot(x: mi.Float) -> mi.Float:
+    s, c = dr.sincos(x)
+    return c / s
+
+
+def _series(n: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """Coefficients of x and x^3 in C(x)."""
+    r2 = dr.square(dr.rcp(n))
+    return (1.0 - r2) / 3.0, (1.0 - dr.square(r2)) / 45.0
+
+
+def _evanescent(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """D_s and D_h where a is imaginary: cosh(|a| / 2) = w; C is complex, and those of both signs conjugate."""
+    w = dr.maximum(w, 1.0)
+    eta = dr.maximum(2.0 * dr.log(w + dr.sqrt((w - 1.0) * (w + 1.0))), LEAST)
+    lit = phi < dr.pi
+    re, im = _cot(phi / n, eta / n)
+    re_lit, im_lit = _cot(phi, eta)
+    re = re / n - dr.select(lit, re_lit, 0.0)
+    im = im / n - dr.select(lit, im_lit, 0.0)
+    small = lit & (dr.square(phi) + dr.square(eta) < (2.0 * SERIES) ** 2)
+    u, v = 0.5 * phi, 0.5 * eta
+    first, third = _series(n)
+    re = dr.select(small, u * (first + third * (dr.square(u) - 3.0 * dr.square(v))), re)
+    im = dr.select(small, v * (first + third * (3.0 * dr.square(u) - dr.square(v))), im)
+    return -re, im / dr.sinh(eta)
+
+
+def _cot(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """cot((u + j v) / 2), real and imaginary part."""
+    bottom = 2.0 * (dr.square(dr.sinh(0.5 * v)) + dr.square(dr.sin(0.5 * u)))
+    return dr.sin(u) / bottom, -dr.sinh(v) / bottom
+
+
+__all__ = ["LONGEST", "FringeCurrents", "edges_of", "uncovered"]

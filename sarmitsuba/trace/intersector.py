@@ -1,0 +1,26 @@
+"""What rays are intersected with."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import mi
+
+
+def intersector(corners: NDArray[np.float32]) -> mi.Scene:
+    """Intersection structure of triangles (n_faces, 3, 3), m.
+
+    Every face owns its vertices: the face's number then is the row of all tables, and float32 vertices still coincide
+    along shared edges because equal float64 values round alike.
+    """
+    n = len(corners)
+    mesh = mi.Mesh("scene", vertex_count=3 * n, face_count=n)
+    params = mi.traverse(mesh)
+    params["vertex_positions"] = mi.Float(corners.reshape(-1))
+    params["faces"] = mi.UInt32(np.arange(3 * n, dtype=np.uint32))
+    params.update()
+    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+
+
+__all__ = ["intersector"]
