@@ -249,6 +249,18 @@ def railing() -> Figure:
     return figure
 
 
+def courtyard() -> Figure:
+    """A court with and without pairs of diffuse scatterers, and what they return."""
+    options = ["--window", "taylor", "--no-error-bars"]
+    images = {
+        "as planned": _render("courtyard", options),
+        "diffuse_pairs off": _render("courtyard", [*options, "-D", "diffuse_pairs=off"]),
+    }
+    with_pairs, without = images.values()
+    images["difference"] = replace(with_pairs, data=with_pairs.data - without.data)
+    return _shown(images, (-35.0, 5.0))
+
+
 def sea() -> Figure:
     """The harbour with its sea moving and frozen, some looks averaged, so that waves show through the speckle."""
     figure = Figure(figsize=(9.6, 4.4), layout="constrained")
@@ -563,6 +575,7 @@ FIGURES = {
         effects,
         moving,
         railing,
+        courtyard,
         sea,
         facades,
         azimuth_ambiguities,
