@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from corrections import block_of, correction_lines, correction_table, one_batch
+from effect_pairs import pair_lines, pair_table
 
 from sarmitsuba.backend import ensure_backend
 from sarmitsuba.echo.block import BlockPlan
@@ -355,6 +356,8 @@ def markdown(results: dict[str, Any]) -> str:
             lines.append(f"| {r['effect']} | {r['instructions']} | {less} | {cost} |")
     if results["corrections"]:
         lines += correction_lines(results["corrections"])
+    if results["pairs"]:
+        lines += pair_lines(results["pairs"])
     if results["plans"]:
         lines += [
             "",
@@ -424,7 +427,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes, or munich (default: all)")
     parser.add_argument("--quick", action="store_true", help="one round, no prediction, no kernel table")
     parser.add_argument(
-        "--only", choices=("kernels", "corrections", "plans", "predictions"), help="one of the parts"
+        "--only", choices=("kernels", "corrections", "pairs", "plans", "predictions"), help="one of the parts"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FOLDER", help="write effects.json and effects.md, adding to those there"
@@ -443,9 +446,9 @@ def main() -> None:
         if args.only
         else ["plans"]
         if args.quick
-        else ["kernels", "corrections", "plans", "predictions"]
+        else ["kernels", "corrections", "pairs", "plans", "predictions"]
     )
-    results: dict[str, Any] = {"kernels": [], "corrections": [], "plans": [], "predictions": []}
+    results: dict[str, Any] = {"kernels": [], "corrections": [], "pairs": [], "plans": [], "predictions": []}
     if args.out and (args.out / "effects.json").exists():  # parts and scenes not run now stay
         results |= json.loads((args.out / "effects.json").read_text(encoding="utf-8"))
     results["machine"] = (
@@ -456,6 +459,9 @@ def main() -> None:
         store(results, args.out)
     if "corrections" in parts:
         results["corrections"] = correction_table(load("munich" if munich() else "urban_block"), ROUNDS)
+        store(results, args.out)
+    if "pairs" in parts:
+        results["pairs"] = pair_table(SWITCHES)
         store(results, args.out)
     measures: dict[str, Callable[[str], dict[str, Any]]] = {
         "plans": lambda name: planned_row(name, args.quick),

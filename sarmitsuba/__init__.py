@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sarmitsuba.interferometry import height_map, interferogram
     from sarmitsuba.io import read_image, read_raw, write_image, write_raw
     from sarmitsuba.link import LinkBudget, link_budget
-    from sarmitsuba.loader.build import SceneMesh, build_scene
+    from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
+    from sarmitsuba.scene.lines import LineTarget
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
@@ -64,6 +65,7 @@ _HOME = {
     "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
+    "LineTarget": "sarmitsuba.scene.lines",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.errors",
@@ -75,6 +77,7 @@ _HOME = {
     "Scene": "sarmitsuba.scene.scene",
     "SceneError": "sarmitsuba.errors",
     "SceneMesh": "sarmitsuba.loader.build",
+    "SceneVolume": "sarmitsuba.loader.build",
     "TraceSettings": "sarmitsuba.scene.settings",
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
@@ -125,6 +128,7 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
+    "LineTarget",
     "LinkBudget",
     "Material",
     "Motion",
@@ -141,6 +145,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneMesh",
+    "SceneVolume",
     "TraceSettings",
     "Track",
     "__version__",

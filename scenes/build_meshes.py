@@ -1,6 +1,6 @@
-"""Make every mesh of the shipped scenes again, and check it: closed, outward, no degenerate faces.
+"""Make every mesh and map of the shipped scenes again, and check it: closed, outward, no degenerate faces.
 
-    python scenes/build_meshes.py            write scenes/meshes/*.ply
+    python scenes/build_meshes.py            write scenes/meshes/*.ply and scenes/maps/*.png
     python scenes/build_meshes.py --check    compare with the files that are there, write nothing
 
 Deterministic. Needs shapely >= 2.1 besides the program's own dependencies.
@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from land_cover import class_map, houses
+from PIL import Image
 from solids import box, check_closed, merged
 from urban_block import urban_block
 
@@ -22,6 +24,7 @@ from sarmitsuba.mesh.ply import write_ply
 from sarmitsuba.mesh.tessellate import sphere
 
 MESHES = Path(__file__).parent / "meshes"
+MAPS = Path(__file__).parent / "maps"
 Parts = dict[str, trimesh.Trimesh]
 
 
@@ -96,7 +99,7 @@ def joined(solids: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 def build() -> Parts:
     """Build all meshes by file name."""
     parts: Parts = {}
-    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block):
+    for make in (trihedral, sphere_ka60, tower, bridge, buildings16, urban_block, houses):
         parts |= make()
     return parts
 
@@ -121,6 +124,13 @@ def main() -> None:
         else:
             target.replace(path)
         print(f"{name:20s} {len(faces):6d} triangles")
+    path = MAPS / "land_cover.png"
+    pixels = class_map()  # of a PNG the pixels are compared, whatever packed them
+    if not path.exists() or not np.array_equal(np.asarray(Image.open(path).convert("RGB")), pixels):
+        different.append(path.stem)
+    if not only_check:
+        MAPS.mkdir(exist_ok=True)
+        Image.fromarray(pixels).quantize(16).save(path, optimize=True)
     if only_check and different:
         raise SystemExit(f"differ from what the script makes: {', '.join(different)}")
 

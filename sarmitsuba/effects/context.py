@@ -55,6 +55,7 @@ class PairLevel:
     strongest : power in the square of the ground that has most, over mean clutter on as much ground
     square : m, side of the squares
     pairs : drawn ones that return something
+    draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
     """
 
     share: float
@@ -62,6 +63,7 @@ class PairLevel:
     strongest: float
     square: float
     pairs: int
+    draw_error: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,7 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
+    edge_diffraction: bool = False
     texture: bool = False
     temporal: bool = False
     water_motion: bool = False
@@ -48,11 +49,6 @@ class KernelFlags:
     slabs: bool = False
     transmission: bool = False
     extra: frozenset[str] = frozenset()
-
-    @property
-    def own_rates(self) -> bool:
-        """Range rates come from more than the antenna's motion: they do not tell where in the beam a return is."""
-        return self.motion or self.water_motion
 
     @property
     def tracked(self) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.volumes import Volume
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -75,6 +76,7 @@ def assemble(
     settings: TraceSettings,
     notes: Sequence[str] = (),
     lines: Sequence[LineTarget] = (),
+    volumes: Sequence[Volume] = (),
 ) -> Scene:
     """Clean and centre the geometry, let the radar see it and freeze everything into a scene.
 
@@ -86,6 +88,7 @@ def assemble(
     radar : validated parameters of sensor and film
     settings : of the integrator
     notes : collected so far
+    volumes : in the file frame
 
     Raises
     ------
@@ -99,6 +102,10 @@ def assemble(
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
         )
+    if volumes and not visible:
+        raise SceneError(
+            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
+        )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
     if doubt := doubtful_unit(geometry.vertices[geometry.faces]):
@@ -109,7 +116,10 @@ def assemble(
         _check_size(f'{label}: point_scatterer "{point.name}"', point.position)
     for line in lines:
         _check_size(f'{label}: radar_wire "{line.name}"', line.ends)
-    places = np.concatenate([np.array([p.position for p in points]).reshape(-1, 3), line_ends(tuple(lines))])
+    for volume in volumes:
+        _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
+    positions = np.array([p.position for p in points]).reshape(-1, 3)
+    places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)
@@ -130,6 +140,7 @@ def assemble(
         notes=(*notes, *repairs, *doubts, *radar_notes, *_black(label, surfaces, materials)),
         description=radar,
         lines=tuple(line.moved(-offset) for line in lines),
+        volumes=tuple(replace(v, vertices=v.vertices - offset) for v in volumes),
     )
 
 
@@ -140,6 +151,7 @@ def seen_by(
     materials: Sequence[Material],
     radar: RadarInput,
     offset: F64,
+    volumes: Sequence[Volume] = (),
 ) -> tuple[Radar, ImageRequest, tuple[str, ...]]:
     """Radar and image request of a description over a geometry, and notes.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
@@ -15,8 +15,10 @@ from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.mesh_attributes import at_corners
-from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL
+from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
+from sarmitsuba.loader.volumes import closed_volume
 from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.vegetation.medium import VolumeMedium
 from sarmitsuba.parameters import Value, filled
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
@@ -30,6 +32,8 @@ from sarmitsuba.scene.settings import TraceSettings
 if TYPE_CHECKING:
     import trimesh
 
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
 # a `Material`, the name of one (``pec`` or of ITU-R P.2040-3), or parameters of ``radar_material``
 MaterialLike = Material | str | Mapping[str, Value]
 
@@ -75,11 +79,31 @@ class SceneMesh:
         return SceneMesh(mesh.vertices, mesh.faces, material, name, smooth, to_world, motion)
 
 
+@dataclass(frozen=True, eq=False)
+class SceneVolume:
+    """A closed body that waves go through, such as the crown of a tree.
+
+    Parameters
+    ----------
+    vertices : (n_vertices, 3) float, m, of a closed mesh
+    faces : (n_faces, 3) vertex numbers
+    medium : a `VolumeMedium`; the name of a preset, such as ``"deciduous_summer"``; or parameters of ``radar_volume``
+        by name
+    name : for notes and errors
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    medium: VolumeMedium | str | Mapping[str, Value]
+    name: str = "volume"
+
+
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),
     lines: Sequence[LineTarget] = (),
     *,
+    volumes: Sequence[SceneVolume] = (),
     radar: RadarDescription | None = None,
     film: FilmDescription | None = None,
     settings: TraceSettings | None = None,
@@ -90,7 +114,7 @@ def build_scene(
 
     Parameters
     ----------
-    meshes, points, lines : what there is to see, m
+    meshes, points, lines, volumes : what there is to see, m
     radar, film : the parameters of ``sar_antenna`` and ``range_film``; None takes their defaults
     settings : how to trace; None takes the defaults and the film's ``gridding_width``
     track : antenna positions in the frame of the meshes, in place of the radar's slant range, angles, speed, prf,
@@ -124,6 +148,8 @@ def build_scene(
         collector.surfaces.append(_surface(mesh, index, name))
     collector.points.extend(points)
     collector.lines.extend(lines)
+    for volume in volumes:
+        _add_volume(collector, volume, name)
     return collector.scene()
 
 
@@ -159,26 +185,43 @@ def _material(collector: Collector, mesh: SceneMesh, label: str) -> int:
     return collector.book.index(element, where)
 
 
-def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
-    where = f'{label}: mesh "{mesh.name}"'
+def _add_volume(collector: Collector, volume: SceneVolume, label: str) -> None:
+    where = f'{label}: volume "{volume.name}"'
+    vertices, faces = _triangles(volume.vertices, volume.faces, where)
+    medium = volume.medium
+    if isinstance(medium, VolumeMedium):
+        collector.volumes.volumes.append(closed_volume(volume.name, vertices, faces, medium, 0.0, where))
+        return
+    values: Mapping[str, Value] = {"preset": medium} if isinstance(medium, str) else medium
+    known = next((e for e in collector.volumes.elements if e.values == dict(values)), None)
+    name = str(values.get("preset", "")) or volume.name
+    element = known or Element("bsdf", RADAR_VOLUME.plugin, name, where, Path(), dict(values))
+    collector.volumes.add(volume.name, vertices, faces, element, where)
+
+
+def _triangles(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[F64, I32]:
+    """Vertices (n, 3) float64 and faces (n, 3) int32, checked."""
     try:
-        vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(mesh.faces)
+        v, f = np.array(vertices, dtype=np.float64), np.array(faces)
     except ValueError as error:
         raise SceneError(f"{where}: {error}; give vertices and faces as (n, 3) arrays") from None
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
+    if v.ndim != 2 or v.shape[1] != 3:
+        raise SceneError(f"{where}: vertices have the shape {v.shape}, not (n, 3); give one point per row")
+    if f.ndim != 2 or f.shape[1] != 3 or not np.issubdtype(f.dtype, np.integer):
         raise SceneError(
-            f"{where}: vertices have the shape {vertices.shape}, not (n, 3); give one point per row"
-        )
-    if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
-        raise SceneError(
-            f"{where}: faces have the shape {faces.shape} and type {faces.dtype}, not (n, 3) integers; give three "
+            f"{where}: faces have the shape {f.shape} and type {f.dtype}, not (n, 3) integers; give three "
             "vertex numbers per row"
         )
-    if faces.size and not (0 <= faces.min() and faces.max() < vertices.shape[0]):
+    if f.size and not (0 <= f.min() and f.max() < v.shape[0]):
         raise SceneError(
-            f"{where}: faces refer to vertices {faces.min()} to {faces.max()} of {vertices.shape[0]}; count from 0"
+            f"{where}: faces refer to vertices {f.min()} to {f.max()} of {v.shape[0]}; count from 0"
         )
+    return v, f.astype(np.int32)
+
+
+def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
+    where = f'{label}: mesh "{mesh.name}"'
+    vertices, faces = _triangles(mesh.vertices, mesh.faces, where)
     if mesh.to_world is not None:
         matrix = np.array(mesh.to_world, dtype=np.float64)
         if matrix.shape != (4, 4) or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-9:
@@ -191,4 +234,4 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
     )
 
 
-__all__ = ["MaterialLike", "SceneMesh", "build_scene"]
+__all__ = ["MaterialLike", "SceneMesh", "SceneVolume", "build_scene"]

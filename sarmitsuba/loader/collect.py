@@ -20,6 +20,7 @@ from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
+from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.texture import map_attributes
 from sarmitsuba.scene.geometry import PointTarget
@@ -60,10 +61,11 @@ class Collector:
         self.book = MaterialBook(
             frequency, self.overrides, self.notes, self.described.settings.default_rms_height
         )
+        self.volumes = VolumeBook(frequency, self.overrides)
         self.reader = MeshReader(SAGITTA_OVER_WAVELENGTH * SPEED_OF_LIGHT / frequency, self.notes)
 
     def add_shape(self, placed: Placed, bsdf: Element | None) -> None:
-        """Take in a shape element; a ``point_scatterer`` makes it an ideal point, ``radar_wire`` a rod.
+        """Take in a shape element: a surface, or by its bsdf an ideal point, rods or a volume.
 
         Raises
         ------
@@ -75,6 +77,13 @@ class Collector:
         if bsdf is not None and bsdf.plugin == tables.RADAR_WIRE.plugin:
             self.lines.extend(self._rods(placed, bsdf))
             return
+        if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
+            self.volumes.add_shape(placed, bsdf, self.reader)
+            return
+        if placed.element.plugin == "linearcurve":
+            raise SceneError(
+                f"{placed.element.where}: a linearcurve has no surface for rays; give it the bsdf radar_wire"
+            )
         if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
             return
         material = self.book.index(bsdf, placed.element.where)
@@ -161,6 +170,7 @@ class Collector:
             self.described.settings,
             self.notes,
             self.lines,
+            self.volumes.volumes,
         )
 
     def _rods(self, placed: Placed, bsdf: Element) -> list[LineTarget]:

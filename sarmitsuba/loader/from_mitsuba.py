@@ -71,7 +71,9 @@ def scene_from_mitsuba(
         bsdf = shape.bsdf()
         element = bsdfs.setdefault(id(bsdf), _bsdf(bsdf))
         name = shape.id() or f"shape_{number}"
-        if shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
+        if shape.is_mesh() and element.plugin == tables.RADAR_VOLUME.plugin:
+            collector.volumes.add(name, *_mesh(shape), element, f'{_NAME}: shape "{name}"')
+        elif shape.is_mesh() and element.plugin != tables.POINT_SCATTERER.plugin:
             material = collector.book.index(element, f'{_NAME}: shape "{name}"')
             vertices, faces = _mesh(shape)
             collector.surfaces.append(Surface(name, vertices, faces, material))

@@ -34,6 +34,7 @@ _MAX_NESTING = 16
 _ALONE = {
     tables.POINT_SCATTERER.plugin: "a sphere",
     tables.RADAR_WIRE.plugin: "a cylinder or a linearcurve",
+    tables.RADAR_VOLUME.plugin: "a closed shape",
 }
 
 

@@ -11,6 +11,7 @@ from sarmitsuba.loader.material_tables import (
     RADAR_WIRE,
     RADIO_MATERIAL,
 )
+from sarmitsuba.loader.volumes import RADAR_VOLUME
 from sarmitsuba.materials.bsdfs import ORDINARY_RMS_HEIGHT
 from sarmitsuba.parameters import Param, ParamTable
 from sarmitsuba.radar.description import SENSOR
@@ -149,6 +150,7 @@ TABLES: dict[str, ParamTable] = {
         LAND_COVER,
         RADAR_WIRE,
         POINT_SCATTERER,
+        RADAR_VOLUME,
         ITU_RADIO_MATERIAL,
         RADIO_MATERIAL,
         ABSORBER,
@@ -165,6 +167,7 @@ __all__ = [
     "LAND_COVER",
     "POINT_SCATTERER",
     "RADAR_MATERIAL",
+    "RADAR_VOLUME",
     "RADAR_WIRE",
     "RADIO_MATERIAL",
     "SENSOR",

@@ -1,7 +1,6 @@
 """Waves that the wind makes on water: unified spectrum, dispersion, moments, and a drawn field of the long ones."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +21,8 @@ _LARGEST = 20.0 * SLOWEST_WAVENUMBER
 # waves in a drawn field, and the least share of the spectrum's height variance that is worth one
 DRAWN_WAVES = 48
 _WORTH = 1e-3
+# nodes within the band of one wave
+_FINER = 32
 
 
 def angular_frequency(wavenumber: ArrayLike) -> F64:
@@ -186,7 +187,10 @@ class SeaState:
             return np.zeros((0, 5))
         rng = np.random.default_rng([seed, 0x5EA])
         edges = np.geomspace(low, high, DRAWN_WAVES + 1)
-        height = np.array([self.moments(a, b).height for a, b in pairwise(edges)])
+        fine = np.geomspace(low, high, DRAWN_WAVES * _FINER + 1)
+        spectrum = self.curvature(fine) / fine**2
+        strips = 0.5 * (spectrum[1:] + spectrum[:-1]) * np.diff(np.log(fine))
+        height = strips.reshape(DRAWN_WAVES, _FINER).sum(axis=1)
         k = edges[:-1] * (edges[1:] / edges[:-1]) ** rng.random(DRAWN_WAVES)
         angle = _directions(self.spreading(k), rng)
         phase = rng.uniform(0.0, 2.0 * np.pi, DRAWN_WAVES)

@@ -153,8 +153,16 @@ class ClassMap:
 
     def __post_init__(self) -> None:
         for material in self.materials:
-            if material.invisible or material.maps is not None:
-                what = "is invisible: a map makes no holes" if material.invisible else "has a map of its own"
+            what = (
+                "is invisible: a map makes no holes"
+                if material.invisible
+                else "has a map of its own"
+                if material.maps is not None
+                else "has a thickness: a surface is a slab as a whole"
+                if material.thickness
+                else ""
+            )
+            if what:
                 raise SceneError(f'material "{material.name}" of a map of materials {what}; leave that out')
         values = self.bitmap.values
         if self.bitmap.smooth or not (0 <= values.min() and values.max() < len(self.materials)):

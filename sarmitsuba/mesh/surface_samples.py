@@ -57,42 +57,27 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
     box : (2, 3) float64, m; only points within
     seed : of the places
     """
-    e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    normal = np.cross(e1, e2)
-    size = np.linalg.norm(normal, axis=1)
-    normal /= np.maximum(size, 1e-300)[:, None]
-    left_out = np.argmax(np.abs(normal), axis=1)
-    axes = np.stack([(left_out + 1) % 3, (left_out + 2) % 3], axis=1)
-    flat = np.take_along_axis(triangles, np.repeat(axes[:, None], 3, axis=1), axis=2)
-    low = np.maximum(flat.min(axis=1), np.take(box[0], axes))
-    high = np.minimum(flat.max(axis=1), np.take(box[1], axes))
+    flat = _Flattened.of(triangles)
+    low = np.maximum(flat.corner.min(axis=1), np.take(box[0], flat.axes))
+    high = np.minimum(flat.corner.max(axis=1), np.take(box[1], flat.axes))
     first = np.floor(low / cell).astype(np.int64)
-    count = np.where((high >= low) & (size > 0.0)[:, None], np.floor(high / cell) - first + 1, 0)
-    count = count.astype(np.int64)
-    cells = count[:, 0] * count[:, 1]
-    parts = []
-    ends = np.searchsorted(np.cumsum(cells), np.arange(CHUNK, cells.sum() + CHUNK, CHUNK), side="left") + 1
-    for start, stop in zip([0, *ends[:-1]], ends, strict=True):
-        faces = np.repeat(np.arange(start, min(stop, len(cells))), cells[start:stop])
-        if not faces.size:
-            continue
-        within = np.arange(faces.size) - np.repeat(
-            np.cumsum(cells[start:stop]) - cells[start:stop], cells[start:stop]
-        )
-        row, column = np.divmod(within, count[faces, 1])
-        number = first[faces] + np.stack([row, column], axis=1)
-        parts.append(_in_cells(triangles, flat, normal, left_out, axes, faces, number, cell, box, seed))
-    if not parts:
-        none = np.zeros((0, 3))
-        return SurfaceSamples(np.zeros(0, np.intp), none, none, np.zeros(0), np.zeros(0, np.uint32))
-    face, point, key = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return SurfaceSamples(
-        face=face,
-        point=point,
-        normal=normal[face],
-        density=surface_density(normal[face], cell),
-        key=key,
+    count = np.where((high >= low) & flat.wide[:, None], np.floor(high / cell) - first + 1, 0).astype(
+        np.int64
     )
+    cells = count[:, 0] * count[:, 1]
+    total = int(cells.sum())
+    ends = [len(cells)]
+    if total > CHUNK:
+        ends = [*(np.searchsorted(np.cumsum(cells), np.arange(CHUNK, total, CHUNK)) + 1), len(cells)]
+    parts = [
+        _in_cells(flat, start, cells[start:stop], first, count, cell, seed)
+        for start, stop in zip([0, *ends[:-1]], ends, strict=True)
+    ]
+    face, point, key = (np.concatenate(column) for column in zip(*parts, strict=True))
+    lit = ((point >= box[0]) & (point <= box[1])).all(axis=1)
+    face, point, key = face[lit], point[lit], key[lit]
+    normal = flat.normal[face]
+    return SurfaceSamples(face, point, normal, surface_density(normal, cell), key)
 
 
 def surface_density(normal: F64, cell: float) -> F64:
@@ -100,45 +85,91 @@ def surface_density(normal: F64, cell: float) -> F64:
     return np.asarray(np.abs(normal).max(axis=1) / cell**2)
 
 
+@dataclass(frozen=True, eq=False)
+class _Flattened:
+    """Triangles in the two axes that span each best.
+
+    Parameters
+    ----------
+    axes, left_out : (n, 2) and (n,) numbers of these axes, and of the one left out
+    corner : (n, 3, 2) float64, m
+    normal : (n, 3) float64, unit normals
+    wide : (n,) whether there is any area
+    rows : three (n, 3) float64: the barycentric coordinates of corners 1 and 2 and the place along the axis left out
+        (m) are these rows times the place along the two axes (m) and one
+    """
+
+    axes: NDArray[np.intp]
+    left_out: NDArray[np.intp]
+    corner: F64
+    normal: F64
+    wide: NDArray[np.bool_]
+    rows: tuple[F64, F64, F64]
+
+    @staticmethod
+    def of(triangles: F64) -> "_Flattened":
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        size = np.linalg.norm(normal, axis=1)
+        wide = size > 0.0
+        normal = normal / np.where(wide, size, 1.0)[:, None]
+        left_out = np.argmax(np.abs(normal), axis=1)
+        axes = np.stack([(left_out + 1) % 3, (left_out + 2) % 3], axis=1)
+        corner = np.take_along_axis(triangles, np.repeat(axes[:, None], 3, axis=1), axis=2)
+        origin, (a, b) = corner[:, 0], (corner[:, i] - corner[:, 0] for i in (1, 2))
+        determinant = np.where(wide, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], 1.0)
+        n_a, n_b = np.take_along_axis(normal, axes, axis=1).T
+        n_c = np.where(wide, np.take_along_axis(normal, left_out[:, None], axis=1)[:, 0], 1.0)
+        slopes = (
+            (b[:, 1] / determinant, -b[:, 0] / determinant),
+            (-a[:, 1] / determinant, a[:, 0] / determinant),
+            (-n_a / n_c, -n_b / n_c),
+        )
+        start = (0.0, 0.0, np.take_along_axis(triangles[:, 0], left_out[:, None], axis=1)[:, 0])
+        first, second, height = (
+            np.stack([x, y, c - x * origin[:, 0] - y * origin[:, 1]], axis=1)
+            for (x, y), c in zip(slopes, start, strict=True)
+        )
+        return _Flattened(axes, left_out, corner, normal, wide, (first, second, height))
+
+
 def _in_cells(
-    triangles: F64,
-    flat: F64,
-    normal: F64,
-    left_out: NDArray[np.intp],
-    axes: NDArray[np.intp],
-    face: NDArray[np.intp],
-    number: NDArray[np.int64],
+    flat: _Flattened,
+    start: int,
+    cells: NDArray[np.int64],
+    first: NDArray[np.int64],
+    count: NDArray[np.int64],
     cell: float,
-    box: F64,
     seed: int,
 ) -> tuple[NDArray[np.intp], F64, U32]:
-    """Points of some cells (n, 2) of faces that lie in their triangle: faces, points, keys."""
-    key = _mixed(number[:, 0].astype(np.uint32) * np.uint32(0x9E3779B1) + np.uint32(seed & 0xFFFFFFFF))
-    key = _mixed(key ^ (number[:, 1].astype(np.uint32) * np.uint32(0x85EBCA77) + np.uint32(0x27D4EB2F)))
-    key = _mixed(key ^ (left_out[face].astype(np.uint32) * np.uint32(0x165667B1) + np.uint32(0x3C6EF372)))
+    """Points of so many cells of each face from ``start`` on that lie in their triangle: faces, points, keys."""
+    stop = start + len(cells)
+    within = np.arange(int(cells.sum())) - np.repeat(np.cumsum(cells) - cells, cells)
+    row, column = np.divmod(within, np.repeat(count[start:stop, 1], cells))
+    row += np.repeat(first[start:stop, 0], cells)
+    column += np.repeat(first[start:stop, 1], cells)
+    axis = np.repeat(flat.left_out[start:stop].astype(np.uint32), cells)
+    key = _mixed(row.astype(np.uint32) * np.uint32(0x9E3779B1) + np.uint32(seed & 0xFFFFFFFF))
+    key = _mixed(key ^ (column.astype(np.uint32) * np.uint32(0x85EBCA77) + np.uint32(0x27D4EB2F)))
+    key = _mixed(key ^ (axis * np.uint32(0x165667B1) + np.uint32(0x3C6EF372)))
     second = _mixed(key ^ np.uint32(0xB5297A4D))
-    place = (number + (np.stack([key, second], axis=1) + 0.5) * 2.0**-32) * cell
-    origin, a, b = flat[face, 0], flat[face, 1] - flat[face, 0], flat[face, 2] - flat[face, 0]
-    d = place - origin
-    determinant = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = (d[:, 0] * b[:, 1] - d[:, 1] * b[:, 0]) / determinant
-        v = (a[:, 0] * d[:, 1] - a[:, 1] * d[:, 0]) / determinant
-    inside = (u >= 0.0) & (v >= 0.0) & (u + v < 1.0)
-    face, key, place = face[inside], key[inside], place[inside]
+    x, y = ((n + (k + 0.5) * 2.0**-32) * cell for n, k in ((row, key), (column, second)))
+
+    def value(rows: F64) -> F64:
+        a, b, c = (np.repeat(part, cells) for part in rows[start:stop].T)
+        return np.asarray(a * x + b * y + c)
+
+    u, v = value(flat.rows[0]), value(flat.rows[1])
+    inside = np.flatnonzero((u >= 0.0) & (v >= 0.0) & (u + v < 1.0))
+    face = np.repeat(np.arange(start, stop), cells)[inside]
+    key, x, y = key[inside], x[inside], y[inside]
+    heights = flat.rows[2][face]
+    height = heights[:, 0] * x + heights[:, 1] * y + heights[:, 2]
     point = np.empty((face.size, 3))
-    np.put_along_axis(point, axes[face], place, axis=1)
-    # along the axis left out onto the triangle's plane
-    height = triangles[face, 0] - np.where(np.arange(3) == left_out[face][:, None], 0.0, point)
-    rest = (
-        np.einsum("ij,ij->i", height, normal[face])
-        / np.take_along_axis(normal[face], left_out[face][:, None], axis=1)[:, 0]
-    )
-    np.put_along_axis(point, left_out[face][:, None], rest[:, None], axis=1)
-    layer = np.floor(rest / (LAYER_CELLS * cell) + 0.4142).astype(np.int64).astype(np.uint32)
-    key = _mixed(key ^ (layer * np.uint32(0xC2B2AE3D) + np.uint32(0x68E31DA4)))
-    lit = ((point >= box[0]) & (point <= box[1])).all(axis=1)
-    return face[lit], point[lit], key[lit]
+    for axes, values in ((flat.axes[face, 0], x), (flat.axes[face, 1], y), (flat.left_out[face], height)):
+        point[np.arange(face.size), axes] = values
+    # layers of a few cells tell surfaces apart that lie over one another
+    layer = np.floor(height / (LAYER_CELLS * cell) + 0.4142).astype(np.int64).astype(np.uint32)
+    return face, point, _mixed(key ^ (layer * np.uint32(0xC2B2AE3D) + np.uint32(0x68E31DA4)))
 
 
 def _mixed(x: U32) -> U32:

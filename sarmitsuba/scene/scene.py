@@ -16,6 +16,7 @@ from sarmitsuba.scene.geometry import Geometry, PointTarget
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.volumes import Volume
 
 F64 = NDArray[np.float64]
 
@@ -36,6 +37,7 @@ class Scene:
     notes : one line each; what was assumed or repaired while loading
     description : of radar and film, that they were made from; None where they were put together by hand
     lines : rods that scatter by a closed form
+    volumes : bodies that waves go through
     """
 
     name: str
@@ -50,6 +52,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     description: RadarInput | None = None
     lines: tuple[LineTarget, ...] = ()
+    volumes: tuple[Volume, ...] = ()
 
     @property
     def anchor(self) -> Anchor:
@@ -59,18 +62,24 @@ class Scene:
     @property
     def places(self) -> F64:
         """(n, 3) float64, m, scene frame: bounds of what there is to see beside the mesh."""
+        bodies = [volume.vertices for volume in self.volumes]
         positions = np.array([p.position for p in self.points]).reshape(-1, 3)
-        return np.concatenate([positions, line_ends(self.lines)])
+        return np.concatenate([positions, line_ends(self.lines), *bodies])
 
     @property
     def has_sources(self) -> bool:
         """True where something beside the mesh returns echoes that no ray finds, ideal points aside."""
-        return bool(self.lines)
+        return bool(self.lines or self.volumes)
 
     @property
     def traced(self) -> bool:
         """True where there is anything but ideal points."""
         return self.geometry.n_faces > 0 or self.has_sources
+
+    def same_shapes(self, other: "Scene") -> bool:
+        """Whether another scene holds the very same mesh and scatterers beside it, ideal points aside."""
+        beside = self.lines == other.lines and self.volumes == other.volumes
+        return beside and self.geometry is other.geometry
 
     def replace(self, **changes: object) -> "Scene":
         """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
@@ -108,6 +117,7 @@ class Scene:
             f"{self.geometry.n_faces} faces in {len(self.geometry.mesh_names)} meshes",
             f"{len(self.points)} points" if self.points else "",
             f"{len(self.lines)} lines" if self.lines else "",
+            f"{len(self.volumes)} volumes" if self.volumes else "",
             f"{moving} moving" if moving else "",
             f"{radar.mode} {radar.waveform.center_frequency / 1e9:.4g} GHz {'/'.join(radar.channels)}",
             f"{radar.track.n_pulses} pulses",

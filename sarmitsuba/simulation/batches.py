@@ -1,7 +1,7 @@
 """What tracing of a run is cut into: batches of pulses that need nothing of each other, wherever they are traced."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
+from sarmitsuba.simulation.sources import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
@@ -143,8 +144,10 @@ class Crew(Protocol):
 def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
-    places, seed = line_ends(scene.lines), scene.settings.seed
-    return build_trace_scene(scene.geometry, scene.materials, wavelength, antenna, places, seed)
+    geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
+    places = np.concatenate([line_ends(scene.lines), *(volume.vertices for volume in scene.volumes)])
+    made = build_trace_scene(geometry, materials, wavelength, antenna, places, seed)
+    return replace(made, passages=passages_of(scene))
 
 
 __all__ = ["Batch", "Bench", "Crew", "TraceJob", "Traced", "built"]

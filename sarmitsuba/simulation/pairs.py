@@ -1,7 +1,9 @@
 """Pairs of diffuse scatterers of a scene: how many there need be, and what they return beside the clutter."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -19,28 +22,34 @@ from sarmitsuba.trace.pair_search import Pairs, find_pairs
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
 
+if TYPE_CHECKING:
+    from sarmitsuba.trace.kernel import LaneArrays
+
 F64 = NDArray[np.float64]
 
 # points that the level is estimated from, about: two per cent of a level that half of them have a part in
 PILOT_POINTS = 30_000
-# points of a run, whatever the tolerance and however many rays a key pulse has
-MOST_POINTS = 1_000_000
+# points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
+# than the rays do
+MOST_POINTS, FINEST = 500_000, 0.5
 # antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
-LEAST_VIEWS, VIEW_TURN = 5, np.radians(5.0)
+LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 # pairs in a square of the ground whose level is told, at least
 SQUARE_PAIRS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class _Estimate:
+class PairEstimate:
     """What some pairs return at the middle of the track.
 
     Parameters
     ----------
+    cell : m, of the points that they were drawn from
     pairs : those that were drawn
     power : (n,) float64, m^2, mean of HH and VV of each
     """
 
+    cell: float
     pairs: Pairs
     power: F64
 
@@ -49,7 +58,8 @@ def pair_sources(sampling: SamplingPlan, flags: KernelFlags, trace_scene: TraceS
     """The source of a run's pairs; none where they are off or there are none."""
     if not flags.diffuse_pairs:
         return ()
-    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene))
+    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
+    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene, pilot))
     return (DiffusePairs(pairs),) if pairs.n else ()
 
 
@@ -61,18 +71,21 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
     sampling : of the run
     trace_scene : geometry, as the run has it
     """
-    found = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
-    clutter, power = found.pairs.clutter, found.power
-    total = float(power.sum())
-    if not total or not clutter:
-        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=int((power > 0.0).sum()))
-    strongest, square = _strongest(sampling, found)
+    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
+    total = float(pilot.power.sum())
+    count = int((pilot.power > 0.0).sum())
+    if not total or not pilot.pairs.clutter:
+        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0)
+    strongest, square = _strongest(sampling, pilot)
+    finer = _cell_of_run(sampling, trace_scene, pilot) / pilot.cell
+    share = total / pilot.pairs.clutter
     return PairLevel(
-        share=total / clutter,
-        error=float(np.sqrt(np.square(power).sum())) / clutter,
+        share=share,
+        error=float(np.sqrt(np.square(pilot.power).sum())) / pilot.pairs.clutter,
         strongest=strongest,
         square=square,
-        pairs=int((power > 0.0).sum()),
+        pairs=count,
+        draw_error=min(share, _draw_error(sampling, pilot) * finer**2),
     )
 
 
@@ -96,7 +109,7 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
 def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_]:
     """Faces of the tables that scatter diffusely and rest."""
     scene = sampling.scene
-    scatters = np.array([m.scatters for m in scene.materials], dtype=bool)
+    scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0
@@ -118,7 +131,7 @@ def _views(sampling: SamplingPlan) -> F64:
     return np.stack(views, axis=1).reshape(-1, 3) if len(views) == 1 else np.concatenate(views)
 
 
-def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
+def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
     """Edge of cells that about so many points come from, m; a power of the square root of two.
 
     Looks and passes that differ a little have the same.
@@ -136,35 +149,39 @@ def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) ->
     return _rounded_down(float(np.sqrt(max(float(area.sum()), 1e-6) / points)))
 
 
-def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene) -> float:
-    r"""Edge of the cells of a run, m, by its tolerance.
+def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:
+    r"""Error of the image by the draw of some pairs, over the power of the clutter.
 
-    A resolution cell in which N pairs of powers w return has a mean power that is :math:`\sum w^2 / (\sum w)^2` off, in
-    its square; of the field that is a quarter. So much of the pairs' energy, summed over resolution cells, is the
-    error, and it falls with the number of pairs.
+    A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
+    :math:`\langle \delta^2 \rangle = \sum w^2 / (\sum w)^2`, and :math:`\delta / 2` in its field: a quarter of that
+    square is error energy. It falls with the number of pairs; squares of the ground stand for the resolution cells in
+    them.
     """
-    cell = _cell_for(sampling, trace_scene, PILOT_POINTS)
-    found = _estimate(sampling, trace_scene, cell)
+    if not found.power.any() or not found.pairs.clutter:
+        return 0.0
     squares, side = _squares(found)
-    power = np.bincount(squares, found.power)
-    fourth = np.bincount(squares, np.square(found.power))
-    some = power > 0.0
-    if not some.any() or not found.pairs.clutter:
-        return cell
-    resolved = side**2 / sampling.for_effects().cell ** 2  # resolution cells in a square
-    error = 0.25 * resolved * float((fourth[some] / power[some]).sum()) / found.pairs.clutter
+    power, fourth = (np.bincount(squares, w) for w in (found.power, np.square(found.power)))
+    lit = power > 0.0
+    resolved = side**2 / sampling.for_effects().cell ** 2
+    return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
+
+
+def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: PairEstimate) -> float:
+    """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
+    error = _draw_error(sampling, pilot)
+    if error == 0.0:
+        return pilot.cell
     tolerance = 10.0 ** (sampling.scene.settings.tolerance_db / 10.0)
-    # no more points than the run has rays: pairs then cost less than they do
-    most = min(MOST_POINTS, max(PILOT_POINTS, sampling.rays_per_pulse))
-    finest = _cell_for(sampling, trace_scene, most)
-    return min(cell, max(finest, _rounded_down(cell * float(np.sqrt(tolerance / error)))))
+    wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
+    finest = max(pilot_cell(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    return min(pilot.cell, max(wanted, finest))
 
 
 def _rounded_down(cell: float) -> float:
     return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell) + 1e-9)))
 
 
-def _squares(found: _Estimate) -> tuple[NDArray[np.intp], float]:
+def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
     """Number of the square of the ground in which each pair lies, and the squares' side, m."""
     middle = found.pairs.point.mean(axis=1)[:, :2]
     lit = found.power > 0.0
@@ -176,7 +193,7 @@ def _squares(found: _Estimate) -> tuple[NDArray[np.intp], float]:
     return at[:, 1] * columns + at[:, 0], side
 
 
-def _strongest(sampling: SamplingPlan, found: _Estimate) -> tuple[float, float]:
+def _strongest(sampling: SamplingPlan, found: PairEstimate) -> tuple[float, float]:
     """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
     squares, side = _squares(found)
     ground = float(np.prod(np.ptp(sampling.box[:, :2], axis=0)))
@@ -186,11 +203,11 @@ def _strongest(sampling: SamplingPlan, found: _Estimate) -> tuple[float, float]:
     return float(power.max()) / clutter, side
 
 
-def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _Estimate:
+def estimate_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> PairEstimate:
     """Draw pairs and let the middle of the track look at them."""
     pairs = scene_pairs(sampling, trace_scene, cell)
     if not pairs.n:
-        return _Estimate(pairs, np.zeros(0))
+        return PairEstimate(cell, pairs, np.zeros(0))
     radar, window = sampling.scene.radar, sampling.window
     flags = replace(sampling.flags, channels=("HH", "VV"), depolarisation=False)
     echo = pair_echo(
@@ -202,7 +219,7 @@ def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _
         wavelength=radar.waveform.wavelength,
         seed=sampling.scene.settings.seed,
     )
-    return _Estimate(pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
+    return PairEstimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,11 +292,11 @@ class _Kept:
         self.memory = dr.zeros(mi.Float, 2 * n_lanes * n_channels)
         self.slant_range = dr.zeros(mi.Float64, n_lanes)
 
-    def begin(self) -> tuple[Any, ...]:
+    def begin(self) -> LaneArrays:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
+    def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Keep one; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         (lane,), active = state, contribution.active
         dr.scatter(self.slant_range, contribution.slant_range, lane, active)
@@ -290,4 +307,14 @@ class _Kept:
         return state
 
 
-__all__ = ["PairEcho", "pair_echo", "pair_level", "pair_sources", "scene_pairs"]
+__all__ = [
+    "PILOT_POINTS",
+    "PairEcho",
+    "PairEstimate",
+    "estimate_pairs",
+    "pair_echo",
+    "pair_level",
+    "pair_sources",
+    "pilot_cell",
+    "scene_pairs",
+]

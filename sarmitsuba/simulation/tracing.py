@@ -110,7 +110,7 @@ class Tracer:
             rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
         )
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern and not self.flags.own_rates
+        beam = self.flags.antenna_pattern and self.sampling.azimuth_later
         profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
         self.timer.lap("synthesise")
         return profiles, stats
@@ -181,6 +181,11 @@ class Tracer:
             for part in source.parts(rays, n_pulses)
         ]
 
+    def kernel_of(self, grid: LaunchGrid, batch: PulseBatch) -> Kernel:
+        """What the launches of sources share, with every effect that the run has."""
+        constants = Constants.of(self.kernel, self.trace_scene, grid)
+        return Kernel(self.trace_scene, grid, batch, self.flags, constants)
+
     def launch(
         self,
         grid: LaunchGrid,
@@ -202,7 +207,7 @@ class Tracer:
         """
         radar = self.sampling.scene.radar
         batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
-        if isinstance(accumulator, BlockAccumulator) and not flags.own_rates:
+        if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
         if record is None:
@@ -210,9 +215,7 @@ class Tracer:
                 self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
             )
         else:
-            constants = Constants.of(self.kernel, self.trace_scene, grid)
-            kernel = Kernel(self.trace_scene, grid, batch, self.flags, constants)
-            counts, state = record(kernel, radar.antenna, accumulator)
+            counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])

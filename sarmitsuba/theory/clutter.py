@@ -1,4 +1,6 @@
-"""Closed forms of textured clutter: the K distribution, and the correlation of gamma textures made from normal fields."""
+"""Closed forms of textured clutter: the K distribution, and the correlation of gamma textures."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +27,8 @@ def k_cdf(intensity: ArrayLike, mean: float, shape: float) -> F64:
 
     References
     ----------
-    Jakeman and Pusey, "A model for non-Rayleigh sea echo", IEEE Trans. AP 24 (1976) 806; Oliver and Quegan, Understanding
-    Synthetic Aperture Radar Images (2004), section 5.3.
+    Jakeman and Pusey, "A model for non-Rayleigh sea echo", IEEE Trans. AP 24 (1976) 806; Oliver and Quegan,
+    Understanding Synthetic Aperture Radar Images (2004), section 5.3.
     """
     x = np.maximum(np.asarray(intensity, dtype=np.float64), 0.0) / mean
     if not np.isfinite(shape):
@@ -78,24 +80,28 @@ def asked_correlation(distance: ArrayLike, length: float) -> F64:
     return np.asarray(np.exp(-np.square(np.asarray(distance, dtype=np.float64) / length)))
 
 
-def averaged_shape(shape: float, length: float, spread: float) -> float:
+def averaged_shape(shape: float, length: float, axes: Sequence[tuple[F64, F64]]) -> float:
     r"""Return the shape parameter that is left of a texture after averaging over a resolution cell.
 
-    .. math:: \nu' = \nu \left(1 + \frac{4 s^2}{\ell^2}\right)
+    .. math:: \frac{\nu}{\nu'} = \prod_{axes} \int\!\!\int p(x)\, p(x')\, e^{-(x - x')^2 / \ell^2}\, dx\, dx'
 
-    for a Gaussian cell of standard deviation s of its power on both axes, and the correlation of
-    :func:`asked_correlation`: the difference of two of its points has the variance 2 s^2 on each axis.
+    with the power p of the impulse response, of unit integral, and the correlation of :func:`asked_correlation`.
 
     Parameters
     ----------
     shape : nu
-    length, spread : m
+    length : m
+    axes : places (n,), m, equally spaced, and power (n,) of the impulse response on each axis of the ground
 
     Notes
     -----
     Moments of the second order only; ignores that an averaged gamma law is no gamma law.
     """
-    return float(shape * (1.0 + 4.0 * spread**2 / length**2))
+    left = 1.0
+    for place, power in axes:
+        share = power / power.sum()
+        left *= float(share @ asked_correlation(place[:, None] - place[None, :], length) @ share)
+    return shape / left
 
 
 __all__ = ["asked_correlation", "averaged_shape", "k_cdf", "k_moment", "texture_correlation"]

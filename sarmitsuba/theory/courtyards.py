@@ -1,4 +1,4 @@
-"""Return of two diffuse scatterers in a row within Lambertian surfaces: a bowl in closed form, facets by a double sum."""
+"""Return of two diffuse scatterers in a row on Lambertian surfaces: a bowl in closed form, facets by a double sum."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,10 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PairReturn:
-    """Mean radar cross section of all pairs of scatterers, m^2: co-polar (HH, VV alike) and cross-polar (HV = VH)."""
+    """Mean radar cross section of all pairs of scatterers, m^2: HH, VV and the cross-polar one (HV = VH)."""
 
-    co: F64
+    co_h: F64
+    co_v: F64
     cross: F64
 
 
@@ -59,7 +60,8 @@ def lambertian_bowl(radius: float, albedo: float, tilt: ArrayLike, turn: ArrayLi
     mean = (1.0 - np.cos(tau)) / (1.0 + np.cos(tau))
     level = np.pi * albedo**2 * radius**2 * np.cos(tau) ** 2
     part = mean**2 * np.cos(4.0 * chi)
-    return PairReturn(np.asarray(level * (1.0 + part)), np.asarray(level * (1.0 - part)))
+    co = np.asarray(level * (1.0 + part))
+    return PairReturn(co, co, np.asarray(level * (1.0 - part)))
 
 
 def pair_sum(
@@ -97,9 +99,7 @@ def pair_sum(
             s_matrix[i, j] = field @ q
     total = s_matrix + s_matrix.swapaxes(2, 3)
     sigma = 0.5 * np.einsum("ijab,ab->ij", np.square(total), power)
-    return PairReturn(
-        np.array(0.5 * (sigma[0, 0] + sigma[1, 1])), np.array(0.5 * (sigma[0, 1] + sigma[1, 0]))
-    )
+    return PairReturn(*(np.array(x) for x in (sigma[0, 0], sigma[1, 1], 0.5 * (sigma[0, 1] + sigma[1, 0]))))
 
 
 def _diffused(field: F64, d: F64, normal: F64, s: F64) -> F64:

@@ -7,15 +7,15 @@ a random choice of pairs has to keep. A pair {A, B} returns
     s_{AB} = \frac{\sqrt{\sigma^0_A \sigma^0_B}}{\sqrt{4 \pi} r} \, \mathbf q \cdot D_B D_A \mathbf e
 
 for each m^2 of both ends. Both orders are one path walked both ways: with one antenna they have one length, and by
-reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of what
-their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs drawn with
-the density p (:mod:`sarmitsuba.trace.pair_search`) return
+reciprocity :math:`s_{BA}` is :math:`s_{AB}` of the transposed channel. So co-polar channels have twice the power of
+what their two orders had if they did not know of each other (coherent backscatter enhancement), and HV = VH. Pairs
+drawn with the density p (:mod:`sarmitsuba.trace.pair_search`) return
 
 .. math:: S = \sum_{drawn} g \, (s_{AB} + s_{BA}) / \sqrt p, \qquad
     \langle |S|^2 \rangle = \int_{\{A, B\}} p \, |s_{AB} + s_{BA}|^2 / p
 
-with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a sum
-of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
+with a fixed random phase g of each pair: the power of all pairs, without bias. The weight :math:`1 / p` that keeps a
+sum of fields would return :math:`\int |s|^2 / p` instead, the more the fewer pairs are drawn.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import fade
-from sarmitsuba.trace.closing import mixed
 from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.incoherent import mixed
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.pair_search import Pairs, sees
 from sarmitsuba.trace.passage import passed
@@ -155,17 +155,22 @@ class DiffusePairs:
         key = dr.gather(mi.UInt32, self.key, index) + kernel.constants.seed
         # a pair has one random phase; its level is that of the mean power
         flags = replace(kernel.flags, speckle=False)
-        ends = []
+        ends, weight = [], mi.Float(rows[0][3])
         for i, face in enumerate((faces.x, faces.y)):
             word = dr.gather(mi.Vector4u, kernel.scene.face_info, face).x
             place, normal = rows[2 * i], rows[2 * i + 1]
+            point, normal64 = (mi.Vector3d(x[0], x[1], x[2]) for x in (place, normal))
+            if flags.texture:
+                word, factor = kernel.scene.at_place(
+                    face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
+                )
+                weight *= factor
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
-            normal64 = mi.Vector3d(normal[0], normal[1], normal[2])
             age = Age.of(kernel, word) if flags.temporal else None
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
-                    point=mi.Vector3d(place[0], place[1], place[2]),
+                    point=point,
                     normal64=normal64,
                     normal=mi.Vector3f(normal64),
                     material=word,
@@ -173,7 +178,7 @@ class DiffusePairs:
                     random=speckle_coefficients(key_here, properties.w, flags, age),
                 )
             )
-        return ends[0], ends[1], mi.Float(rows[0][3])
+        return ends[0], ends[1], weight
 
     def _way(
         self,

@@ -23,6 +23,7 @@ from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.slabs import Slabs
+from sarmitsuba.trace.speckle import SurfacePlace
 from sarmitsuba.trace.texture import SurfaceTables
 from sarmitsuba.trace.water import Water
 
@@ -110,6 +111,34 @@ class TraceScene:
             return own
         there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
         return (own & FACE_BITS) | there
+
+    def at_place(
+        self,
+        face: mi.UInt32,
+        own: mi.UInt32,
+        point: mi.Vector3d,
+        normal: mi.Vector3d,
+        seed: mi.UInt32,
+        active: mi.Bool,
+    ) -> tuple[mi.UInt32, mi.Float]:
+        """Bits of the material at a point of a face at rest, and the factor on its diffuse amplitude.
+
+        Parameters
+        ----------
+        own : material of the face, as in ``face_info``
+        point, normal : float64, m and unit vector
+        seed : of the scene
+        """
+        if self.surfaces is None:
+            return own, mi.Float(1.0)
+        corner = dr.gather(mi.Vector4d, self.face_table, face * 3, active)
+        offset = mi.Vector3f(point - mi.Vector3d(corner.x, corner.y, corner.z))
+        bits = self.material_at(face, own, offset, active)
+        place = SurfacePlace.of(point, normal)
+        factor = self.surfaces.amplitude(
+            face, own & MATERIAL_MASK, bits & MATERIAL_MASK, offset, place, seed, active
+        )
+        return bits, factor
 
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Rows of the material table of faces, in a kernel."""

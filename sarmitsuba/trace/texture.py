@@ -214,8 +214,7 @@ class Layer:
         record = dr.gather(mi.Vector4u, self.bitmaps, material, active)
         u, v = self._uv(face, offset, active)
         column, row = (
-            _within(mi.Int32(dr.floor(x * mi.Float(n))), n, record.w)
-            for x, n in ((u, record.y), (v, record.z))
+            _within(dr.floor(x * mi.Float(n)), n, record.w) for x, n in ((u, record.y), (v, record.z))
         )
         return dr.gather(type(self.texels), self.texels, record.x + row * record.y + column, active)
 
@@ -228,7 +227,7 @@ class Layer:
         for x, n in ((u, record.y), (v, record.z)):
             at = x * mi.Float(n) - shift
             first = dr.floor(at)
-            ends = [_within(mi.Int32(first) + i, n, record.w) for i in (0, 1)]
+            ends = [_within(first + i, n, record.w) for i in (0, 1)]
             axes.append((ends, dr.select(shift > 0.0, at - first, 0.0)))
         (columns, tu), (rows, tv) = axes
         lines = [
@@ -246,12 +245,11 @@ class Layer:
         return u, v
 
 
-def _within(index: mi.Int32, size: mi.UInt32, bits: mi.UInt32) -> mi.UInt32:
-    """Number of a texel along one axis, brought back onto the bitmap."""
-    n = mi.Int32(size)
-    rest = index % n
-    rest = dr.select(rest < 0, rest + n, rest)
-    return mi.UInt32(dr.select((bits & _REPEAT) != 0, rest, dr.clip(index, 0, n - 1)))
+def _within(index: mi.Float, size: mi.UInt32, bits: mi.UInt32) -> mi.UInt32:
+    """Number of a texel along one axis, from a whole number that may lie beyond the bitmap's edges."""
+    n = mi.Float(size)  # 0 in lanes that are not active, where an integer division would stop the processor
+    around = index - n * dr.floor(index / dr.maximum(n, 1.0))
+    return mi.UInt32(dr.clip(dr.select((bits & _REPEAT) != 0, around, index), 0.0, dr.maximum(n, 1.0) - 1.0))
 
 
 def _affine(triangles: F64, uv: F64) -> F64:

@@ -51,17 +51,18 @@ def mean_power(
     looks: int = LOOKS,
     seeds: int = 8,
     flags: KernelFlags | None = None,
+    sector: tuple[float, float] = (0.0, 2.0 * np.pi),
 ) -> F64:
     """Mean |channel|^2 over the patch's area (sigma0, linear), one value per channel.
 
     Looks at one incidence angle from random azimuths are independent samples of speckle; each seed is another
-    surface.
+    surface. ``sector``: azimuths to look from, rad; a few degrees hold many independent ones.
     """
     rng = np.random.default_rng(11)
     total = np.zeros(len(channels))
     spacing = CELL * np.sqrt(np.cos(theta) / RAYS_PER_CELL)
     for seed in range(seeds):
-        azimuth = 2.0 * np.pi * rng.random(looks)
+        azimuth = sector[0] + (sector[1] - sector[0]) * rng.random(looks)
         result = monostatic_rcs(
             targets.plate(size, size),
             (material,),

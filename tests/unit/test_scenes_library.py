@@ -21,13 +21,16 @@ from sarmitsuba.mesh.tessellate import sphere
 WANTED = {
     "bridge",
     "buildings16",
+    "courtyard",
     "dihedral",
     "fields",
     "flat_ground",
     "glass_house",
+    "harbour",
     "moving_cars",
     "plate",
     "point",
+    "railing",
     "sphere",
     "tower",
     "trihedral",
@@ -69,7 +72,8 @@ def test_files_are_well_formed_and_their_meshes_and_materials_there(entry):
     for node in root.iter("string"):
         if node.get("name") == "filename":
             assert (entry.path.parent / node.get("value")).is_file()
-    ids = {b.get("id") for b in root.findall("bsdf")}
+    groups = root.findall("shape[@type='shapegroup']")
+    ids = {b.get("id") for b in (*root.findall("bsdf"), *groups)}
     used = {r.get("id") for r in root.iter("ref")}
     assert used == ids
     defaults = {d.get("name") for d in root.findall("default")}
@@ -152,7 +156,7 @@ def test_every_shipped_mesh_is_used():
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
-    assert used == {p.name for p in (scenes_dir() / "meshes").glob("*.ply")}
+    assert {p.name for p in (scenes_dir() / "meshes").iterdir()} <= used
 
 
 def test_shipped_meshes_are_those_of_the_build_script():
@@ -165,6 +169,16 @@ def test_shipped_meshes_are_those_of_the_build_script():
         text=True,
         check=False,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_shipped_polylines_are_those_of_their_script():
+    run = subprocess.run(
+        [sys.executable, str(scenes_dir() / "rods.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr
 

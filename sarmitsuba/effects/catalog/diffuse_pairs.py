@@ -60,8 +60,11 @@ def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
         f"pilot: {level.pairs} pairs return {mean:.1f} dB of the clutter (+- "
         f"{100.0 * level.error / level.share:.0f} %), {square:.0f} dB in the strongest {length(level.square)} square"
     )
-    limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
-    why = found if on else f"{found}; left out below {limits}, where they hardly change a level"
+    if on:
+        why = f"{found}; error of the run's draw {10.0 * np.log10(level.draw_error):.0f} dB"
+    else:
+        limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
+        why = f"{found}; left out below {limits}, where they hardly change a level"
     return Assessment(on, why, mean, measured=True)
 
 

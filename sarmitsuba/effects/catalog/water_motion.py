@@ -9,6 +9,7 @@ from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.materials.diffuse import water_in
+from sarmitsuba.materials.diffuse_law import WindWaves
 
 
 class WaterMotion(Effect):
@@ -31,8 +32,7 @@ class WaterMotion(Effect):
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
-        scene = context.scene
-        water = water_in(context.materials, scene.radar.waveform.wavelength, scene.settings.seed)
+        scene, water = context.scene, _waters(context)
         if not water or not decided["diffuse"].on:
             return Assessment(False, "no water under wind", -np.inf)
         if scene.settings.method == "raster":
@@ -52,7 +52,13 @@ class WaterMotion(Effect):
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
         """Two sines and six hashes a scatterer, and one sine for every long wave."""
-        return {"water_motion": on}
+        return {"water_motion": on and bool(_waters(context))}
+
+
+def _waters(context: SceneContext) -> tuple[WindWaves, ...]:
+    """What is water under wind in the scene."""
+    scene = context.scene
+    return water_in(context.materials, scene.radar.waveform.wavelength, scene.settings.seed)
 
 
 EFFECTS.register(WaterMotion())

@@ -132,7 +132,7 @@ class SamplingPlan:
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
         """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
-        if scene.radar.track is not self.scene.radar.track or scene.geometry is not self.scene.geometry:
+        if scene.radar.track is not self.scene.radar.track or not scene.same_shapes(self.scene):
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)
@@ -204,9 +204,16 @@ class SamplingPlan:
         length = movers.block_length(
             self.scene, self.window.center, self.phase_box, length, self.extra_slant_range
         )
-        return (
-            water.block_length(self.scene, self.window.center, length) if self.flags.water_motion else length
-        )
+        if not self.flags.water_motion:
+            return length
+        return water.block_length(self.scene, self.window.center, length, every_beam=self.azimuth_later)
+
+    @cached_property
+    def azimuth_later(self) -> bool:
+        """Whether the range rate of a return tells where in the azimuth beam it is, at each pulse of a block."""
+        if self.flags.motion:
+            return False
+        return not self.flags.water_motion or water.beam_tells(self.scene, self.window.center)
 
     @property
     def _steady_pulses(self) -> float:

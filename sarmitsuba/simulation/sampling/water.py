@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
 from sarmitsuba.materials.sea_spectrum import angular_frequency
+from sarmitsuba.materials.texture import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
 
@@ -13,6 +14,8 @@ F64 = NDArray[np.float64]
 
 # standard deviations of a velocity that are kept: one scatterer in a million is faster
 SIGMAS = 5.0
+# share of the beam's peak gain by which it may be mistaken where it is steepest: some -25 dB over the aperture
+BEAM_ERROR = 0.1
 # standard deviation of tau^2 over a block |tau| <= T / 2, in T^2 / 4
 _UNEVEN = float(np.sqrt(4.0 / 45.0))
 
@@ -20,7 +23,7 @@ _UNEVEN = float(np.sqrt(4.0 / 45.0))
 def waters(scene: Scene) -> tuple[WindWaves, ...]:
     """Waters of the scene that the radar may see."""
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    visible = [m for m in used if not m.invisible]
+    visible = with_parts([m for m in used if not m.invisible])
     return water_in(visible, scene.radar.waveform.wavelength, scene.settings.seed)
 
 
@@ -33,17 +36,38 @@ def fastest(scene: Scene) -> float:
     )
 
 
-def block_length(scene: Scene, reference: F64, length: int) -> int:
+def beam_tells(scene: Scene, reference: F64) -> bool:
+    """Whether water is so slow that its range rate, with that of the antenna, still tells its place in the beam.
+
+    It seems to be R v / V along the track from there; what the gain of the beam changes over that is the error.
+
+    Parameters
+    ----------
+    scene, reference : as for :func:`block_length`
+    """
+    radar, track = scene.radar, scene.radar.track
+    if track.n_pulses < 2:
+        return True
+    speed = max((float(np.hypot(w.speeds[2], _rms(w, 1))) for w in waters(scene)), default=0.0)
+    flown = float(np.linalg.norm(track.position[-1] - track.position[0])) / (track.n_pulses - 1)
+    antenna_speed = float(np.linalg.norm(track.velocity[track.center_index]))
+    way = float(np.linalg.norm(reference - track.center_position)) * speed / max(antenna_speed, 1e-9)
+    return beam_change(radar, reference, 2 * int(np.ceil(way / max(flown, 1e-9)))) <= BEAM_ERROR
+
+
+def block_length(scene: Scene, reference: F64, length: int, *, every_beam: bool) -> int:
     """Most pulses up to ``length`` that can share a tracing of water; 1 where none can.
 
     Within a block every scatterer has the velocity that it has at the key pulse: what is left out is the acceleration
-    of the long waves. Its range rate does not tell where in the beam it is, so that the beam is the key pulse's too.
+    of the long waves. Where the beam is that of the key pulse, it
+    must not change over a block either.
 
     Parameters
     ----------
     scene : with its radar
     reference : (3,) m, where the beam is looked at
     length : that all else allows
+    every_beam : every pulse has its own beam, see :func:`beam_tells`
     """
     found = waters(scene)
     if not found:
@@ -55,7 +79,7 @@ def block_length(scene: Scene, reference: F64, length: int) -> int:
         # 4 pi / lambda * a / 2 * deviation of tau^2
         span = np.sqrt(2.0 * MOTION_PHASE * wavelength / (np.pi * acceleration * _UNEVEN))
         length = min(length, int(span / pulse))
-    while length > 1 and beam_change(scene.radar, reference, length) > BEAM_CHANGE:
+    while not every_beam and length > 1 and beam_change(scene.radar, reference, length) > BEAM_CHANGE:
         length = int(length / np.sqrt(2.0))
     return length if length >= SHORTEST else 1
 
@@ -66,4 +90,4 @@ def _rms(water: WindWaves, derivative: int) -> float:
     return float(np.sqrt(0.5 * np.sum((amplitude * omega**derivative) ** 2)))
 
 
-__all__ = ["block_length", "fastest", "waters"]
+__all__ = ["beam_tells", "block_length", "fastest", "waters"]

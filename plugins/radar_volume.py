@@ -1,0 +1,11 @@
+"""BSDF ``radar_volume``: makes a closed shape a body that waves go through, such as the crown of a tree."""
+
+from sarmitsuba.loader.plugins import register
+from sarmitsuba.loader.tables import RADAR_VOLUME
+
+from .surface import RadarSurface
+
+
+@register(RADAR_VOLUME)
+class RadarVolume(RadarSurface):
+    """Vegetation by name, or a cloud of scatterers."""

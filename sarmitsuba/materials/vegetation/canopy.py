@@ -1,0 +1,137 @@
+"""A mix of leaves, needles and branches as one medium: the mean over sizes and orientations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.materials.vegetation.medium import NODES, VolumeMedium, node_cosines
+from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
+from sarmitsuba.materials.vegetation.pieces import Piece
+from sarmitsuba.registry import Registry
+
+F64 = NDArray[np.float64]
+
+# turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
+_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 48, 96, 6.0
+
+
+@dataclass(frozen=True)
+class Orientation:
+    r"""Where the axes of pieces point: about a tilt from the vertical, alike in azimuth.
+
+    Per solid angle :math:`\exp(-\tfrac12 (\tau - \tau_0)^2 / s^2)` of the tilt :math:`\tau`, 0 to 90 degrees.
+
+    Parameters
+    ----------
+    tilt_deg : of a stick, or of a leaf's normal, where they are densest
+    spread_deg : standard deviation; inf: all directions alike
+    """
+
+    tilt_deg: float = 0.0
+    spread_deg: float = np.inf
+
+    def density(self, cosine: F64) -> F64:
+        """Relative density per solid angle at cosines of the tilt, of any shape."""
+        if not np.isfinite(self.spread_deg):
+            return np.ones(cosine.shape)
+        tilt = np.degrees(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)))
+        return np.asarray(np.exp(-0.5 * ((tilt - self.tilt_deg) / self.spread_deg) ** 2))
+
+    @property
+    def total(self) -> float:
+        """Integral of `density` over the half sphere, sr."""
+        cosine = np.linspace(0.0, 1.0, 4001)[1:] - 1.25e-4
+        return float(2.0 * np.pi * np.mean(self.density(cosine)))
+
+
+@dataclass(frozen=True)
+class Constituent:
+    """Pieces of one kind and size.
+
+    Parameters
+    ----------
+    piece : its shape
+    density : pieces per m^3
+    moisture : gravimetric, 0 to 0.7
+    orientation : of the axes
+    """
+
+    piece: Piece
+    density: float
+    moisture: float
+    orientation: Orientation = Orientation()
+
+
+@dataclass(frozen=True)
+class Canopy:
+    """A named mix that a scene file can ask for: ``<string name="preset" value="NAME"/>``.
+
+    Parameters
+    ----------
+    name : in the scene file
+    title : half a line for tables: what it is
+    constituents : all pieces in it
+    """
+
+    name: str
+    title: str
+    constituents: tuple[Constituent, ...]
+
+    def medium(self, frequency: float, density: float = 1.0) -> VolumeMedium:
+        """The medium at a frequency (Hz); ``density`` multiplies the number of all pieces."""
+        extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
+        product = np.zeros(NODES, dtype=np.complex128)
+        for part in self.constituents:
+            mean = _mean(part, frequency)
+            number = density * part.density
+            extinction += number * mean.extinction
+            power += number * mean.power
+            product += number * mean.product
+        return VolumeMedium(self.name, extinction, power, product)
+
+
+CANOPIES: Registry[Canopy] = Registry("vegetation", "sarmitsuba.materials.vegetation.presets")
+
+
+def _mean(part: Constituent, frequency: float) -> VolumeMedium:
+    r"""Mean of one piece over its orientations (tables in m^2).
+
+    In the frame of the wave the axis is at an angle :math:`\beta` from it and turned by :math:`\psi`,
+
+    .. math::
+        S_{hh} = S_\parallel \cos^2\psi + S_\perp \sin^2\psi, \quad
+        S_{vv} = S_\parallel \sin^2\psi + S_\perp \cos^2\psi, \quad
+        S_{hv} = (S_\parallel - S_\perp) \sin\psi \cos\psi
+    """
+    wavelength = SPEED_OF_LIGHT / frequency
+    permittivity = plant_permittivity(part.moisture, frequency)
+    # a long piece returns from within a lobe of lambda / (2 l) about broadside
+    lobes = 2.0 * part.piece.size / wavelength
+    steps = int(_LEAST_ANGLES + _ANGLES_PER_LOBE * lobes)
+    cosine = (np.arange(steps) + 0.5) / steps
+    beta = np.arccos(cosine)
+    turn = (np.arange(_TURNS) + 0.5) * (2.0 * np.pi / _TURNS)
+    c2, s2 = np.cos(turn) ** 2, np.sin(turn) ** 2
+    parallel, across = (s[:, None] for s in part.piece.backscatter(beta, wavelength, permittivity))
+    taken = part.piece.extinction(beta, wavelength, permittivity)
+    hh, vv = parallel * c2 + across * s2, parallel * s2 + across * c2
+    hv = np.abs(parallel - across) ** 2 * (c2 * s2)
+    powers = [np.abs(hh) ** 2, np.abs(vv) ** 2, hv]
+    lost = [taken[0][:, None] * c2 + taken[1][:, None] * s2, taken[0][:, None] * s2 + taken[1][:, None] * c2]
+    product = hh * np.conj(vv)
+    cell = 2.0 * np.pi / (steps * _TURNS * part.orientation.total)
+    extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
+    mean = np.zeros(NODES, dtype=np.complex128)
+    for i, along in enumerate(node_cosines()):
+        # cosine between axis and vertical; v is in the plane of the wave and the vertical
+        up = cosine[:, None] * along + np.sin(beta)[:, None] * np.sqrt(1.0 - along**2) * np.sin(turn)
+        weight = part.orientation.density(up) * cell
+        extinction[i] = [np.sum(x * weight) for x in lost]
+        power[i] = [np.sum(x * weight) for x in powers]
+        mean[i] = np.sum(product * weight)
+    return VolumeMedium("", extinction, power, mean)
+
+
+__all__ = ["CANOPIES", "Canopy", "Constituent", "Orientation"]

@@ -1,0 +1,1 @@
+"""One canopy a file."""

@@ -1,0 +1,28 @@
+"""Crowns of broad-leaved trees, such as limes and maples along a street, in leaf and without.
+
+Sizes and numbers are set up by us within what forestry gives for mature crowns (about 0.8 m^2 of leaf and 3 kg of fresh
+wood in a cubic metre), none of them fitted to a radar measurement; see docs/vegetation.md for what they return.
+"""
+
+from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
+from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
+
+
+def _wood(moisture: float) -> tuple[Constituent, ...]:
+    """Twigs to limbs, growing outwards and up."""
+    return (
+        Constituent(Stick(0.0015, 0.2), 60.0, moisture, Orientation(50.0, 30.0)),
+        Constituent(Stick(0.005, 0.5), 2.0, moisture, Orientation(45.0, 25.0)),
+        Constituent(Stick(0.015, 1.2), 0.2, moisture, Orientation(50.0, 20.0)),
+        Constituent(Stick(0.04, 2.0), 0.02, moisture, Orientation(40.0, 20.0)),
+    )
+
+
+CANOPIES.register(
+    Canopy(
+        "deciduous_summer",
+        "crown of a broad-leaved tree in leaf",
+        (Constituent(Leaf(0.035, 0.0002), 220.0, 0.65), *_wood(0.5)),
+    )
+)
+CANOPIES.register(Canopy("deciduous_winter", "the same without leaves, dormant", _wood(0.4)))

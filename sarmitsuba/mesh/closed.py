@@ -1,0 +1,35 @@
+"""Closed surfaces: whether a mesh is one, what it encloses."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.mesh.welding import weld
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+
+def is_closed(vertices: F64, faces: I32) -> bool:
+    """True where every edge of the faces (n, 3) has as many faces on one side as on the other."""
+    corner = weld(vertices)[faces]
+    edge = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+    edge = edge[edge[:, 0] != edge[:, 1]]
+    low, high = edge.min(axis=1), edge.max(axis=1)
+    _, number = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
+    balance = np.bincount(number.reshape(-1), weights=np.where(edge[:, 0] == low, 1.0, -1.0))
+    return bool(faces.size) and not balance.any()
+
+
+def enclosed_volume(vertices: F64, faces: I32) -> float:
+    """Volume within a closed mesh, m^3; negative where its normals point inwards."""
+    a, b, c = (vertices[faces[:, i]] - vertices[faces[0, 0]] for i in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
+
+
+def surface_area(vertices: F64, faces: I32) -> float:
+    """Area of all faces, m^2."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+__all__ = ["enclosed_volume", "is_closed", "surface_area"]

@@ -1,0 +1,51 @@
+"""Bodies that waves go through: crowns of trees, hedges, stands."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.materials.vegetation.medium import VolumeMedium
+from sarmitsuba.mesh.closed import enclosed_volume, surface_area
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Closed body filled evenly with a medium. It rests, and no surface of a scene knows of it.
+
+    Parameters
+    ----------
+    name : of the shape
+    vertices : (n_v, 3) float64, m, scene frame
+    faces : (n_f, 3) int32, normals outwards
+    medium : what it is filled with; where bodies overlap, both fill the place
+    spacing : m, distance between the scatterers that stand for it; 0: from the radar's resolution
+    """
+
+    name: str
+    vertices: F64
+    faces: I32
+    medium: VolumeMedium
+    spacing: float = 0.0
+
+    @cached_property
+    def content(self) -> float:
+        """m^3."""
+        return enclosed_volume(self.vertices, self.faces)
+
+    @cached_property
+    def mean_chord(self) -> float:
+        """Mean length of straight ways through it, four times its volume over its surface, m."""
+        return 4.0 * self.content / surface_area(self.vertices, self.faces)
+
+    @property
+    def bounds(self) -> F64:
+        """(2, 3) lower and upper corner, m."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+
+__all__ = ["Volume"]

@@ -1,0 +1,259 @@
+r"""Vegetation in closed form: a cloud of scatterers over ground, plant matter, simple scatterers, ways through bodies.
+
+Extinction is of power: a wave loses :math:`1 - e^{-\kappa s}` of it on a way s. Time convention exp(+j w t).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import hankel2, jv
+
+from sarmitsuba.theory.fresnel import fresnel
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+
+def layer_transmission(kappa: ArrayLike, depth: ArrayLike, theta: ArrayLike) -> F64:
+    r"""Share of the power that crosses a layer twice, down and up, :math:`e^{-2 \kappa d / \cos\theta}`.
+
+    Parameters
+    ----------
+    kappa : 1/m, extinction
+    depth : m
+    theta : rad, incidence angle
+    """
+    return np.asarray(np.exp(-2.0 * np.asarray(kappa) * np.asarray(depth) / np.cos(theta)))
+
+
+def water_cloud_sigma0(
+    sigma_v: ArrayLike, kappa: ArrayLike, depth: ArrayLike, theta: ArrayLike, ground: ArrayLike = 0.0
+) -> F64:
+    r"""Backscatter coefficient of a level layer of scatterers over ground.
+
+    .. math::
+        \sigma^0 = \frac{\sigma_v \cos\theta}{2 \kappa} \left(1 - e^{-2 \kappa d / \cos\theta}\right)
+            + \sigma^0_g e^{-2 \kappa d / \cos\theta}
+
+    Parameters
+    ----------
+    sigma_v : m^2/m^3, radar cross section per volume
+    kappa : 1/m, extinction; 0 gives the limit ``sigma_v d``
+    depth : m
+    theta : rad, incidence angle
+    ground : sigma0 of the bare ground
+
+    Notes
+    -----
+    Ignores multiple scattering, ways over ground and scatterer, and edges of the layer.
+
+    References
+    ----------
+    Attema & Ulaby 1978, Vegetation modeled as a water cloud, Radio Science 13, equation 6.
+    """
+    way = 2.0 * np.asarray(kappa, dtype=np.float64) * np.asarray(depth) / np.cos(theta)
+    # (1 - exp(-x)) / x without 0 / 0
+    mean = np.where(way > 1e-12, -np.expm1(-way) / np.where(way > 1e-12, way, 1.0), 1.0)
+    return np.asarray(np.asarray(sigma_v) * np.asarray(depth) * mean + np.asarray(ground) * np.exp(-way))
+
+
+def plant_permittivity(moisture: ArrayLike, frequency: ArrayLike) -> C128:
+    r"""Relative permittivity of leaves and stalks from their water: free, with ions, and bound to sugars.
+
+    .. math::
+        \epsilon = \epsilon_r + v_f \left(4.9 + \frac{75}{1 + j f / 18} - j \frac{18 \cdot 1.27}{f}\right)
+            + v_b \left(2.9 + \frac{55}{1 + \sqrt{j f / 0.18}}\right)
+
+    with f in GHz, :math:`\epsilon_r = 1.7 - 0.74 m + 6.16 m^2`, :math:`v_f = m (0.55 m - 0.076)`,
+    :math:`v_b = 4.64 m^2 / (1 + 7.36 m^2)`.
+
+    Parameters
+    ----------
+    moisture : gravimetric, mass of water over all mass, 0 to 0.7
+    frequency : Hz
+
+    References
+    ----------
+    Ulaby & El-Rayes 1987, Microwave dielectric spectrum of vegetation, part II: dual-dispersion model, IEEE TGRS
+    GE-25, equations 6, 14 to 16; 22 degrees Celsius.
+    """
+    m, f = np.asarray(moisture, dtype=np.float64), np.asarray(frequency, dtype=np.float64) / 1e9
+    free = np.maximum(m * (0.55 * m - 0.076), 0.0)
+    bound = 4.64 * m**2 / (1.0 + 7.36 * m**2)
+    # real and imaginary parts written out
+    debye = 75.0 / (1.0 + (f / 18.0) ** 2)
+    root = np.sqrt(f / 0.36)  # of f / 0.18 times cos 45 degrees
+    cole = 55.0 / ((1.0 + root) ** 2 + root**2)
+    real = 1.7 - 0.74 * m + 6.16 * m**2 + free * (4.9 + debye) + bound * (2.9 + cole * (1.0 + root))
+    loss = free * (debye * f / 18.0 + 22.86 / f) + bound * cole * root
+    return np.asarray(real - 1j * loss)
+
+
+def isotropic_orientation(across: complex, along: complex) -> tuple[float, float, complex]:
+    r"""Mean polarimetric powers of small uniaxial scatterers in all orientations alike.
+
+    With :math:`\Delta` the difference of the amplitudes along and across the axis, the means over the sphere,
+    :math:`\langle n_h^2 \rangle = 1/3, \langle n_h^4 \rangle = 1/5, \langle n_h^2 n_v^2 \rangle = 1/15`, give
+
+    .. math::
+        \langle |hh|^2 \rangle = |a|^2 + \tfrac23 \Re(a^* \Delta) + \tfrac15 |\Delta|^2, \quad
+        \langle |hv|^2 \rangle = \tfrac1{15} |\Delta|^2
+
+    Returns
+    -------
+    hh, hv : mean powers (vv as hh)
+    hhvv : mean of hh times the conjugate of vv
+    """
+    delta = along - across
+    common = abs(across) ** 2 + 2.0 / 3.0 * (across.conjugate() * delta).real
+    return (
+        common + abs(delta) ** 2 / 5.0,
+        abs(delta) ** 2 / 15.0,
+        complex(common + abs(delta) ** 2 / 15.0),
+    )
+
+
+def sphere_cloud(
+    radius: float, permittivity: complex, density: float, wavelength: float
+) -> tuple[float, float]:
+    r"""Radar cross section per volume and extinction of a cloud of small spheres.
+
+    .. math::
+        \sigma_v = 4 \pi N k^4 a^6 |K|^2, \quad
+        \kappa = N \left(4 \pi k a^3 |\Im K| + \tfrac{8 \pi}3 k^4 a^6 |K|^2\right), \quad
+        K = \frac{\epsilon - 1}{\epsilon + 2}
+
+    Parameters
+    ----------
+    radius, wavelength : m
+    density : 1/m^3
+
+    References
+    ----------
+    Ulaby, Moore & Fung 1981, Microwave Remote Sensing I, equations 5.73 to 5.76.
+    """
+    k = 2.0 * np.pi / wavelength
+    factor = (permittivity - 1.0) / (permittivity + 2.0)
+    power = k**4 * radius**6 * abs(factor) ** 2
+    absorbed = 4.0 * np.pi * k * radius**3 * abs(factor.imag)
+    return 4.0 * np.pi * density * power, density * (absorbed + 8.0 * np.pi / 3.0 * power)
+
+
+def cylinder_at_broadside(
+    radius: float, permittivity: complex, wavelength: float, angle: ArrayLike
+) -> tuple[C128, C128]:
+    r"""Echo width amplitudes of an endless dielectric cylinder, wave across its axis.
+
+    .. math::
+        T = \sum_n c_n e^{j n \phi}, \quad
+        c_n = \frac{J_n(\xi) J_n'(\eta) p - J_n'(\xi) J_n(\eta)}
+            {J_n'(\eta) H_n^{(2)}(\xi) p - J_n(\eta) H_n^{(2)\prime}(\xi)}
+
+    with :math:`\xi = k a, \eta = \xi \sqrt\epsilon`, p = :math:`\sqrt\epsilon` for E along the axis and its inverse
+    for H along it; the echo width is :math:`(4 / k) |T|^2` and the extinction per length :math:`(4 / k) \Re T(0)`.
+
+    Parameters
+    ----------
+    radius, wavelength : m
+    angle : rad, turn of the scattered wave; 0 forward, pi back
+
+    Returns
+    -------
+    along, across : T for E along and across the axis
+
+    References
+    ----------
+    Balanis 1989, Advanced Engineering Electromagnetics, section 11.5.3.
+    """
+    xi = 2.0 * np.pi * radius / wavelength
+    m = np.sqrt(complex(permittivity))
+    eta = xi * m
+    n = np.arange(-int(xi + 4.0 * np.cbrt(xi) + 8.0), int(xi + 4.0 * np.cbrt(xi) + 8.0) + 1)
+
+    def slope(values: C128) -> C128:
+        """Derivative from the two neighbouring orders."""
+        return np.asarray(0.5 * (values[:-2] - values[2:]))
+
+    orders = np.arange(n[0] - 1, n[-1] + 2)
+    j_out, j_in, h = jv(orders, xi).astype(complex), jv(orders, eta), hankel2(orders, xi)
+    turn = np.exp(1j * np.multiply.outer(np.asarray(angle, dtype=np.float64), n))
+    found = []
+    for p in (m, 1.0 / m):
+        top = j_out[1:-1] * slope(j_in) * p - slope(j_out) * j_in[1:-1]
+        bottom = slope(j_in) * h[1:-1] * p - j_in[1:-1] * slope(h)
+        found.append(np.asarray(turn @ (top / bottom)))
+    return found[0], found[1]
+
+
+def trunk_ground_rcs(
+    radius: float,
+    height: float,
+    wavelength: float,
+    theta: ArrayLike,
+    trunk: complex,
+    ground: complex,
+) -> tuple[F64, F64]:
+    r"""Radar cross sections HH and VV of an upright dielectric cylinder on dielectric ground: both ways of two bounces.
+
+    A wave that comes at :math:`\theta` from the vertical meets the lit line of the cylinder at
+    :math:`\pi/2 - \theta` from its normal. Physical optics gives the cone of reflection the bistatic cross section
+    :math:`k a h^2 \sin\theta |\Gamma_t|^2`; ground first and trunk first add in phase, 6 dB more:
+
+    .. math:: \sigma = 4 k a h^2 \sin\theta \, |\Gamma_t(\pi/2 - \theta) \Gamma_g(\theta)|^2
+
+    Parameters
+    ----------
+    radius, height, wavelength : m
+    theta : rad, from the vertical
+    trunk, ground : relative permittivities
+
+    Notes
+    -----
+    Ignores that for ``k a < 10`` physical optics itself is off by a decibel, that the trunk's shade on the ground hides
+    what lies behind it, and spreading.
+
+    References
+    ----------
+    Ruck et al. 1970, Radar Cross Section Handbook, 4.3-62 (broadside cylinder) with the image in the ground.
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    at_trunk, at_ground = fresnel(np.sin(theta), trunk), fresnel(np.cos(theta), ground)
+    size = 4.0 * (2.0 * np.pi / wavelength) * radius * height**2 * np.sin(theta)
+    # H is across the plane of incidence at both, V within it
+    hh, vv = (size * np.abs(t * g) ** 2 for t, g in zip(at_trunk, at_ground, strict=True))
+    return np.asarray(hh), np.asarray(vv)
+
+
+def way_through_ball(origin: F64, direction: F64, length: ArrayLike, center: F64, radius: float) -> F64:
+    """Length of the part of straight ways that lies in a ball, m.
+
+    Parameters
+    ----------
+    origin, direction : (..., 3) m and unit vectors
+    length : (...,) m, of the ways
+    center : (3,) m
+    """
+    to = center - origin
+    along = np.sum(to * direction, axis=-1)
+    root = np.sqrt(np.maximum(radius**2 - (np.sum(to * to, axis=-1) - along**2), 0.0))
+    return np.asarray(np.clip(along + root, 0.0, length) - np.clip(along - root, 0.0, length))
+
+
+def way_through_box(origin: F64, direction: F64, length: ArrayLike, low: F64, high: F64) -> F64:
+    """Length of the part of straight ways that lies in a box along the axes, m; arguments as of a ball."""
+    a, b = (low - origin) / direction, (high - origin) / direction
+    enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+    leave = np.maximum(leave, enter)
+    return np.asarray(np.clip(leave, 0.0, length) - np.clip(enter, 0.0, length))
+
+
+__all__ = [
+    "cylinder_at_broadside",
+    "isotropic_orientation",
+    "layer_transmission",
+    "plant_permittivity",
+    "sphere_cloud",
+    "trunk_ground_rcs",
+    "water_cloud_sigma0",
+    "way_through_ball",
+    "way_through_box",
+]
