@@ -284,6 +284,17 @@ def sea() -> Figure:
     return figure
 
 
+def glass() -> Figure:
+    """Two rooms behind glass, plain and coated, as planned and with panes that block."""
+    options = {"as planned": [], "transmission off": ["-D", "sar_path.transmission=off"]}
+    common = ["--no-error-bars", "--window", "taylor"]
+    return _shown(
+        {t: _render("glass_house", [*more, *common]) for t, more in options.items()},
+        (-35.0, 5.0),
+        size=(9.0, 4.2),
+    )
+
+
 def facades() -> Figure:
     """Six houses of the city that import.md shows, imported with plain walls and with relief."""
     images = {}
@@ -508,9 +519,15 @@ def _panels(
     return _shown(images, scale, lying=lying)
 
 
-def _shown(images: dict[str, SarImage], scale: tuple[float, float], *, lying: bool = False) -> Figure:
-    """Images on one grey scale."""
-    figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
+def _shown(
+    images: dict[str, SarImage],
+    scale: tuple[float, float],
+    *,
+    lying: bool = False,
+    size: tuple[float, float] | None = None,
+) -> Figure:
+    """Images on one grey scale, ``size`` in inches."""
+    figure = Figure(figsize=size or ((9.0, 4.4) if lying else (13.0, 3.7)), layout="constrained")
     rows, columns = (len(images), 1) if lying else (1, len(images))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
@@ -576,6 +593,7 @@ FIGURES = {
         moving,
         railing,
         courtyard,
+        glass,
         sea,
         facades,
         azimuth_ambiguities,
