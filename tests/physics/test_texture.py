@@ -46,7 +46,7 @@ def square(half: float = SIZE, height: float = 0.0, slope: float = 0.0) -> NDArr
 
 
 def scene_of(material: Material, vertices: Any = None, radar: RadarDescription = RADAR, **mesh: Any) -> Scene:
-    """Ground and a conducting wall on it, so that there are mirrors and several bounces; few pulses."""
+    """Ground and a conducting wall on it, so that there are mirrors and a few bounces."""
     wall = np.array([[-5.0, 3.0, 0.0], [5.0, 1.0, 0.0], [5.0, 1.0, 4.0], [-5.0, 3.0, 4.0]])
     shapes = [
         SceneMesh(square() if vertices is None else vertices, FACES, material, "ground", **mesh),

@@ -25,6 +25,7 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "land_cover",
     "moving_cars",
     "plate",
     "point",
