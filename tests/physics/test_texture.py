@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sarmitsuba import Motion, Scene, SceneMesh, build_scene, simulate
 from sarmitsuba.backend import dr
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import Bitmap, ClassMap, SurfaceMaps, in_plan, on_mesh
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
