@@ -27,6 +27,7 @@ WANTED = {
     "flat_ground",
     "glass_house",
     "harbour",
+    "land_cover",
     "moving_cars",
     "plate",
     "point",
@@ -149,14 +150,15 @@ def test_shipped_meshes_are_clean(path):
     assert path.stat().st_size < 320_000
 
 
-def test_every_shipped_mesh_is_used():
+def test_every_shipped_mesh_and_map_is_used():
     used = {
-        Path(n.get("value")).name
+        n.get("value")
         for s in list_scenes()
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
-    assert {p.name for p in (scenes_dir() / "meshes").iterdir()} <= used
+    there = [*scenes_dir().glob("meshes/*.*"), *scenes_dir().glob("maps/*.png")]
+    assert used == {p.relative_to(scenes_dir()).as_posix() for p in there}
 
 
 def test_shipped_meshes_are_those_of_the_build_script():
