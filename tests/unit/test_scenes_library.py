@@ -25,6 +25,7 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "forest",
     "glass_house",
     "harbour",
     "land_cover",
@@ -33,10 +34,12 @@ WANTED = {
     "point",
     "railing",
     "sphere",
+    "street_trees",
     "tower",
     "trihedral",
     "trihedral_square",
     "urban_block",
+    "urban_block_trees",
 }
 ENTRIES = [*list_scenes(), *list_radars()]
 
