@@ -161,7 +161,7 @@ class DiffusePairs:
             place, normal = rows[2 * i], rows[2 * i + 1]
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
             normal64 = mi.Vector3d(normal[0], normal[1], normal[2])
-            age = Age.of(kernel, word) if flags.temporal else None
+            age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
