@@ -166,7 +166,7 @@ class DiffusePairs:
                 )
                 weight *= factor
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
-            age = Age.of(kernel, word) if flags.temporal else None
+            age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
