@@ -123,8 +123,8 @@ def assemble(
     if volumes and points:
         warn_once(
             doubts,
-            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a meshed '
-            "corner to have its attenuation",
+            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a '
+            "meshed corner to have its attenuation",
         )
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
