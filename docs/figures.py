@@ -301,7 +301,7 @@ def sea() -> Figure:
 def glass() -> Figure:
     """Two rooms behind glass, plain and coated, as planned and with panes that block."""
     options = {"as planned": [], "transmission off": ["-D", "sar_path.transmission=off"]}
-    common = ["--no-error-bars", "--window", "taylor"]
+    common = ["--no-error-bars", "--window", "taylor", "-D", "range_film.image_grid=ground"]
     return _shown(
         {t: _render("glass_house", [*more, *common]) for t, more in options.items()},
         (-35.0, 5.0),
