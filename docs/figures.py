@@ -18,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
@@ -209,6 +210,64 @@ def moving() -> Figure:
                 _arrow(axes, place, (place[0], place[1] + 0.9 * ahead), MARK, 2.0)
                 box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
                 axes.text(place[0] + 2.5, place[1] + 0.5 * ahead, name, fontsize=9, color=MARK, bbox=box)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
+
+
+def railing() -> Figure:
+    """Railings, lamp posts, masts and cables, with words for what is what, and the scene without them."""
+    figure = Figure(figsize=(10.4, 4.6), layout="constrained")
+    picture = None
+    words = {
+        (-42.0, -42.0): "railing along the flight",
+        (-26.0, 29.0): "lamp post",
+        (-22.0, 19.0): "posts of the bridge by its deck",
+        (-4.0, -24.0): "posts by the grass",
+        (12.0, 34.0): "lattice mast",
+        (8.0, 11.0): "cables, direct",
+        (21.0, -12.0): "and by the grass",
+    }
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"as planned": [], "line_scatterers off": ["-D", "sar_path.line_scatterers=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("railing", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-40.0, vmax=5.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
+            for place, text in words.items():
+                box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+                axes.text(*place, text, fontsize=7.5, color=MARK, bbox=box)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
+
+
+def sea() -> Figure:
+    """The harbour with its sea moving and frozen, some looks averaged, so that waves show through the speckle."""
+    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+    picture = None
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"moving": [], "water_motion off": ["-D", "sar_path.water_motion=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("harbour", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(uniform_filter(image.sigma0(), 4), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-27.0, vmax=4.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
 
@@ -503,6 +562,8 @@ FIGURES = {
         methods,
         effects,
         moving,
+        railing,
+        sea,
         facades,
         azimuth_ambiguities,
         focusers,

@@ -80,6 +80,10 @@ class Collector:
         if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
             self.volumes.add_shape(placed, bsdf, self.reader)
             return
+        if placed.element.plugin == "linearcurve":
+            raise SceneError(
+                f"{placed.element.where}: a linearcurve has no surface for rays; give it the bsdf radar_wire"
+            )
         if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
             return
         material = self.book.index(bsdf, placed.element.where)

@@ -111,8 +111,6 @@ class MeshReader:
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where
         plugin = element.plugin
-        if plugin == "linearcurve":
-            raise SceneError(f"{where}: a linearcurve has no surface for rays; give it the bsdf radar_wire")
         if plugin in _MESH_FILES or plugin == "serialized":
             return self._file(element)
         if plugin == "rectangle":

@@ -1,5 +1,7 @@
 """One bounce by projection, as real-time SAR simulators do: visible surface, incoherent sigma0, random speckle."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Any
 
@@ -72,7 +74,7 @@ class Raster:
         """Samples of the screen."""
         return self.columns * self.rows
 
-    def _stand_in(self) -> "mi.Float":
+    def _stand_in(self) -> mi.Float:
         """Lambert's law for scenes of smooth surfaces only, which show nothing without mirrors and corners."""
         text = (
             f"{self.scene.name}: method raster: no material scatters diffusely, so every surface is given Lambert's "
@@ -209,7 +211,7 @@ class Raster:
         amplitude = low + (high - low) * (theta - f32(node))
         return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
 
-    def _pixel(self, leg: "mi.Vector3d", antenna: NDArray[np.float64]) -> "tuple[mi.Float64, mi.Float64]":
+    def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""
         grid, f64 = self.grid, mi.Float64
         along = dr.dot(leg, _constant(grid.along, mi.Vector3d, f64))

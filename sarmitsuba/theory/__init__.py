@@ -23,6 +23,16 @@ from sarmitsuba.theory.clutter import (
     texture_correlation,
 )
 from sarmitsuba.theory.courtyards import PairReturn, lambertian_bowl, pair_sum
+from sarmitsuba.theory.diffraction import (
+    WedgeFrame,
+    edge_on_rcs,
+    fringe_coefficients,
+    fringe_strip,
+    optics_coefficients,
+    plate_with_edges,
+    wedge_coefficients,
+    wedge_current_series,
+)
 from sarmitsuba.theory.fresnel import fresnel, normal_wavenumber
 from sarmitsuba.theory.geometry import (
     BridgeReturns,
@@ -121,6 +131,7 @@ __all__ = [
     "PairReturn",
     "SlabWaves",
     "SpeckleTest",
+    "WedgeFrame",
     "along_track_phase",
     "aperture_cell",
     "apparent_place",
@@ -152,11 +163,14 @@ __all__ = [
     "disc_rcs",
     "doppler_centroid",
     "double_bounce_range_speed",
+    "edge_on_rcs",
     "equivalent_number_of_looks",
     "expected_coherence",
     "flat_earth_phase",
     "foreshortening",
     "fresnel",
+    "fringe_coefficients",
+    "fringe_strip",
     "gaussian_gain",
     "half_power_width",
     "height_of_ambiguity",
@@ -178,11 +192,13 @@ __all__ = [
     "nesz_of_average_power",
     "nesz_of_cells",
     "normal_wavenumber",
+    "optics_coefficients",
     "orbital_speed",
     "pair_sum",
     "phase_test",
     "plate_amplitude",
     "plate_rcs",
+    "plate_with_edges",
     "point_snr",
     "polarimetry",
     "post_amplitude",
@@ -219,4 +235,6 @@ __all__ = [
     "uniform_aperture_taper",
     "wall_ground_amplitude",
     "wall_phase_ramp",
+    "wedge_coefficients",
+    "wedge_current_series",
 ]

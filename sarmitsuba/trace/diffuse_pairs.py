@@ -30,8 +30,8 @@ from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import fade
-from sarmitsuba.trace.diffuse_terms import mixed
 from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.incoherent import mixed
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.pair_search import Pairs, sees
 from sarmitsuba.trace.passage import passed

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.closing import DiffuseReturns, Slot, close_coherent, close_diffuse, receiver, selected
+from sarmitsuba.trace.closing import close_coherent, receiver, selected
+from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.trace.panes import Waiting, branched
 from sarmitsuba.trace.rays import (
     footprint,

@@ -92,13 +92,13 @@ def compiled(
 
 
 @pytest.mark.parametrize(
-    "kinds", ["hybrid,stripmap", pytest.param("HH,image,raster,raw,chirped", marks=pytest.mark.slow)]
+    "kinds", ["hybrid", pytest.param("stripmap,HH,image,raster,raw,chirped", marks=pytest.mark.slow)]
 )
 def test_a_loop_compiles_nothing_after_its_first_round(kinds: str, tmp_path: Path) -> None:
     """Cold: an empty cache. Warm: looks, headings, bands, apertures and images anywhere between those seen."""
     pytest.importorskip("drjit")
     first, later = compiled(1, 5, 2, kinds, tmp_path)
-    assert sum(row[2] for row in first) > 8  # the cache was cold, and the history does count
+    assert sum(row[2] for row in first) > 5  # the cache was cold, and the history does count
     assert all(row[1] > 0 for row in first + later)
     assert [row for row in later if row[2]] == []
     # the next process

@@ -13,7 +13,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
 from sarmitsuba.focusing.focuser import check_focuser, parse_focuser
-from sarmitsuba.focusing.focusers.backprojection import backproject
+from sarmitsuba.focusing.focusers.backprojection import backproject, series_at
 from sarmitsuba.focusing.focusers.chirp_scaling import ChirpScaling
 from sarmitsuba.focusing.frequency_domain.geometry import range_walk, track_geometry
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -67,13 +67,12 @@ def exact(raw: RawData, points: np.ndarray) -> np.ndarray:
     gain = direction_gain(radar, slice(None), look_directions(radar, points))
     weight = aperture_weights(radar, points, "rectangular") * gain
     plan = plan_spectrum(radar, parse_window("rectangular"))
-    bins = np.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
     image = np.zeros(len(points), dtype=np.complex128)
     for t in np.flatnonzero(weight.any(axis=0)):
         r = np.linalg.norm(points - radar.track.position[t], axis=1)
         spectrum = np.fft.fft(raw.data[0, t].astype(np.complex128), n=plan.n_fft) * plan.gains / plan.n_fft
         position = (r - radar.window.start_range[t]) / plan.sample_spacing
-        profile = spectrum @ np.exp(2j * np.pi / plan.n_fft * np.outer(bins, position))
+        profile = series_at(spectrum, position)
         image += weight[:, t] * profile * r**2 * np.exp(4j * np.pi / radar.waveform.wavelength * r)
     return image / (radar.amplitude_constant * (weight * gain).sum(axis=1))
 

@@ -27,7 +27,7 @@ def axes(radar) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("mode", ["stripmap", "sliding_spotlight", "spotlight"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_width_of_points_all_over_the_image(mode: str, seed: int) -> None:
     # rows near both ends, off mid-swath, at any heading, side and squint: each as wide as its own aperture says
     rng = np.random.default_rng([seed, 15])
@@ -104,7 +104,7 @@ def test_width_of_points_all_over_the_image(mode: str, seed: int) -> None:
         assert abs(point.rcs_error_db) < 0.1  # tol: side lobes of the other points
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_points_from_a_whole_circle_are_bessel_functions(seed: int) -> None:
     rng = np.random.default_rng([seed, 16])
     look, frequency = rng.uniform(30.0, 65.0), rng.uniform(0.8e9, 1.6e9)

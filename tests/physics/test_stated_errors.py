@@ -79,7 +79,7 @@ def drawn(mode: str, seed: int, *kinds: str) -> tuple[RawData, ImageGrid]:
 @pytest.mark.filterwarnings(
     "ignore:focus:sarmitsuba.errors.SarmitsubaWarning"
 )  # edges of drawn beams are dim
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 3))])
 @pytest.mark.parametrize("mode", ["spotlight", "stripmap"])
 def test_stated_errors_hold(mode: str, seed: int) -> None:
     """Of every focuser in the frequency domain and of polar format, against backprojection with its best kernel."""

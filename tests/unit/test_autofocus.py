@@ -62,7 +62,7 @@ def test_the_peak_that_is_lost_comes_back(method: str, mode: str, clutter: bool)
     assert facts["method"] == method and 0.02 < facts["range_error_rms"] < 0.1
 
 
-@pytest.mark.parametrize("focuser", ["backprojection", "polar_format"])
+@pytest.mark.parametrize("focuser", ["backprojection", pytest.param("polar_format", marks=pytest.mark.slow)])
 def test_it_serves_other_focusers(focuser: str) -> None:
     one = case("spotlight", True, seed=77)
     image = focus(one.raw, request=one.request, focuser=focuser, autofocus="phase_gradient")

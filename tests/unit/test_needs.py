@@ -173,9 +173,9 @@ print(parse_focuser(name).making_bytes(radar, grid, 1), peak_memory() - held)
     [
         ("backprojection", "ground"),
         ("omega_k", "slant"),
-        ("range_doppler", "ground"),
-        ("chirp_scaling", "ground"),
         ("polar_format", "ground"),
+        pytest.param("range_doppler", "ground", marks=pytest.mark.slow),
+        pytest.param("chirp_scaling", "ground", marks=pytest.mark.slow),
     ],
 )
 def test_focusers_take_the_memory_they_state(name: str, grid: str) -> None:

@@ -330,7 +330,6 @@ def backproject_numpy(
     """
     radar, points = raw.radar, np.asarray(points, dtype=np.float64)
     plan = plan_spectrum(radar, parse_window(range_window))
-    bins = np.fft.fftfreq(plan.n_fft, 1.0 / plan.n_fft)
     image = np.zeros((len(raw.layers), points.shape[0]), dtype=np.complex128)
     tracks = [radar.track] if radar.receiver is None else [radar.track, radar.receiver]
     for t in range(radar.track.n_pulses):
@@ -338,7 +337,7 @@ def backproject_numpy(
         r = sum(legs) / len(legs)
         spectrum = np.fft.fft(raw.data[:, t].astype(np.complex128), n=plan.n_fft) * plan.gains / plan.n_fft
         position = (r - radar.window.start_range[t]) / plan.sample_spacing
-        profile = spectrum @ np.exp(2j * np.pi / plan.n_fft * np.outer(bins, position))
+        profile = series_at(spectrum, position)
         image += (
             profile
             * legs[0]
@@ -348,6 +347,23 @@ def backproject_numpy(
     return image / (radar.amplitude_constant * radar.track.n_pulses)
 
 
+def series_at(spectrum: NDArray[np.complex128], position: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Fourier series with coefficients (..., n_fft) in the order of the FFT, at positions (n,) in samples: (..., n).
+
+    The sum over frequencies ``f = 64 a + c`` as two, so that there are few exponentials; exact to rounding.
+    """
+    n = spectrum.shape[-1]
+    middle = n // 2
+    rows = -(-n // _SERIES)
+    padded = np.zeros((*spectrum.shape[:-1], rows * _SERIES), dtype=np.complex128)
+    padded[..., :n] = np.fft.fftshift(spectrum, axes=-1)
+    turn = 2j * np.pi / n * position
+    inner = padded.reshape(*spectrum.shape[:-1], rows, _SERIES) @ np.exp(np.outer(np.arange(_SERIES), turn))
+    outer = np.exp(np.outer(_SERIES * np.arange(rows) - middle, turn))
+    return np.asarray(np.sum(inner * outer, axis=-2))
+
+
+_SERIES = 64
 # by taps, at twofold oversampling
 _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -124.0}
 
@@ -437,4 +453,4 @@ class Backprojection(Focuser):
 
 FOCUSERS.register(Backprojection())
 
-__all__ = ["TILE_PIXELS", "Backprojection", "Tile", "Tiles", "backproject", "backproject_numpy"]
+__all__ = ["TILE_PIXELS", "Backprojection", "Tile", "Tiles", "backproject", "backproject_numpy", "series_at"]
