@@ -155,17 +155,22 @@ class DiffusePairs:
         key = dr.gather(mi.UInt32, self.key, index) + kernel.constants.seed
         # a pair has one random phase; its level is that of the mean power
         flags = replace(kernel.flags, speckle=False)
-        ends = []
+        ends, weight = [], mi.Float(rows[0][3])
         for i, face in enumerate((faces.x, faces.y)):
             word = dr.gather(mi.Vector4u, kernel.scene.face_info, face).x
             place, normal = rows[2 * i], rows[2 * i + 1]
+            point, normal64 = (mi.Vector3d(x[0], x[1], x[2]) for x in (place, normal))
+            if flags.texture:
+                word, factor = kernel.scene.at_place(
+                    face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
+                )
+                weight *= factor
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
-            normal64 = mi.Vector3d(normal[0], normal[1], normal[2])
             age = Age.of(kernel, word) if flags.temporal else None
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
-                    point=mi.Vector3d(place[0], place[1], place[2]),
+                    point=point,
                     normal64=normal64,
                     normal=mi.Vector3f(normal64),
                     material=word,
@@ -173,7 +178,7 @@ class DiffusePairs:
                     random=speckle_coefficients(key_here, properties.w, flags, age),
                 )
             )
-        return ends[0], ends[1], mi.Float(rows[0][3])
+        return ends[0], ends[1], weight
 
     def _way(
         self,

@@ -78,7 +78,7 @@ def find_pairs(
     -----
     Pairs that have an end which only positions between the views see are left out.
     """
-    sides = [_facing(samples, views, sign) for sign in (1.0, -1.0)]
+    sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])
     sign = np.repeat([1.0, -1.0], [int(side.sum()) for side in sides])
     if not index.size:
@@ -142,12 +142,15 @@ def _search(
     backscatter = diffuse_lookup(scene.diffuse_table, material, cosine)
     clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter) / f32(density), 0.0)
     dr.eval(b, n_b64, weight, kept, face_b, clutter)
-    pick = np.flatnonzero(kept.numpy())
+    lanes = dr.compress(kept)
+    pick = lanes.numpy()
+    b, n_b64 = (dr.gather(v64, v, lanes).numpy().T for v in (b, n_b64))
+    face_b, weight = (dr.gather(type(v), v, lanes).numpy() for v in (face_b, weight))
     return Pairs(
-        point=np.stack([samples.point[index[pick]], b.numpy().T[pick]], axis=1),
-        normal=np.stack([normal[pick], n_b64.numpy().T[pick]], axis=1),
-        face=np.stack([samples.face[index[pick]], face_b.numpy()[pick].astype(np.intp)], axis=1),
-        weight=weight.numpy()[pick],
+        point=np.stack([samples.point[index[pick]], b], axis=1),
+        normal=np.stack([normal[pick], n_b64], axis=1),
+        face=np.stack([samples.face[index[pick]], face_b.astype(np.intp)], axis=1),
+        weight=weight.astype(np.float64),
         key=key[pick],
         clutter=float(clutter.numpy().sum(dtype=np.float64)),
     )
@@ -172,12 +175,16 @@ def _spread(cosine: mi.Float64) -> mi.Float64:
     return (0.5 / dr.pi) * cosine + 0.25 / dr.pi
 
 
-def _facing(samples: SurfaceSamples, views: F64, sign: float) -> NDArray[np.bool_]:
-    """Points whose one side faces any of the views."""
-    facing = np.zeros(samples.n, dtype=bool)
+def _facing(samples: SurfaceSamples, views: F64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Points whose front, and whose back, faces any of the views."""
+    front, back = np.zeros(samples.n, dtype=bool), np.zeros(samples.n, dtype=bool)
+    x, y, z = samples.normal.T
+    at = np.einsum("ij,ij->i", samples.normal, samples.point)
     for view in views:
-        facing |= sign * np.einsum("ij,ij->i", view - samples.point, samples.normal) > 0.0
-    return facing
+        height = x * view[0] + y * view[1] + z * view[2] - at
+        front |= height > 0.0
+        back |= height < 0.0
+    return front, back
 
 
 def _seen(

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
@@ -22,7 +23,7 @@ _UNEVEN = float(np.sqrt(4.0 / 45.0))
 def waters(scene: Scene) -> tuple[WindWaves, ...]:
     """Waters of the scene that the radar may see."""
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    visible = [m for m in used if not m.invisible]
+    visible = with_parts([m for m in used if not m.invisible])
     return water_in(visible, scene.radar.waveform.wavelength, scene.settings.seed)
 
 

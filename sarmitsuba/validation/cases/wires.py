@@ -64,8 +64,8 @@ def drawn_rod(rng: np.random.Generator, ka: float, permittivity: complex | None)
     radius = ka * X_WAVELENGTH / (2.0 * np.pi)
     length = max(rng.uniform(20.0, 60.0) * X_WAVELENGTH, 8.0 * radius)
     middle = rng.uniform(-3.0, 3.0, 3)
-    ends = [middle + s * 0.5 * length * axis for s in (-1.0, 1.0)]
-    return LineTarget("rod", *ends, radius=radius, permittivity=permittivity)
+    half = 0.5 * length * axis
+    return LineTarget("rod", middle - half, middle + half, radius, permittivity)
 
 
 def beside_broadside(rng: np.random.Generator, line: LineTarget, lobes: F64) -> F64:
@@ -163,7 +163,7 @@ def rod_handbook(quick: bool = False) -> Case:
         topic="canonical",
         title="Rods at broadside: thin wire and thick cylinder",
         formula="pi L^2 / ((pi / 2)^2 + ln^2(lambda / (1.781 pi a))); 2 pi a L^2 / lambda",
-        source="Chu, in Ruck et al. (1970), section 4.3; Knott, Shaeffer and Tuley, Radar Cross Section (2004), chapter 6",
+        source="Chu, in Ruck et al. (1970), section 4.3; Knott, Shaeffer and Tuley, Radar Cross Section (2004), ch. 6",
         x_label="log10 of k a",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
@@ -228,9 +228,10 @@ def post(quick: bool = False) -> Case:
             radar=RadarDescription(center_frequency=X_BAND),
         )
         # what the edges of the ground return is not the post's
-        few = {"channels": ("HH", "VV"), "checked": 0, "most_rays": 2000}
         whole, without = (
-            rcs_sweep(s, aspects, **few).result.amplitude.sum(axis=1)
+            rcs_sweep(s, aspects, channels=("HH", "VV"), checked=0, most_rays=2000).result.amplitude.sum(
+                axis=1
+            )
             for s in (scene, dataclasses.replace(scene, lines=()))
         )
         closed = np.array(
