@@ -16,8 +16,8 @@ def run(quick: bool) -> harness.Report:
     report = harness.Report(
         "water",
         "Motion of water under wind",
-        "Processor time of the raw data of `harbour`, half of which is a sea of 48 long waves, in pairs: as planned, and "
-        "with `water_motion` off, where the same waves stand still.",
+        "Processor time of the raw data of `harbour`, half of which is a sea of 48 long waves, in pairs: as planned, "
+        "and with `water_motion` off, where the same waves stand still.",
     )
     scene = load_scene("harbour")
     jobs = {"as planned": scene, "water_motion off": scene.replace(water_motion="off")}
