@@ -41,8 +41,8 @@ class KernelFlags:
     taper: bool = True
     multi_bounce: bool = True
     motion: bool = False
-    texture: bool = False
     edge_diffraction: bool = False
+    texture: bool = False
     temporal: bool = False
     water_motion: bool = False
     diffuse_pairs: bool = False

@@ -1,7 +1,7 @@
 """BSDF ``radar_volume``: its parameters, and the shapes that have one as volumes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed
+from sarmitsuba.materials.change import CHANGE, change_of
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
 from sarmitsuba.materials.vegetation.medium import VolumeMedium, water_cloud
 from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
@@ -118,6 +119,7 @@ RADAR_VOLUME = ParamTable(
             1e3,
             auto=True,
         ),
+        *CHANGE,
     ),
 )
 
@@ -208,6 +210,7 @@ def medium_of(
     ------
     SceneError : neither plants nor a cloud, or both
     """
+    stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
     parts = _constituents(values)
     if preset:
@@ -219,7 +222,8 @@ def medium_of(
         what = "preset" if preset else "leaf_density" if "leaf_density" in given else "stick_density"
         raise SceneError(f"{where}: {what} and {cloud[0]} describe the volume twice; leave one out")
     if parts:
-        return Canopy(name, "", parts).medium(frequency)
+        medium = Canopy(name, "", parts).medium(frequency)
+        return replace(medium, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
             f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '
@@ -229,12 +233,13 @@ def medium_of(
     levels = (level, level if values["sigma_v_v_db"] is None else float_value(values, "sigma_v_v_db"))
     first = float_value(values, "extinction_h")
     second = first if values["extinction_v"] is None else float_value(values, "extinction_v")
-    return water_cloud(
+    medium = water_cloud(
         name,
         (float(power_from_db(levels[0])), float(power_from_db(levels[1]))),
         (first, second),
         float(power_from_db(float_value(values, "volume_cross_ratio_db"))),
     )
+    return replace(medium, temporal_coherence=stays, decorrelation_days=days)
 
 
 def _constituents(values: Mapping[str, Value | None]) -> tuple[Constituent, ...]:

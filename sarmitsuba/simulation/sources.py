@@ -36,6 +36,40 @@ def sources_of(sampling: SamplingPlan, flags: KernelFlags) -> tuple[Source, ...]
     return tuple(source for source in made if source is not None)
 
 
+def _edges(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
+    """Sharp metal edges in pieces of half a resolution cell, as far as rays light their faces."""
+    if not flags.edge_diffraction:
+        return None
+    scene = sampling.scene
+    edges = edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength, sampling.half_cell)
+    if flags.taper:
+        edges = edges.weighted(_light(edges.middle, sampling))
+    return (
+        PointSource(FringeCurrents(edges), most_bounces(scene) if flags.multi_bounce else 1)
+        if edges.n
+        else None
+    )
+
+
+def _light(points: F64, sampling: SamplingPlan) -> F64:
+    """(n,) amplitude of the rays that would meet points (n, 3), of the sector that lights each best."""
+    track = sampling.scene.radar.track
+    shares = [np.zeros(len(points))]
+    for window in sampling.windows:
+        antenna = track.of_pulses(slice(*window.pulses)).center_position
+        shares.append(_faded(window, project(points, antenna, window.frame)))
+    return np.asarray(np.max(shares, axis=0))
+
+
+def _faded(window: LaunchWindow, places: F64) -> F64:
+    """What the launch window leaves of rays at places (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
+    beyond = np.abs(places) - [window.half_x, window.half_y]
+    if not window.taper:
+        return np.asarray((beyond <= 0.0).all(axis=1), dtype=np.float64)
+    t = np.clip(beyond / window.taper, 0.0, 1.0)
+    return np.asarray((0.5 + 0.5 * np.cos(np.pi * t)).prod(axis=1))
+
+
 def _lines(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     """Rods, straight and over the ground."""
     scene = sampling.scene
@@ -78,36 +112,6 @@ def _volumes(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     return PointSource(volume_scatterers(scene.volumes, cell, scene.settings.seed), most_bounces(scene))
 
 
-def _edges(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
-    """Sharp metal edges in pieces of half a resolution cell, as far as rays light their faces."""
-    if not flags.edge_diffraction:
-        return None
-    scene = sampling.scene
-    edges = edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength, sampling.half_cell)
-    if flags.taper:
-        edges = edges.weighted(_light(edges.middle, sampling))
-    return PointSource(FringeCurrents(edges), 3 if flags.multi_bounce else 1) if edges.n else None
-
-
-def _light(points: F64, sampling: SamplingPlan) -> F64:
-    """(n,) amplitude of the rays that would meet points (n, 3), of the sector that lights each best."""
-    track = sampling.scene.radar.track
-    shares = [np.zeros(len(points))]
-    for window in sampling.windows:
-        antenna = track.of_pulses(slice(*window.pulses)).center_position
-        shares.append(_faded(window, project(points, antenna, window.frame)))
-    return np.asarray(np.max(shares, axis=0))
-
-
-def _faded(window: LaunchWindow, places: F64) -> F64:
-    """What the launch window leaves of rays at places (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
-    beyond = np.abs(places) - [window.half_x, window.half_y]
-    if not window.taper:
-        return np.asarray((beyond <= 0.0).all(axis=1), dtype=np.float64)
-    t = np.clip(beyond / window.taper, 0.0, 1.0)
-    return np.asarray((0.5 + 0.5 * np.cos(np.pi * t)).prod(axis=1))
-
-
 def passages_of(scene: Scene) -> tuple[Passage, ...]:
     """What stands in the way of waves in a scene and lets a part of them through; nothing in most scenes."""
     return (volume_passage(scene.volumes),) if scene.volumes else ()
@@ -115,4 +119,4 @@ def passages_of(scene: Scene) -> tuple[Passage, ...]:
 
 _MAKERS: tuple[_Maker, ...] = (_lines, _volumes, _edges)
 
-__all__ = ["most_bounces", "passages_of", "sources_of"]
+__all__ = ["MOST_BOUNCES", "most_bounces", "passages_of", "sources_of"]

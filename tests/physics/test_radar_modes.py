@@ -172,12 +172,10 @@ def boxes(seed: int, frequency: float, **radar: object) -> Scene:
     film = FilmDescription(
         image_extent_azimuth=8.0, image_extent_range=8.0, image_center_x=0.0, image_center_y=0.0
     )
-    # whether edges count depends on the aperture, what rays find does not
-    return build_scene(meshes, radar=description, film=film).replace(edge_diffraction="off")
+    return build_scene(meshes, radar=description, film=film)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 def test_pulses_of_a_circle_are_those_traced_alone(seed: int) -> None:
     # a launch plane of its own every 20 degrees: no pulse knows that it is one of a circle
     scene = boxes(seed, 0.4e9)

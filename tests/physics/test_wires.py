@@ -209,16 +209,18 @@ def test_posts_of_a_railing_are_dots_at_their_feet() -> None:
     assert image.rcs("VV")[middle, column] < 1e-2 * image.rcs("VV").max()
 
 
-def test_the_path_table_has_every_return_of_a_pulse() -> None:
+@pytest.mark.parametrize("most", [1, 3])
+def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     """Straight and over the ground, as the method raw adds them up."""
     ensure_backend()
     post = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
-    scene = wire_scene(post, meshes=(SceneMesh(GROUND, FACES, "pec", "ground"),)).replace(method="raw")
+    meshes = (SceneMesh(GROUND, FACES, "pec", "ground"),) if most == 3 else ()
+    scene = wire_scene(post, meshes=meshes).replace(method="raw")
     raw = simulate(scene, seed=3)
     pulse = scene.radar.track.n_pulses // 3
     table = trace_paths(scene, pulse, seed=3)
     rods = table[table.kind == KINDS.index("scatterer")]
-    assert set(rods.order.tolist()) == {1, 2, 3}
+    assert set(rods.order.tolist()) == set(range(1, most + 1))
     window = scene.radar.window
     r = window.start_range[pulse] + np.arange(window.n_samples) * window.sample_spacing
     spread = np.sinc((r - table.slant_range[:, None]) / scene.radar.waveform.range_cell)

@@ -11,9 +11,9 @@ from sarmitsuba.effects.flags import FlagValue
 
 
 class Visibility(Effect):
-    """Off after one bounce (the first hit sees the antenna; an edge may not) and where no face can come between.
+    """Off after one bounce (the first hit sees the antenna) and where no face can come between.
 
-    On where scatterers that no ray finds stand beside a mesh.
+    On where scatterers that no ray finds stand beside a mesh, and where edges count and one bounce is not proven.
     """
 
     name = "visibility"
@@ -31,7 +31,6 @@ class Visibility(Effect):
         if context.scene.has_sources and context.materials:
             return Assessment(True, "the mesh can hide what no ray finds", 0.0)
         depth, edges = decided["max_depth"], decided["edge_diffraction"]
-        # proven: nothing stands before anything
         if not depth.on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:

@@ -65,9 +65,9 @@ def edge_plate(quick: bool = False) -> Case:
         x_label="angle off the normal (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
-        note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's multiply "
-        "diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, which the "
-        f"simulator ignores): {'; '.join(notes)}.",
+        note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's "
+        "multiply diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, "
+        f"which the simulator ignores): {'; '.join(notes)}.",
     )
 
 
@@ -105,8 +105,8 @@ def edge_wedges(quick: bool = False) -> Case:
         x_label="azimuth (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
-        note="VV has the field along the edges. The coefficient is infinite where a side faces the radar; two edges' sum "
-        "there is the side's return.",
+        note="VV has the field along the edges. The coefficient is infinite where a side faces the radar; the sum of "
+        "two edges there is the side's return.",
     )
 
 
