@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.texture import Bitmap, check_texture
 
@@ -85,15 +86,8 @@ class Material:
         return LAWS[self.diffuse_law].scatters
 
     def coherence_after(self, days: float) -> float:
-        r"""Coherence of the incoherent return between passes so many days apart.
-
-        .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
-        """
-        if days == 0.0:
-            return 1.0
-        stays = self.temporal_coherence
-        tau = self.decorrelation_days
-        return stays + (1.0 - stays) * float(np.exp(-abs(days) / tau) if tau > 0.0 else 0.0)
+        """Coherence of the incoherent return between passes so many days apart."""
+        return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     def law_parameter(self, name: str) -> float:
         """Value of a parameter of the law's own, its default when it is not given."""

@@ -25,6 +25,7 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "forest",
     "glass_house",
     "harbour",
     "land_cover",
@@ -33,10 +34,12 @@ WANTED = {
     "point",
     "railing",
     "sphere",
+    "street_trees",
     "tower",
     "trihedral",
     "trihedral_square",
     "urban_block",
+    "urban_block_trees",
 }
 ENTRIES = [*list_scenes(), *list_radars()]
 
@@ -157,6 +160,7 @@ def test_every_shipped_mesh_and_map_is_used():
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
+    there = [*scenes_dir().glob("meshes/*.*"), *scenes_dir().glob("maps/*.png")]
     there = [*scenes_dir().glob("meshes/*"), *scenes_dir().glob("maps/*")]
     assert used == {p.relative_to(scenes_dir()).as_posix() for p in there}
 
