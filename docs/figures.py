@@ -160,6 +160,26 @@ def effects() -> Figure:
     )
 
 
+def plate_edges() -> Figure:
+    """The metal sheet above grass: HH and VV, and physical optics alone."""
+    common = ["--no-error-bars", "-D", "range_film.image_extent_azimuth=12"]
+    return _panels(
+        "plate_edges",
+        {
+            "HH": [*common, "-D", "polarisation=HH"],
+            "VV": [*common, "-D", "polarisation=VV"],
+            "HH or VV, edge_diffraction off": [
+                *common,
+                "-D",
+                "polarisation=HH",
+                "-D",
+                "edge_diffraction=off",
+            ],
+        },
+        scale=(-30.0, 10.0),
+    )
+
+
 def azimuth_ambiguities() -> Figure:
     """The tower in stripmap: sampled as it should be, undersampled, and undersampled by a staggered PRF."""
     beam = {"mode": "stripmap", "pattern": "rectangular", "antenna_length": "2", "antenna_height": "0.2"}
@@ -249,6 +269,18 @@ def railing() -> Figure:
     return figure
 
 
+def courtyard() -> Figure:
+    """A court with and without pairs of diffuse scatterers, and what they return."""
+    options = ["--window", "taylor", "--no-error-bars"]
+    images = {
+        "as planned": _render("courtyard", options),
+        "diffuse_pairs off": _render("courtyard", [*options, "-D", "diffuse_pairs=off"]),
+    }
+    with_pairs, without = images.values()
+    images["difference"] = replace(with_pairs, data=with_pairs.data - without.data)
+    return _shown(images, (-35.0, 5.0))
+
+
 def sea() -> Figure:
     """The harbour with its sea moving and frozen, some looks averaged, so that waves show through the speckle."""
     figure = Figure(figsize=(9.6, 4.4), layout="constrained")
@@ -270,6 +302,17 @@ def sea() -> Figure:
             axes.set_ylabel("azimuth (m)", fontsize=9)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
+
+
+def glass() -> Figure:
+    """Two rooms behind glass, plain and coated, as planned and with panes that block."""
+    options = {"as planned": [], "transmission off": ["-D", "sar_path.transmission=off"]}
+    common = ["--no-error-bars", "--window", "taylor", "-D", "range_film.image_grid=ground"]
+    return _shown(
+        {t: _render("glass_house", [*more, *common]) for t, more in options.items()},
+        (-35.0, 5.0),
+        size=(9.0, 4.2),
+    )
 
 
 def facades() -> Figure:
@@ -496,9 +539,15 @@ def _panels(
     return _shown(images, scale, lying=lying)
 
 
-def _shown(images: dict[str, SarImage], scale: tuple[float, float], *, lying: bool = False) -> Figure:
-    """Images on one grey scale."""
-    figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
+def _shown(
+    images: dict[str, SarImage],
+    scale: tuple[float, float],
+    *,
+    lying: bool = False,
+    size: tuple[float, float] | None = None,
+) -> Figure:
+    """Images on one grey scale, ``size`` in inches."""
+    figure = Figure(figsize=size or ((9.0, 4.4) if lying else (13.0, 3.7)), layout="constrained")
     rows, columns = (len(images), 1) if lying else (1, len(images))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
@@ -561,8 +610,11 @@ FIGURES = {
         paths,
         methods,
         effects,
+        plate_edges,
         moving,
         railing,
+        courtyard,
+        glass,
         sea,
         facades,
         azimuth_ambiguities,

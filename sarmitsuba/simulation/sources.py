@@ -109,7 +109,7 @@ def _volumes(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     if not scene.volumes:
         return None
     cell = sampling.azimuth_cell * scene.radar.waveform.range_cell
-    return PointSource(volume_scatterers(scene.volumes, cell), most_bounces(scene))
+    return PointSource(volume_scatterers(scene.volumes, cell, scene.settings.seed), most_bounces(scene))
 
 
 def passages_of(scene: Scene) -> tuple[Passage, ...]:

@@ -63,6 +63,7 @@ class Tracer:
         self.largest_grid = 0
         self.times: F64 | None = None
         self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
+        timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(

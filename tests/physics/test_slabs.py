@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, simulate, theory
+from sarmitsuba import (
+    PointTarget,
+    RadarDescription,
+    Scene,
+    SceneMesh,
+    build_scene,
+    render,
+    simulate,
+    theory,
+)
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
+from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.film import FilmDescription
@@ -150,6 +160,7 @@ def test_a_coated_pane_reflects_as_its_sheet_formula_from_both_sides() -> None:
 
 
 RADAR = RadarDescription(
+    center_frequency=X_BAND,
     slant_range=2e3,
     look_angle_deg=50.0,
     bandwidth=150e6,
@@ -305,3 +316,36 @@ def test_panes_by_name() -> None:
     assert (coated.thickness, coated.sheet_resistance) == (0.006, 4.0)
     named = scene_of(SceneMesh(wall(2.0, -3.0, 6.0, 0.0, 4.0), FACES, "low_e_glass", "pane")).materials[1]
     assert (named.thickness, named.sheet_resistance) == (0.004, 4.0)
+
+
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+)  # nothing but the point, on purpose
+@pytest.mark.parametrize("method", ["hybrid", "image"])
+def test_an_ideal_point_shows_through_a_pane(method: str) -> None:
+    """Level and delay of both ways through a wall of brick, by raw data and by an image of one look."""
+    brick = {"permittivity_real": 3.91, "permittivity_imag": 0.06, "thickness": 0.12}
+    point = PointTarget("point", np.array([2.0, 0.5, 1.0]), 100.0)
+    radar = replace(RADAR, bandwidth=300e6, polarisation="HH,VV")
+    images, scenes = [], []
+    for shapes in ([], [SceneMesh(wall(0.0, -8.0, 16.0, 0.0, 9.0), FACES, brick, "wall")]):
+        aside = SceneMesh(0.01 * GROUND + [5.0, 5.0, 0.0], FACES, "pec", "aside")
+        scene = build_scene([aside, *shapes], [point], radar=radar, film=FILM).replace(
+            method=method, coherent="off"
+        )
+        scenes.append(scene)
+        images.append(render(scene, seed=1))
+    bare, behind = ([point_target_in(image, c) for c in ("HH", "VV")] for image in images)
+    sight = scenes[1].radar.track.center_position - point.position
+    sight /= np.linalg.norm(sight)
+    through = dyad(np.array([1.0, 0.0, 0.0]), -sight, (3.91 - 0.06j, 0.12, 0.0))
+    h = np.cross(-sight, [0.0, 0.0, 1.0])
+    h /= np.linalg.norm(h)
+    for i, q in enumerate((h, np.cross(h, -sight))):
+        want = 20.0 * np.log10(abs(q @ through @ through @ q))
+        assert 10.0 * np.log10(behind[i].rcs / bare[i].rcs) == pytest.approx(
+            want, abs=0.05
+        )  # tol: interpolated peaks
+    farther = behind[0].range_position - bare[0].range_position
+    te, tm = (float(x) for x in theory.slab_delay(abs(sight[0]), 3.91 - 0.06j, 0.12, X_WAVELENGTH))
+    assert min(te, tm) - 2e-3 < farther < max(te, tm) + 2e-3

@@ -14,7 +14,7 @@ from sarmitsuba.registry import Registry
 F64 = NDArray[np.float64]
 
 # turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
-_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 48, 96, 6.0
+_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,8 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     steps = int(_LEAST_ANGLES + _ANGLES_PER_LOBE * lobes)
     cosine = (np.arange(steps) + 0.5) / steps
     beta = np.arccos(cosine)
-    turn = (np.arange(_TURNS) + 0.5) * (2.0 * np.pi / _TURNS)
+    # of the half circle: the other has the same tilts and powers
+    turn = ((np.arange(_TURNS) + 0.5) / _TURNS - 0.5) * np.pi
     c2, s2 = np.cos(turn) ** 2, np.sin(turn) ** 2
     parallel, across = (s[:, None] for s in part.piece.backscatter(beta, wavelength, permittivity))
     taken = part.piece.extinction(beta, wavelength, permittivity)
@@ -125,6 +126,9 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
     mean = np.zeros(NODES, dtype=np.complex128)
     for i, along in enumerate(node_cosines()):
+        if i and not np.isfinite(part.orientation.spread_deg):  # alike in every direction
+            extinction[i], power[i], mean[i] = extinction[0], power[0], mean[0]
+            continue
         # cosine between axis and vertical; v is in the plane of the wave and the vertical
         up = cosine[:, None] * along + np.sin(beta)[:, None] * np.sqrt(1.0 - along**2) * np.sin(turn)
         weight = part.orientation.density(up) * cell
