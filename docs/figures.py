@@ -167,7 +167,13 @@ def plate_edges() -> Figure:
         {
             "HH": [*common, "-D", "polarisation=HH"],
             "VV": [*common, "-D", "polarisation=VV"],
-            "HH or VV, edge_diffraction off": [*common, "-D", "polarisation=HH", "-D", "edge_diffraction=off"],
+            "HH or VV, edge_diffraction off": [
+                *common,
+                "-D",
+                "polarisation=HH",
+                "-D",
+                "edge_diffraction=off",
+            ],
         },
         scale=(-30.0, 10.0),
     )

@@ -27,6 +27,7 @@ WANTED = {
     "flat_ground",
     "moving_cars",
     "plate",
+    "plate_edges",
     "point",
     "sphere",
     "tower",
