@@ -160,6 +160,26 @@ def effects() -> Figure:
     )
 
 
+def plate_edges() -> Figure:
+    """The metal sheet above grass: HH and VV, and physical optics alone."""
+    common = ["--no-error-bars", "-D", "range_film.image_extent_azimuth=12"]
+    return _panels(
+        "plate_edges",
+        {
+            "HH": [*common, "-D", "polarisation=HH"],
+            "VV": [*common, "-D", "polarisation=VV"],
+            "HH or VV, edge_diffraction off": [
+                *common,
+                "-D",
+                "polarisation=HH",
+                "-D",
+                "edge_diffraction=off",
+            ],
+        },
+        scale=(-30.0, 10.0),
+    )
+
+
 def azimuth_ambiguities() -> Figure:
     """The tower in stripmap: sampled as it should be, undersampled, and undersampled by a staggered PRF."""
     beam = {"mode": "stripmap", "pattern": "rectangular", "antenna_length": "2", "antenna_height": "0.2"}
@@ -590,6 +610,7 @@ FIGURES = {
         paths,
         methods,
         effects,
+        plate_edges,
         moving,
         railing,
         courtyard,

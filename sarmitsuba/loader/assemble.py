@@ -11,7 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
@@ -123,8 +123,8 @@ def assemble(
     if volumes and points:
         warn_once(
             doubts,
-            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a meshed '
-            "corner to have its attenuation",
+            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a '
+            "meshed corner to have its attenuation",
         )
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)

@@ -22,7 +22,7 @@ from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
 from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.materials.bsdfs import wire_permittivity
-from sarmitsuba.materials.texture import map_attributes
+from sarmitsuba.materials.parts import map_attributes
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
 from sarmitsuba.materials.library import MATERIALS
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
@@ -133,24 +134,7 @@ RADAR_MATERIAL = ParamTable(
             "",
             "rms height at a pixel of 0 and of 1, m; left out: the pixel itself",
         ),
-        Param(
-            "temporal_coherence",
-            "float",
-            1.0,
-            "coherence of the diffuse return that is left between two passes long apart; 1 = nothing changes",
-            "",
-            0.0,
-            1.0,
-        ),
-        Param(
-            "decorrelation_days",
-            "float",
-            0.0,
-            "time constant of the exponential decay to temporal_coherence; 0 = at once, in every pass",
-            "days",
-            0.0,
-            1e6,
-        ),
+        *CHANGE,
     ),
 )
 

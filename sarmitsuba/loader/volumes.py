@@ -10,6 +10,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed
+from sarmitsuba.materials.change import CHANGE, change_of
 from sarmitsuba.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.materials.vegetation.medium import VolumeMedium, water_cloud
 from sarmitsuba.mesh.closed import enclosed_volume, is_closed
@@ -71,6 +72,7 @@ RADAR_VOLUME = ParamTable(
             1e3,
             auto=True,
         ),
+        *CHANGE,
     ),
 )
 
@@ -161,12 +163,13 @@ def medium_of(
     ------
     SceneError : neither a preset nor a cloud, or both
     """
+    stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
     if preset and cloud:
         raise SceneError(f"{where}: preset and {cloud[0]} describe the volume twice; leave one out")
     if preset:
         medium = CANOPIES[preset].medium(frequency, float_value(values, "relative_density"))
-        return replace(medium, name=name)
+        return replace(medium, name=name, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
             f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '
@@ -180,12 +183,13 @@ def medium_of(
     levels = (level, level if values["sigma_v_v_db"] is None else float_value(values, "sigma_v_v_db"))
     first = float_value(values, "extinction_h")
     second = first if values["extinction_v"] is None else float_value(values, "extinction_v")
-    return water_cloud(
+    medium = water_cloud(
         name,
         (float(power_from_db(levels[0])), float(power_from_db(levels[1]))),
         (first, second),
         float(power_from_db(float_value(values, "volume_cross_ratio_db"))),
     )
+    return replace(medium, temporal_coherence=stays, decorrelation_days=days)
 
 
 __all__ = ["RADAR_VOLUME", "VolumeBook", "closed_volume", "medium_of"]

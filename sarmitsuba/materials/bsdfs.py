@@ -8,6 +8,7 @@ import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.change import change_of
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
 from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
@@ -67,6 +68,7 @@ def radar_material(
     _check_law(law, values, given, where)
     _check_texture(values, law, where)
     ratio = float_value(values, "cross_polar_ratio_db")
+    stays, days = change_of(values, given, where)
     surface = Material(
         name,
         rms_height=float_value(values, "rms_height"),
@@ -74,8 +76,8 @@ def radar_material(
         diffuse_level_db=float_value(values, "diffuse_level_db") if law.level else -np.inf,
         correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
-        temporal_coherence=float_value(values, "temporal_coherence"),
-        decorrelation_days=float_value(values, "decorrelation_days"),
+        temporal_coherence=stays,
+        decorrelation_days=days,
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
         texture_shape=float_value(values, "texture_shape"),
         texture_length=float_value(values, "texture_length"),
@@ -330,11 +332,6 @@ def _check_law(
         raise SceneError(
             f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which returns nothing; "
             "take another law or leave it out"
-        )
-    if "decorrelation_days" in given and float_value(values, "temporal_coherence") == 1.0:
-        raise SceneError(
-            f"{where}: decorrelation_days = {float_value(values, 'decorrelation_days'):g} days has no effect with "
-            "temporal_coherence = 1; give the coherence that is left at last, such as 0"
         )
 
 

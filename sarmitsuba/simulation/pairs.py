@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -94,10 +94,11 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
     usable = _usable(sampling, trace_scene)
     rows = np.flatnonzero(usable)
     box = sampling.box + np.array([[-cell], [cell]])
-    samples = surface_samples(trace_scene.triangles[rows], cell, box, sampling.scene.settings.seed)
+    seed = sampling.scene.settings.seed
+    samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
     samples = replace(samples, face=rows[samples.face])
     pairs = find_pairs(
-        trace_scene, samples, _views(sampling), cell, box, visibility=sampling.flags.visibility
+        trace_scene, samples, _views(sampling), cell, box, seed=seed, visibility=sampling.flags.visibility
     )
     keep = usable[pairs.face[:, 1]]
     return replace(
@@ -111,6 +112,8 @@ def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_
     scene = sampling.scene
     scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
+    if trace_scene.surfaces is not None:  # materials by place
+        usable[:] = True
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0
     return np.asarray(usable)

@@ -52,7 +52,8 @@ class PathTable:
     range_rate : (n,) float64, m/s, of half the length
     amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
     points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
-        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube
+        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube;
+        of a pair of diffuse scatterers both bounces stand at the middle between the two
     face : (n, n_most) int32 row of ``Scene.geometry.faces``, -1 where there is none
     shape : (n, n_most) int32 number of the mesh, -1 where there is none
     material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none

@@ -14,7 +14,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size

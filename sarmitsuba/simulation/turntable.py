@@ -17,7 +17,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.assemble import seen_by
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput

@@ -39,7 +39,7 @@ from sarmitsuba.trace.rays import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.source import MAX_LANES, Part, both_gains
 from sarmitsuba.trace.speckle import mix
-from sarmitsuba.trace.state import DIFFUSE, Contribution, Kernel
+from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.trace.temporal import Age
 
 if TYPE_CHECKING:
@@ -103,9 +103,10 @@ class DiffusePairs:
 
     Notes
     -----
-    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and what either
-    scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's random phase is its own: as
-    surfaces coarse against the wavelength have it, what a cell sends to another does not tell what it sends home.
+    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, panes that they are
+    seen through, and what either scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's
+    random phase is its own: as surfaces coarse against the wavelength have it, what a cell sends to another does not
+    tell what it sends home.
     """
 
     def __init__(self, pairs: Pairs) -> None:
@@ -166,7 +167,7 @@ class DiffusePairs:
                 )
                 weight *= factor
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
-            age = Age.of(kernel, word) if flags.temporal else None
+            age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
@@ -223,7 +224,7 @@ class DiffusePairs:
             for channel in closed
         ]
         return Contribution(
-            kind=mi.UInt32(DIFFUSE),
+            kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(2),
             pulse=pulse,
             slant_range=0.5 * (out.length + mi.Float64(dr.norm(b.point - a.point)) + home.length),

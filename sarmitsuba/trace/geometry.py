@@ -12,7 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor

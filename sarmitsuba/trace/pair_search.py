@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
 from sarmitsuba.trace.arrays import vector_rows
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.geometry import MATERIAL_MASK, TraceScene
 from sarmitsuba.trace.rays import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.speckle import mix
@@ -62,7 +62,14 @@ class Pairs:
 
 
 def find_pairs(
-    scene: TraceScene, samples: SurfaceSamples, views: F64, cell: float, box: F64, *, visibility: bool = True
+    scene: TraceScene,
+    samples: SurfaceSamples,
+    views: F64,
+    cell: float,
+    box: F64,
+    *,
+    seed: int = 0,
+    visibility: bool = True,
 ) -> Pairs:
     """Draw one partner for each point, and keep the pairs whose ends the views see.
 
@@ -72,6 +79,7 @@ def find_pairs(
     samples : points of faces of the scene
     views : (n, 3) m, antenna positions; the middle one is that of ``Pairs.clutter``
     cell, box : of the samples, m
+    seed : of textures
     visibility : off takes no heed of what stands between a point and the antenna
 
     Notes
@@ -86,7 +94,7 @@ def find_pairs(
     normal = samples.normal[index] * sign[:, None]
     key = samples.key[index] ^ np.where(sign > 0.0, 0, 0x5BD1E995).astype(np.uint32)
     return _search(
-        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, visibility=visibility
+        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, seed, visibility=visibility
     )
 
 
@@ -99,6 +107,7 @@ def _search(
     views: F64,
     cell: float,
     box: F64,
+    seed: int,
     *,
     visibility: bool,
 ) -> Pairs:
@@ -136,11 +145,12 @@ def _search(
 
     ends = ((a, n_a64), (b, n_b64))
     kept, seen = _seen(scene, ends, views, clearance, there, visibility)
-    material = scene.material_of(face_a, mi.Bool(True))
+    word = dr.gather(mi.Vector4u, scene.face_info, face_a).x
+    word, factor = scene.at_place(face_a, word, a, n_a64, dr.opaque(u32, seed & 0xFFFFFFFF), mi.Bool(True))
     middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
     cosine = f32(dr.dot(dr.normalize(middle - a), n_a64))
-    backscatter = diffuse_lookup(scene.diffuse_table, material, cosine)
-    clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter) / f32(density), 0.0)
+    backscatter = diffuse_lookup(scene.diffuse_table, word & MATERIAL_MASK, cosine)
+    clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter * factor) / f32(density), 0.0)
     dr.eval(b, n_b64, weight, kept, face_b, clutter)
     lanes = dr.compress(kept)
     pick = lanes.numpy()

@@ -19,7 +19,7 @@ from sarmitsuba.errors import OutputError
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
-from sarmitsuba.trace.source import PointSource
+from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
@@ -183,7 +183,7 @@ def simulated(name: str, cut: Cut, pick: slice = ALL, *, edges: bool = False) ->
 
 
 def _traced(geometry: Geometry, looks: F64, edges: bool) -> C128:
-    sources = ()
+    sources: tuple[Source, ...] = ()
     if edges:
         sources = (PointSource(FringeCurrents(edges_of(geometry, targets.PEC, WAVELENGTH)), 3),)
     result = monostatic_rcs(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sarmitsuba import Motion, Scene, SceneMesh, build_scene, simulate
 from sarmitsuba.backend import dr
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import Bitmap, ClassMap, SurfaceMaps, in_plan, on_mesh
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.settings import TraceSettings
@@ -46,7 +46,7 @@ def square(half: float = SIZE, height: float = 0.0, slope: float = 0.0) -> NDArr
 
 
 def scene_of(material: Material, vertices: Any = None, radar: RadarDescription = RADAR, **mesh: Any) -> Scene:
-    """Ground and a conducting wall on it, so that there are mirrors and several bounces; few pulses."""
+    """Ground and a conducting wall on it, so that there are mirrors and a few bounces."""
     wall = np.array([[-5.0, 3.0, 0.0], [5.0, 1.0, 0.0], [5.0, 1.0, 4.0], [-5.0, 3.0, 4.0]])
     shapes = [
         SceneMesh(square() if vertices is None else vertices, FACES, material, "ground", **mesh),

@@ -25,17 +25,22 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "forest",
     "glass_house",
     "harbour",
+    "land_cover",
     "moving_cars",
     "plate",
+    "plate_edges",
     "point",
     "railing",
     "sphere",
+    "street_trees",
     "tower",
     "trihedral",
     "trihedral_square",
     "urban_block",
+    "urban_block_trees",
 }
 ENTRIES = [*list_scenes(), *list_radars()]
 
@@ -149,14 +154,16 @@ def test_shipped_meshes_are_clean(path):
     assert path.stat().st_size < 320_000
 
 
-def test_every_shipped_mesh_is_used():
+def test_every_shipped_mesh_and_map_is_used():
     used = {
-        Path(n.get("value")).name
+        n.get("value")
         for s in list_scenes()
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
-    assert {p.name for p in (scenes_dir() / "meshes").iterdir()} <= used
+    there = [*scenes_dir().glob("meshes/*.*"), *scenes_dir().glob("maps/*.png")]
+    there = [*scenes_dir().glob("meshes/*"), *scenes_dir().glob("maps/*")]
+    assert used == {p.relative_to(scenes_dir()).as_posix() for p in there}
 
 
 def test_shipped_meshes_are_those_of_the_build_script():

@@ -11,18 +11,9 @@ from sarmitsuba import Scene, SceneMesh, build_scene, load_scene
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.plugins import register_plugins
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import (
-    MOST_LEVELS,
-    Bitmap,
-    ClassMap,
-    SurfaceMaps,
-    in_plan,
-    map_attributes,
-    on_mesh,
-    varied,
-    with_parts,
-)
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.parts import MOST_LEVELS, map_attributes, varied, with_parts
+from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'

@@ -108,7 +108,9 @@ def test_upright_sticks_tell_v_from_h() -> None:
     assert extinction[1] > 3.0 * extinction[0] and power[1] > 10.0 * power[0]
 
 
-@pytest.mark.parametrize("name", CANOPIES.names)
+@pytest.mark.parametrize(
+    "name", [n if n == "hedge" else pytest.param(n, marks=pytest.mark.slow) for n in CANOPIES.names]
+)
 def test_presets_follow_the_bands(name: str) -> None:
     """Shorter waves find more in a crown; the covariance is one; no level is beyond what trees return."""
     media = [CANOPIES[name].medium(frequency) for frequency in BANDS.values()]

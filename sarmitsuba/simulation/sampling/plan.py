@@ -11,7 +11,7 @@ from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows

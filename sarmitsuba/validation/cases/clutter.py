@@ -13,8 +13,8 @@ from scipy.stats import kstest
 from sarmitsuba import theory
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import Bitmap, ClassMap, SurfaceMaps, in_plan
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.render import render
