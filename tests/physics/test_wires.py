@@ -34,6 +34,8 @@ F64 = NDArray[np.float64]
 WAVELENGTH = 0.031
 GROUND = np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]
+# few pulses
+COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 
 
 class Dyad(LineScatterers):
@@ -108,7 +110,7 @@ def test_the_tables_are_fine_enough(ka: float, permittivity: complex | None) -> 
         )
         for i in range(2):
             got = complex(parts[2 * i], parts[2 * i + 1]) * phase
-            assert abs(got - complex(exact[i])) < 0.01 * largest  # tol: 0.1 dB
+            assert abs(got - complex(exact[i])) < 3e-3 * largest  # tol: 0.03 dB
 
 
 def test_closed_forms_agree_with_each_other() -> None:
@@ -125,6 +127,9 @@ def test_closed_forms_agree_with_each_other() -> None:
     needle = theory.dielectric_needle_series(1e-3, 4.0 - 1.0j)
     for a, b in zip(theory.cylinder_series(1e-3, 0.0, np.pi, 4.0 - 1.0j)[:2], needle, strict=True):
         assert complex(a) == pytest.approx(b, rel=1e-4)
+    dipoles = [abs(theory.thin_wire_moments(n, 1e-4, 1.0)[0]) ** 2 for n in np.linspace(0.45, 0.49, 9)]
+    # tol: 0.86 square wavelengths of a resonant dipole (Knott, Shaeffer and Tuley), by its thickness
+    assert max(dipoles) == pytest.approx(0.86, rel=0.05)
     rng = np.random.default_rng(5)
     d, s, ends = unit(rng), unit(rng), rng.normal(size=(2, 3))
     there = theory.line_amplitude(0.05, ends, 0.3, d, s, 4.0 - 0.1j)
@@ -147,7 +152,7 @@ def wire_scene(*lines: LineTarget, meshes: tuple[SceneMesh, ...] = (), **radar: 
     return build_scene(meshes, lines=lines, radar=RadarDescription(**(given | radar)), film=film)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     """Whole and in pieces of a few wavelengths, from broadside into the far sidelobes, amplitude and phase."""
     ensure_backend()
@@ -165,7 +170,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums
 
 
-@pytest.mark.parametrize(("slant_range", "angle"), [(2e3, 0.0), (2e3, 8.0), (60.0, 3.0)])
+@pytest.mark.parametrize(("slant_range", "angle"), [(2e3, 3.0), (60.0, 3.0)])
 def test_the_automatic_cut_is_fine_enough(
     monkeypatch: pytest.MonkeyPatch, slant_range: float, angle: float
 ) -> None:
@@ -215,7 +220,7 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     ensure_backend()
     post = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
     meshes = (SceneMesh(GROUND, FACES, "pec", "ground"),) if most == 3 else ()
-    scene = wire_scene(post, meshes=meshes).replace(method="raw")
+    scene = wire_scene(post, meshes=meshes, **COARSE).replace(method="raw")
     raw = simulate(scene, seed=3)
     pulse = scene.radar.track.n_pulses // 3
     table = trace_paths(scene, pulse, seed=3)
@@ -229,6 +234,7 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     assert difference < 10 ** (-40 / 20)  # tol: gridding of width 4
 
 
+@pytest.mark.slow
 def test_a_cable_across_the_flight_is_dark() -> None:
     """66 dB below one along it, which glints."""
     ensure_backend()
@@ -248,7 +254,7 @@ def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
     black = {"permittivity_real": 1.0, "diffuse_law": "lambert", "diffuse_level_db": -60.0}
     before = LineTarget("before", np.array([-6.0, -2.0, 1.0]), np.array([-6.0, 2.0, 1.0]), 1e-4)
     # in the way of the wire, and of the wall: neither sees it
-    scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),))
+    scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),), **COARSE)
     assert scene.radar.track.center_position[0] < -100.0
     both = simulate(scene, seed=1).data
     alone = simulate(replace(scene, lines=(before,)), seed=1).data
@@ -268,7 +274,7 @@ def test_switched_off_rods_leave_the_bits_of_a_scene_without(tmp_path: Path) -> 
         "diffuse_level_db": -10.0,
         "rms_height": 0.005,
     }
-    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),))
+    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),), **COARSE)
     with pytest.warns(UserWarning, match="line_scatterers is switched off"):
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

@@ -31,6 +31,7 @@ WANTED = {
     "land_cover",
     "moving_cars",
     "plate",
+    "plate_edges",
     "point",
     "railing",
     "sphere",
