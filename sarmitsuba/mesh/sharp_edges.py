@@ -1,6 +1,6 @@
 """Sharp edges of metal: rims of open sheets and the wedges in which two facets meet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ class SharpEdges:
     angle : (n,) float64, exterior angle over pi: 2 for the rim of a sheet, above 1
     inward : (n, 2, 3) float64, unit vectors in both faces (of a rim, twice its own), across the edge and away from it
     normal : (n, 2, 3) float64, unit normals of both faces into the exterior
+    weight : (n,) float64, share of the amplitude, where light fades out
     """
 
     middle: F64
@@ -36,6 +37,7 @@ class SharpEdges:
     angle: F64
     inward: F64
     normal: F64
+    weight: F64
 
     @property
     def n(self) -> int:
@@ -49,9 +51,12 @@ class SharpEdges:
 
     def of(self, rows: NDArray[np.bool_] | I64) -> "SharpEdges":
         """Some of them."""
-        return SharpEdges(
-            self.middle[rows], self.length[rows], self.angle[rows], self.inward[rows], self.normal[rows]
-        )
+        columns = (self.middle, self.length, self.angle, self.inward, self.normal, self.weight)
+        return SharpEdges(*(column[rows] for column in columns))
+
+    def weighted(self, share: F64) -> "SharpEdges":
+        """The same with their amplitudes changed to a share (n,), those with none left out."""
+        return replace(self, weight=self.weight * share).of(share > 0.0)
 
     def cut(self, longest: float) -> "SharpEdges":
         """The same in equal pieces of at most ``longest``, m."""
@@ -61,13 +66,7 @@ class SharpEdges:
         pieces = self.of(rows)
         length = pieces.length / count[rows]
         shift = (number + 0.5) * length - 0.5 * pieces.length
-        return SharpEdges(
-            pieces.middle + shift[:, None] * pieces.along,
-            length,
-            pieces.angle,
-            pieces.inward,
-            pieces.normal,
-        )
+        return replace(pieces, middle=pieces.middle + shift[:, None] * pieces.along, length=length)
 
 
 def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
@@ -87,6 +86,7 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
     sharing both ends of an edge (T-junctions), each side looks like a rim: what touches a rim is found by
     :func:`sarmitsuba.trace.edges.uncovered`.
     """
+    corners = np.asarray(corners, dtype=np.float64)
     side = np.roll(corners, -1, axis=1) - corners
     normal = np.cross(side[:, 0], -side[:, 2])
     area = np.linalg.norm(normal, axis=1)
@@ -125,7 +125,8 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
     wedge = np.stack([_away(inward[a], inward[b]), _away(inward[b], inward[a])], axis=1)
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
-    return SharpEdges(start[edge] + 0.5 * step[edge], length[edge], exterior, faces_in, faces_out)
+    middle = start[edge] + 0.5 * step[edge]
+    return SharpEdges(middle, length[edge], exterior, faces_in, faces_out, np.ones(edge.size))
 
 
 def _away(face: F64, other: F64) -> F64:

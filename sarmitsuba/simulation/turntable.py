@@ -17,7 +17,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.assemble import seen_by
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
@@ -30,7 +30,8 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import visible
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
-from sarmitsuba.simulation.sources import most_bounces
+from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
+from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.source import PointSource, Source
@@ -153,8 +154,8 @@ def rcs_sweep(
 
     Notes
     -----
-    Ignores what the kernel ignores: edge diffraction, transmission. Ground in the scene is part of the target, up to
-    its edges.
+    Ignores what the kernel ignores (creeping waves, waves between edges). Ground in the scene is part of the target,
+    up to its edges.
     """
     steep = np.cos(aspects.elevation) < STEEP
     if aspects.by_azimuth and steep.any():
@@ -200,10 +201,15 @@ class _Tracing:
     def sources(self) -> tuple[Source, ...]:
         """Of returns beside the rays'."""
         scene, wavelength = self.scene, self.scene.radar.waveform.wavelength
-        if not scene.lines:
-            return ()
-        rods = LineScatterers(cut(scene.lines, np.inf), scene.lines, wavelength)
-        return (PointSource(rods, most_bounces(scene)),)
+        sources = []
+        if scene.lines:
+            rods = LineScatterers(cut(scene.lines, np.inf), scene.lines, wavelength)
+            sources.append(PointSource(rods, most_bounces(scene)))
+        if self.flags.edge_diffraction:
+            edges = edges_of(scene.geometry, scene.materials, wavelength)
+            if edges.n:
+                sources.append(PointSource(FringeCurrents(edges), min(self.depth, MOST_BOUNCES)))
+        return tuple(sources)
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""

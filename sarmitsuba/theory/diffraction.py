@@ -18,7 +18,7 @@ C128 = NDArray[np.complex128]
 CIRCLE, RADIUS = 16, 0.02
 
 
-def wedge_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[C128, C128]:
+def wedge_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple[C128, C128]:
     r"""Return the diffraction coefficients of a wedge, soft and hard, for waves across its edge.
 
     .. math::
@@ -41,13 +41,13 @@ def wedge_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[C12
     ----------
     Keller, J. Opt. Soc. Am. 52 (1962), equations 26 and 27 (their factor left out); Ufimtsev's f and g.
     """
-    p, s = np.asarray(phi), np.asarray(source)
+    n, p, s = np.asarray(n), np.asarray(phi), np.asarray(source)
     factor, edge = np.sin(np.pi / n) / n, np.cos(np.pi / n)
     minus, plus = 1.0 / (edge - np.cos((p - s) / n)), 1.0 / (edge - np.cos((p + s) / n))
     return np.asarray(factor * (minus - plus) + 0j), np.asarray(factor * (minus + plus) + 0j)
 
 
-def optics_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[C128, C128]:
+def optics_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple[C128, C128]:
     r"""Return what :func:`wedge_coefficients` are in physical optics: currents on the lit faces alone.
 
     .. math::
@@ -62,8 +62,8 @@ def optics_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[C1
     ----------
     Ufimtsev, Method of Edge Waves in the Physical Theory of Diffraction (1962), equations 3.20 to 3.29.
     """
-    p, s = np.asarray(phi), np.asarray(source)
-    soft = hard = np.zeros(np.broadcast(p, s).shape, dtype=np.complex128)
+    n, p, s = np.asarray(n), np.asarray(phi), np.asarray(source)
+    soft = hard = np.zeros(np.broadcast(n, p, s).shape, dtype=np.complex128)
     for out, into in ((p, s), (n * np.pi - p, n * np.pi - s)):
         lit = np.real(into) < np.pi
         bottom = np.cos(out) + np.cos(into)
@@ -72,7 +72,7 @@ def optics_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[C1
     return np.asarray(soft), np.asarray(hard)
 
 
-def fringe_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[F64, F64]:
+def fringe_coefficients(n: ArrayLike, phi: ArrayLike, source: ArrayLike) -> tuple[F64, F64]:
     """Return Ufimtsev's f - f0 and g - g0: what the exact wedge has beyond physical optics, soft and hard.
 
     Finite at the boundaries of shadow and reflection, where both parts are infinite: taken as the mean over a circle of
@@ -92,7 +92,7 @@ def fringe_coefficients(n: float, phi: ArrayLike, source: ArrayLike) -> tuple[F6
     """
     turn = RADIUS * np.exp(2j * np.pi * (np.arange(CIRCLE) + 0.5) / CIRCLE)
     around = np.asarray(phi, dtype=np.float64)[..., None] + turn
-    source = np.asarray(source, dtype=np.float64)[..., None]
+    n, source = (np.asarray(x, dtype=np.float64)[..., None] for x in (n, source))
     exact, optics = wedge_coefficients(n, around, source), optics_coefficients(n, around, source)
     soft, hard = ((a - b).mean(axis=-1).real for a, b in zip(exact, optics, strict=True))
     return np.asarray(soft), np.asarray(hard)

@@ -81,7 +81,7 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
     )
     ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
     met = np.asarray(scene.ray_test(ray)).reshape(edges.n, PROBES - 1)
-    return ~met.any(axis=1)
+    return np.asarray(~met.any(axis=1))
 
 
 class FringeCurrents(Scatterers):
@@ -116,11 +116,12 @@ class FringeCurrents(Scatterers):
 
     def __init__(self, edges: SharpEdges) -> None:
         self.n = edges.n
+        self._wedge: _Wedge | None = None
         self._middle = device_array(mi.Float64, edges.middle)
         rows = [
             np.column_stack([edges.inward[:, 0], edges.angle]),
             np.column_stack([edges.normal[:, 0], edges.length]),
-            np.column_stack([edges.inward[:, 1], np.zeros(edges.n)]),
+            np.column_stack([edges.inward[:, 1], edges.weight]),
             np.column_stack([edges.normal[:, 1], np.zeros(edges.n)]),
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
@@ -147,23 +148,59 @@ class FringeCurrents(Scatterers):
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See the class."""
-        rows = [self._row(index, i) for i in range(4)]
+        if self._wedge is None or not self._wedge.sees(came, goes):
+            # one wedge for all channels of two ways
+            self._wedge = _Wedge.of(kernel, [self._row(index, i) for i in range(4)], came, goes)
+        return self._wedge.amplitude(e, q)
+
+    def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
+        return dr.gather(mi.Vector4f, self._table, index * 4 + i)
+
+
+@dataclass(frozen=True, eq=False)
+class _Wedge:
+    """A piece of edge as two ways see it.
+
+    Parameters
+    ----------
+    ways : that the wave comes and goes by
+    strips : of both faces, for the path and for the reversed one
+    gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a way does
+        not lie in the exterior
+    """
+
+    ways: tuple[Sight, Sight]
+    strips: tuple[tuple[_Strip, _Strip], ...]
+    gain: mi.Float
+
+    @staticmethod
+    def of(kernel: Kernel, rows: list[mi.Vector4f], came: Sight, goes: Sight) -> _Wedge:
+        """From the rows of the table."""
         n, length = rows[0].w, rows[1].w
         faces = [
             _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
         ]
         source, observer = came.to_antenna, goes.to_antenna
-        total, outside = mi.Complex2f(0.0), mi.Bool(True)
+        strips, outside = [], mi.Bool(True)
         for face in faces:
-            out, into = (_Strip.of(face, n, *ways) for ways in ((source, observer), (observer, source)))
-            total += out.current(e, q) + into.current(q, e)
+            out = _Strip.of(face, n, source, observer)
+            into = out if came is goes else _Strip.of(face, n, observer, source)
             outside &= out.outside & into.outside
+            strips.append((out, into))
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * kernel.constants.wavenumber) * length
-        half = (0.5 / float(np.sqrt(np.pi))) * length * _sinc(turn)
-        return dr.select(outside, mi.Complex2f(-total.imag, total.real) * half, mi.Complex2f(0.0))
+        gain = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
+        return _Wedge((came, goes), tuple(strips), dr.select(outside, gain, 0.0))
 
-    def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
-        return dr.gather(mi.Vector4f, self._table, index * 4 + i)
+    def sees(self, came: Sight, goes: Sight) -> bool:
+        """Whether these are its ways."""
+        return self.ways[0] is came and self.ways[1] is goes
+
+    def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
+        """Mean of the path and of the reversed one, m."""
+        total = mi.Complex2f(0.0)
+        for out, into in self.strips:
+            total += out.current(e, q) + into.current(q, e)
+        return mi.Complex2f(-total.imag, total.real) * self.gain
 
 
 def _sinc(x: mi.Float) -> mi.Float:
@@ -195,6 +232,8 @@ class _Strip:
     to_source : where the wave comes from
     cosine, sine : of the angle between the wave and the edge
     soft, hard, charge : D_s, D_h and mu D_h - 1 / N + U
+    grazing : unit vector of the ray that grazes the face from the edge
+    lifted : across it, to where the observer's direction counts when it is that ray: to the source's side of a sheet
     """
 
     face: _Face
@@ -205,6 +244,8 @@ class _Strip:
     soft: mi.Float
     hard: mi.Float
     charge: mi.Float
+    grazing: mi.Vector3f
+    lifted: mi.Vector3f
 
     @staticmethod
     def of(face: _Face, n: mi.Float, to_source: mi.Vector3f, to_observer: mi.Vector3f) -> _Strip:
@@ -216,7 +257,7 @@ class _Strip:
         phi = dr.select(phi < -(1.0 - 0.5 * n) * dr.pi, phi + 2.0 * dr.pi, phi)
         outside = (phi > -LEAST) & (phi < n * dr.pi + LEAST)
         phi = dr.clip(phi, 0.0, n * dr.pi)
-        # of the ray that grazes the face from the edge, and the half distance of directions, sin(alpha / 2) sin(beta')
+        # sin(alpha / 2): half the distance of directions
         grazing = face.inward * sine + face.along * cosine
         w = 0.5 * dr.norm(to_observer - grazing) / sine
         real = _spectra(n, phi, w)
@@ -224,10 +265,17 @@ class _Strip:
         soft, hard = (dr.select(w <= 1.0, a, b) for a, b in zip(real, imaginary, strict=True))
         lit = dr.select(phi < dr.pi, mi.Float(1.0), 0.0)
         mu = 1.0 - 2.0 * dr.square(w)
-        return _Strip(face, outside, to_source, cosine, sine, soft, hard, mu * hard - dr.rcp(n) + lit)
+        # along that ray D_h is infinite and the current's part across it none: what it returns depends on the side
+        side = dr.select((phi < dr.pi) | (n < 2.0 - LEAST), mi.Float(1.0), -1.0)
+        lifted = dr.select(w < 0.5 * LEAST, face.normal * (side * LEAST * sine), mi.Vector3f(0.0))
+        charge = mu * hard - dr.rcp(n) + lit
+        return _Strip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
 
     def current(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
         """Its part along q, for an incoming field e."""
+        at = dr.squared_norm(self.lifted) > 0.0
+        off = field.dot(q, dr.select(at, self.grazing + self.lifted, mi.Vector3f(0.0)))
+        q = field.add(q, field.scale(-off, self.grazing))
         h = field.cross_left(-self.to_source, e)
         e_z, h_z = field.dot(e, self.face.along), field.dot(h, self.face.along)
         along = (e_z * self.soft + h_z * (self.cosine * self.charge)) * dr.rcp(dr.square(self.sine))

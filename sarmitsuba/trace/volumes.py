@@ -331,17 +331,18 @@ def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
     return VolumePassage(Bodies.of(volumes, number), device_array(mi.Float, table))
 
 
-def volume_scatterers(volumes: Sequence[Volume], cell_area: float) -> VolumeScatterers:
+def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) -> VolumeScatterers:
     """Scatterers that stand for volumes.
 
     Parameters
     ----------
     volumes : one at least
     cell_area : m^2, resolution cell across the line of elevation: ``PER_CELL`` scatterers share one
+    seed : of their places and amplitudes
     """
     media, number = _numbered(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
-    cells = [_cells(volume, step) for volume, step in zip(volumes, spacing, strict=True)]
+    cells = [_cells(volume, step, seed) for volume, step in zip(volumes, spacing, strict=True)]
     body = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(key) for _, key in cells])
     place, key = np.concatenate([p for p, _ in cells]), np.concatenate([k for _, k in cells])
     inside = _inside(Bodies.of(volumes, number), place, body, 0.05 * min(spacing))
@@ -382,7 +383,7 @@ def scatterer_spacing(volume: Volume, cell_area: float) -> float:
     return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(share) / 3.0)))
 
 
-def _cells(volume: Volume, step: float) -> tuple[F64, U32]:
+def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
     """A drawn place (n, 3) in every cell of the lattice about a volume, m, and its hash (n,)."""
     low, high = volume.bounds
     first, last = np.floor(low / step).astype(np.int64), np.floor(high / step).astype(np.int64)
@@ -391,7 +392,7 @@ def _cells(volume: Volume, step: float) -> tuple[F64, U32]:
     ).reshape(-1, 3)
     # of the body: where two overlap each has its own
     key = mix(np.full(len(number), 0x9E3779B1, dtype=np.uint32))
-    for value in (*number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
+    for value in (seed, *number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
         key = mix(key ^ (np.asarray(value) & 0xFFFFFFFF).astype(np.uint32))
     drawn = np.stack([mix(key + np.uint32(i + 1)) for i in range(3)], axis=1) / 2.0**32
     place = (number + drawn) * step

@@ -8,8 +8,8 @@ speed of the Bragg wave that scatters, running to the radar or away from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.sea_spectrum import GRAVITY, TENSION
 from sarmitsuba.trace.moving import Movement
 from sarmitsuba.trace.speckle import gaussian, mix
-
-if TYPE_CHECKING:
-    from sarmitsuba.trace.state import Hit
 
 # numbers of a material's row: wind east and north, first wave and number of waves, deviations of the velocity along and
 # across the wind and upwards, and 1 for water
@@ -276,10 +273,4 @@ class Wave:
     cosine: mi.Float
 
 
-def tilted_hit(water: Water, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
-    """The hit with the normal of the water among the long waves, for its diffuse law."""
-    now = mi.Float(0.0) if time is None else mi.Float(time)
-    return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(hit.p), material, now))
-
-
-__all__ = ["BraggWave", "Drift", "Water", "tilted_hit"]
+__all__ = ["BraggWave", "Drift", "Water"]

@@ -18,6 +18,8 @@ from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.errors import OutputError
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.trace.edges import FringeCurrents, edges_of
+from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
@@ -153,7 +155,7 @@ def ground(lowest: float) -> targets.Mesh:
     return targets.parallelogram(-0.5 * (a + b), a, b)
 
 
-def simulated(name: str, cut: Cut, pick: slice = ALL) -> C128:
+def simulated(name: str, cut: Cut, pick: slice = ALL, *, edges: bool = False) -> C128:
     """Return the simulator's amplitudes with its automatic settings, less those of the bare ground.
 
     Parameters
@@ -161,6 +163,7 @@ def simulated(name: str, cut: Cut, pick: slice = ALL) -> C128:
     name : of the scene
     cut : directions
     pick : which of them
+    edges : with the fringe currents of sharp edges
 
     Returns
     -------
@@ -174,12 +177,15 @@ def simulated(name: str, cut: Cut, pick: slice = ALL) -> C128:
     for group in np.unique(reach):
         here = reach == group
         floor = ground(float(elevation[here].min()))
-        out[here] = _traced(targets.geometry([floor, *bodies(name)]), looks[here])
-        out[here] -= _traced(targets.geometry([floor]), looks[here])
+        out[here] = _traced(targets.geometry([floor, *bodies(name)]), looks[here], edges)
+        out[here] -= _traced(targets.geometry([floor]), looks[here], edges)
     return out
 
 
-def _traced(geometry: Geometry, looks: F64) -> C128:
+def _traced(geometry: Geometry, looks: F64, edges: bool) -> C128:
+    sources: tuple[Source, ...] = ()
+    if edges:
+        sources = (PointSource(FringeCurrents(edges_of(geometry, targets.PEC, WAVELENGTH)), 3),)
     result = monostatic_rcs(
         geometry,
         targets.PEC,
@@ -187,6 +193,7 @@ def _traced(geometry: Geometry, looks: F64) -> C128:
         SPEED_OF_LIGHT / WAVELENGTH,
         channels=CHANNELS,
         max_depth=DEFAULT_DEPTH,  # what an image of the scene follows
+        sources=sources,
     )
     low, high = geometry.bounds
     # phases are referred to the centre of the bounds

@@ -27,7 +27,8 @@ def scene_of(
     *parts: Geometry | trimesh.Trimesh, points: Sequence[PointTarget] = (), material: str = "pec"
 ) -> Scene:
     meshes = [SceneMesh(part.vertices, part.faces, material, f"part_{i}") for i, part in enumerate(parts)]
-    return build_scene(meshes, points, radar=RadarDescription(center_frequency=FREQUENCY))
+    scene = build_scene(meshes, points, radar=RadarDescription(center_frequency=FREQUENCY))
+    return scene.replace(edge_diffraction="off")  # the closed forms here are of physical optics
 
 
 def sweep(scene: Scene, azimuth: np.ndarray, elevation: np.ndarray | float, *channels: str) -> RcsSweep:

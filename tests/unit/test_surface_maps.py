@@ -11,18 +11,9 @@ from sarmitsuba import Scene, SceneMesh, build_scene, load_scene
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.plugins import register_plugins
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import (
-    MOST_LEVELS,
-    Bitmap,
-    ClassMap,
-    SurfaceMaps,
-    in_plan,
-    map_attributes,
-    on_mesh,
-    varied,
-    with_parts,
-)
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.parts import MOST_LEVELS, map_attributes, varied, with_parts
+from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'
@@ -326,11 +317,9 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, bsdf: str, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_sphere_has_no_texture_coordinates(tmp_path: Path) -> None:
-    with pytest.raises(
-        SceneError, match="a map lies on uv of a sphere, which has none here; give map_extent"
-    ):
-        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="sphere">'))
+def test_a_disk_has_no_texture_coordinates(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="a map lies on uv of a disk, which has none here; give map_extent"):
+        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="disk">'))
 
 
 def test_maps_of_a_loaded_mitsuba_scene_are_refused(tmp_path: Path) -> None:

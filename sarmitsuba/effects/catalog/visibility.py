@@ -13,7 +13,7 @@ from sarmitsuba.effects.flags import FlagValue
 class Visibility(Effect):
     """Off after one bounce (the first hit sees the antenna) and where no face can come between.
 
-    On where scatterers that no ray finds stand beside a mesh.
+    On where scatterers that no ray finds stand beside a mesh, and where edges count and one bounce is not proven.
     """
 
     name = "visibility"
@@ -30,10 +30,13 @@ class Visibility(Effect):
         """See the class."""
         if context.scene.has_sources and context.materials:
             return Assessment(True, "the mesh can hide what no ray finds", 0.0)
-        if not decided["max_depth"].on:
+        depth, edges = decided["max_depth"], decided["edge_diffraction"]
+        if not depth.on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
+        if not depth.on:
+            return Assessment(True, "edges can be hidden from the antenna", edges.error_db)
         error = 0.0  # a hidden return may be as strong as any
         if context.pilot is not None and context.pilot.total > 0:
             error = context.pilot.energy_db(3, 2)

@@ -11,7 +11,7 @@ F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
 # nodes of the tables, uniform in the cosine to the vertical from 0 to 1
-NODES = 33
+NODES = 17
 
 
 def node_cosines() -> F64:

@@ -1,0 +1,338 @@
+"""Fringe currents of metal edges: coefficients in float32, levels of plates, what is seen of them, reciprocity."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
+from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
+from sarmitsuba.trace.source import PointSource
+from sarmitsuba.validation import targets
+
+F64 = NDArray[np.float64]
+# the plates' own notes that they are black but for their edges
+pytestmark = pytest.mark.filterwarnings("ignore:.*no material has a diffuse law")
+WAVELENGTH = 0.03
+FREQUENCY = 299792458.0 / WAVELENGTH
+SHIPPED = ("plate_edges", "plate", "dihedral", "trihedral", "trihedral_square", "sphere", "point")
+STRIP, DEPTH = 2.0, 24.0
+SIDES = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
+def edges_in(geometry: Geometry) -> SharpEdges:
+    ensure_backend()
+    return edges_of(geometry, 2 * targets.PEC, WAVELENGTH)
+
+
+def traced(
+    geometry: Geometry, looks: F64, channels: tuple[str, ...] = ("HH", "HV", "VH", "VV"), order: int = 1
+) -> RcsResult:
+    source = PointSource(FringeCurrents(edges_in(geometry)), order)
+    return monostatic_rcs(geometry, targets.PEC, looks, FREQUENCY, channels=channels, sources=(source,))
+
+
+# ---- coefficients
+
+
+class Drawn:
+    """Wedges, both directions and polarisations at random, at points of the exterior."""
+
+    def __init__(self, seed: int, n: int, backscatter: bool) -> None:
+        rng = np.random.default_rng(seed)
+        self.n = n
+        self.angle = np.where(rng.random(n) < 0.4, 2.0, rng.uniform(1.05, 2.0, n))
+        self.inward = rng.normal(size=(n, 3))
+        self.inward /= np.linalg.norm(self.inward, axis=1, keepdims=True)
+        self.normal = np.cross(self.inward, rng.normal(size=(n, 3)))
+        self.normal /= np.linalg.norm(self.normal, axis=1, keepdims=True)
+        self.source, self.observer = self.direction(rng), self.direction(rng)
+        if backscatter:
+            self.observer = self.source
+        self.field, self.receive = (self.across(rng, u) for u in (self.source, self.observer))
+
+    def direction(self, rng: np.random.Generator) -> F64:
+        phi, along = rng.uniform(0.0, self.angle * np.pi), rng.uniform(-1.0, 1.0, self.n)
+        rest = np.sqrt(1.0 - along**2)
+        edge = np.cross(self.inward, self.normal)
+        parts = (rest * np.cos(phi), rest * np.sin(phi), along)
+        return sum(a[:, None] * u for a, u in zip(parts, (self.inward, self.normal, edge), strict=True))
+
+    def across(self, rng: np.random.Generator, u: F64) -> NDArray[np.complex128]:
+        e = rng.normal(size=(self.n, 3)) + 1j * rng.normal(size=(self.n, 3))
+        e -= u * np.sum(u * e, axis=1, keepdims=True)
+        return e / np.linalg.norm(e, axis=1, keepdims=True)
+
+    def wedges(self) -> Iterator[theory.WedgeFrame]:
+        return (theory.WedgeFrame(*w) for w in zip(self.angle, self.inward, self.normal, strict=True))
+
+    def kernel(self, length: float, wavelength: float = WAVELENGTH) -> NDArray[np.complex128]:
+        """What the scatterers return."""
+        ensure_backend()
+        faces = [wedge.faces for wedge in self.wedges()]
+        inward, normal = (np.array([[face[i] for face in pair] for pair in faces]) for i in (0, 1))
+        one = np.ones(self.n)
+        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one)
+        constants = SimpleNamespace(wavenumber=mi.Float(2.0 * np.pi / wavelength))
+        got = FringeCurrents(edges).amplitude(
+            SimpleNamespace(constants=constants),
+            dr.arange(mi.UInt32, self.n),
+            SimpleNamespace(to_antenna=vector(self.source)),
+            SimpleNamespace(to_antenna=vector(self.observer)),
+            (vector(self.field.real), vector(self.field.imag)),
+            (vector(self.receive.real), vector(self.receive.imag)),
+        )
+        return np.asarray(got.real) + 1j * np.asarray(got.imag)
+
+    def closed(self) -> NDArray[np.complex128]:
+        """The same by the closed form in float64, per metre."""
+        ways = zip(self.source, self.observer, self.field, self.receive, strict=True)
+        return np.array(
+            [
+                0.5 * (theory.fringe_strip(w, a, b, e, q) + theory.fringe_strip(w, b, a, q, e))
+                for w, (a, b, e, q) in zip(self.wedges(), ways, strict=True)
+            ]
+        )
+
+
+def vector(rows: F64) -> mi.Vector3f:
+    return mi.Vector3f(*(mi.Float(np.ascontiguousarray(c)) for c in rows.T.astype(np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("seed", "backscatter"),
+    [(1, True), (3, False), *(pytest.param(n, n < 13, marks=pytest.mark.slow) for n in range(11, 15))],
+)
+def test_drawn_wedges_in_float32(seed: int, backscatter: bool) -> None:
+    drawn = Drawn(seed, 400, backscatter)
+    got, want = drawn.kernel(1e-9) * 1e9, drawn.closed()
+    # tol: float32, some 20 roundings; cotangents within 0.2 rad of a pole that is left are that much larger
+    assert (np.abs(got - want) / np.maximum(np.abs(want), 1.0)).max() < 1e-5
+
+
+def test_reciprocal_both_ways() -> None:
+    drawn = Drawn(5, 300, False)
+    there = drawn.kernel(0.02)
+    drawn.source, drawn.observer = drawn.observer, drawn.source
+    drawn.field, drawn.receive = drawn.receive, drawn.field
+    # tol: the same sums in another order
+    assert np.abs(drawn.kernel(0.02) - there).max() < 1e-6 * np.abs(there).max()
+
+
+def test_finite_on_every_boundary() -> None:
+    """Along the faces, along the edge, where a facet mirrors, straight on: exactly there in float32."""
+    angles = np.radians([0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0])
+    flat = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    along = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    tilted = np.sqrt(0.5) * (flat + along[0])
+    ways = np.concatenate([flat, tilted, along])
+    for exterior in (1.5, 2.0):
+        one = Drawn(6, len(ways) ** 2, False)
+        one.angle = np.full(one.n, exterior)
+        one.inward, one.normal = np.tile([1.0, 0.0, 0.0], (one.n, 1)), np.tile([0.0, 1.0, 0.0], (one.n, 1))
+        one.source, one.observer = (np.reshape(x, (-1, 3)) for x in np.broadcast_arrays(ways[:, None], ways))
+        rng = np.random.default_rng(7)
+        one.field, one.receive = (one.across(rng, u) for u in (one.source, one.observer))
+        got = one.kernel(1e-9) * 1e9
+        assert np.isfinite(got).all()
+        back = (one.source == one.observer).all(axis=1)
+        # backscatter has no infinity: coefficients of order one
+        assert np.abs(got[back]).max() < 3.0
+        # forward of a grazing wave the theory is infinite; elsewhere a boundary is at least 45 degrees off
+        forward = np.sum(one.source * one.observer, axis=1) < -1.0 + 1e-6
+        assert np.abs(got[~forward & ~back]).max() < 20.0
+
+
+# ---- edges of a mesh
+
+
+def test_edges_of_bodies() -> None:
+    plate, box = targets.plate(0.3, 0.2, triangles=40), trimesh.creation.box(extents=(0.2, 0.3, 0.4))
+    rims = edges_in(plate)
+    assert rims.length.sum() == pytest.approx(1.0) and (rims.angle == 2.0).all()
+    assert rims.length.max() <= LONGEST * WAVELENGTH + 1e-12
+    wedges = sharp_edges(box.triangles, np.ones(12, dtype=bool))
+    assert wedges.length.sum() == pytest.approx(3.6) and np.allclose(wedges.angle, 1.5)
+    outward = -wedges.inward.sum(axis=1)
+    assert (np.einsum("ni,ni->n", outward, wedges.middle) > 0.0).all()
+    # every facet of a smooth body is flat, its bends stand for its curvature
+    assert not edges_in(targets.sphere(0.3, 1e-3)).n
+    barrel = edges_in(targets.geometry([targets.cylinder_mesh(0.1, -0.2, 0.2, 1e-3)]))
+    assert np.allclose(np.abs(barrel.middle[:, 2]), 0.2) and np.allclose(barrel.angle, 2.0)
+
+
+def test_covered_edges_are_none() -> None:
+    """The foot of a wall on the ground, a T-junction within a plate, a box's lower edges; dielectrics have none."""
+    wall = targets.wall_and_ground(0.3, 0.4, 1.0)
+    low = edges_in(wall)
+    on_ground = np.abs(low.middle[:, 2]) < 1e-9
+    # ground's own rims but for the seam with the wall, of which 0.4 m is shared, and the wall's other three sides
+    assert low.length[on_ground].sum() == pytest.approx(0.4 + 2.4)
+    assert low.length[~on_ground].sum() == pytest.approx(0.4 + 0.6)
+    coarse = targets.parallelogram([0, 0, 0], [0.4, 0, 0], [0, 0.2, 0])
+    fine = targets.parallelogram([0, -0.2, 0], [0.4, 0, 0], [0, 0.2, 0], triangles=64)
+    assert edges_in(targets.geometry([coarse, fine])).length.sum() == pytest.approx(1.6)
+    box = trimesh.creation.box(extents=(0.2, 0.2, 0.2)).apply_translation([0.0, 0.0, 0.1])
+    ground = targets.parallelogram([-1, -1, 0], [2, 0, 0], [0, 2, 0])
+    standing = edges_in(targets.geometry([(box.vertices, box.faces), ground]))
+    upper = standing.of(standing.middle[:, 2] > 0.0)
+    assert upper.length.sum() == pytest.approx(8 * 0.2)
+    assert standing.length.sum() == pytest.approx(8 * 0.2 + 8.0)
+    assert not edges_of(wall, (targets.BLACK, targets.BLACK), WAVELENGTH).n
+
+
+# ---- levels
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_plate_over_angle_is_the_closed_form(seed: int) -> None:
+    """Tilted about its longer axis: the rims that the tilt parts, singly diffracted."""
+    rng = np.random.default_rng(seed)
+    width, height = rng.uniform(3.0, 6.0) * WAVELENGTH, rng.uniform(14.0, 20.0) * WAVELENGTH
+    angle = rng.uniform(np.radians(5.0), np.radians(89.0), 40)
+    result = traced(
+        targets.plate(width, height),
+        np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1),
+        ("HH", "VV"),
+    )
+    along, across = theory.plate_with_edges(width, height, WAVELENGTH, angle)
+    for channel, want in (("HH", along), ("VV", across)):
+        got = np.abs(result.amplitude[:, 0, result.channels.index(channel)])
+        # tol: the other two rims, whose ends return a wavelength of edge where those return the height
+        assert np.abs(got - np.sqrt(want)).max() < 0.07 * height / np.sqrt(np.pi)
+
+
+def test_physical_optics_has_nothing_edge_on() -> None:
+    plate = targets.plate(6 * WAVELENGTH, 9 * WAVELENGTH)
+    look = np.array([[1.0, 0.0, 0.0]])
+    alone = monostatic_rcs(plate, targets.PEC, look, FREQUENCY)
+    assert np.abs(alone.amplitude).max() < 1e-6
+    got = traced(plate, look).rcs_dbsm("HH")[0]
+    # tol: float32
+    assert got == pytest.approx(10 * np.log10(theory.edge_on_rcs(9 * WAVELENGTH)), abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_hv_is_vh_of_drawn_bodies(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * 4 * WAVELENGTH)
+    look = rng.normal(size=(30, 3))
+    look /= np.linalg.norm(look, axis=1, keepdims=True)
+    s = traced(targets.geometry([(hull.vertices, hull.faces)]), look).amplitude[:, 0]
+    assert np.abs(s[:, 1]).max() > 1e-3 * np.abs(s[:, 0]).max()
+    # tol: float32 sums
+    assert np.abs(s[:, 1] - s[:, 2]).max() < 1e-5 * np.abs(s).max()
+
+
+def test_what_hides_an_edge_hides_its_fringe() -> None:
+    """A screen before one rim of a plate seen edge-on; and the far rims of a box."""
+    plate = targets.parallelogram([-0.1, -0.1, 0], [0.2, 0, 0], [0, 0.2, 0])
+    screen = targets.parallelogram([0.3, -0.5, -0.5], [0, 1, 0], [0, 0, 1])
+    look = targets.from_azimuth([0.0, np.pi])
+    source = PointSource(FringeCurrents(edges_in(targets.geometry([plate]))))
+    both = targets.geometry([plate, screen])
+    with_edges, without = (
+        monostatic_rcs(both, targets.PEC, look, FREQUENCY, sources=s).amplitude[:, 0, 0]
+        for s in ((source,), ())
+    )
+    added = np.abs(with_edges - without)
+    assert added[0] < 1e-6
+    assert added[1] == pytest.approx(0.2 / np.sqrt(np.pi), rel=1e-3)
+
+
+# ---- images and plans
+
+
+def sheet(polarisation: str, seed: int, **settings: str) -> tuple[Scene, float]:
+    """A level strip across the line of sight at a drawn heading and look angle, and that angle."""
+    rng = np.random.default_rng(seed)
+    heading, look = rng.uniform(0.0, 360.0), rng.uniform(35.0, 50.0)
+    turn = np.radians(heading)
+    along, across = np.array([np.sin(turn), np.cos(turn), 0.0]), np.array([np.cos(turn), -np.sin(turn), 0.0])
+    corners = np.array([a * DEPTH / 2 * across + b * STRIP / 2 * along for a, b in SIDES])
+    radar = RadarDescription(
+        mode="spotlight",
+        slant_range=10e3,
+        heading_deg=heading,
+        look_angle_deg=look,
+        center_frequency=9.65e9,
+        bandwidth=500e6,
+        azimuth_resolution=10.0,
+        polarisation=polarisation,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    film = FilmDescription(
+        image_grid="ground",
+        image_extent_azimuth=24.0,
+        image_extent_range=DEPTH + 8.0,
+        pixel_spacing_azimuth=1.0,
+        pixel_spacing_range=0.05,
+    )
+    mesh = SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], "pec", "sheet")
+    scene = build_scene([mesh], radar=radar, film=film)
+    return (scene.replace(**settings) if settings else scene), np.radians(look)
+
+
+@pytest.mark.parametrize("seed", [41, pytest.param(42, marks=pytest.mark.slow)])
+def test_edges_of_a_level_sheet_in_an_image(seed: int) -> None:
+    """Automatic settings, blocks and focusing included: front and rear edge differ, and HH from VV the other way."""
+    scene, look = sheet("HH,VV", seed)
+    image = focus(simulate(scene))
+    ground = image.grid.positions() @ unit_across(scene)
+    for edge, phi in ((-0.5 * DEPTH, 0.5 * np.pi + look), (0.5 * DEPTH, 0.5 * np.pi - look)):
+        near = np.abs(ground - edge) < 2.0
+        for channel, d in zip(("HH", "VV"), theory.wedge_coefficients(2.0, phi, phi), strict=True):
+            wanted = STRIP**2 / np.pi * abs(complex(d)) ** 2
+            peak = float(np.where(near, image.rcs(channel), 0.0).max())
+            # tol: 0.06 dB of the azimuth response over the strip; side lobes of an edge 15 dB stronger, far off
+            assert abs(10.0 * np.log10(peak / wanted)) < 0.3
+
+
+def unit_across(scene: Scene) -> F64:
+    look = scene.radar.aim_point - scene.radar.track.center_position
+    look[2] = 0.0
+    return look / np.linalg.norm(look)
+
+
+def raw_and_kernels(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        data = simulate(scene, seed=1).data
+        return data, {str(kernel["hash"]) for kernel in dr.kernel_history([dr.KernelType.JIT])}
+
+
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+def test_off_is_as_if_there_were_no_edges() -> None:
+    """A scene that leaves edges out by itself, and one that switches them off: no kernel more, the same bits."""
+    plate = load_scene("plate")
+    assert not plan_effects(plate).flags.edge_diffraction
+    left_out, switched_off = (raw_and_kernels(s) for s in (plate, plate.replace(edge_diffraction="off")))
+    assert np.array_equal(left_out[0], switched_off[0]) and left_out[1] == switched_off[1]
+    on, more = raw_and_kernels(plate.replace(edge_diffraction="on"))
+    assert more > left_out[1] and not np.array_equal(on, left_out[0])
+    # an edge's share of a plate that faces the radar
+    assert np.linalg.norm(on - left_out[0]) < 0.01 * np.linalg.norm(on)
+
+
+def test_the_plan_says_what_edges_add() -> None:
+    """On where they count, off below the tolerance, without metal, and where waves go from metal to metal."""
+    found = [name for name in SHIPPED if plan_scene(load_scene(name)).on("edge_diffraction")]
+    assert found == ["plate_edges"]
+    plan = plan_effects(load_scene("plate", parameters={"tilt_deg": "10"}))
+    assert plan.on("edge_diffraction")
+    low = plan_effects(load_scene("trihedral", parameters={"sar_antenna.center_frequency": "2e9"}))
+    decision = low.decision("edge_diffraction")
+    assert decision is not None and not decision.on and decision.error_db > -40.0
+    assert "between metal" in decision.why
