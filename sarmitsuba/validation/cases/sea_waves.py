@@ -87,8 +87,8 @@ def waves(quick: bool = False) -> Case:
         x_label="ground range from the middle (m)",
         y_label="along the track (m)",
         comparisons=tuple(comparisons),
-        note=f"A strip of fully developed sea, {WIDTH:g} m x {length:g} m, waves longer than {LONG:g} m drawn; centroids "
-        f"over {WINDOW:g} m of ground range; headings, sides and winds drawn.",
+        note=f"A strip of fully developed sea, {WIDTH:g} m x {length:g} m, waves longer than {LONG:g} m drawn; "
+        f"centroids over {WINDOW:g} m of ground range; headings, sides and winds drawn.",
     )
 
 
