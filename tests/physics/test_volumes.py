@@ -184,6 +184,7 @@ def test_speckle_of_a_layer_is_polarimetric_and_does_not_depend_on_rays() -> Non
     assert abs(np.vdot(hh, again)) / np.linalg.norm(hh) / np.linalg.norm(again) > 0.9999  # tol: float32 sums
 
 
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # that the effect is off
 def test_volumes_can_be_left_out() -> None:
     scene = layer()
     plan = plan_effects(scene)
