@@ -132,6 +132,7 @@ from sarmitsuba.theory.wires import (
     dielectric_needle_series,
     line_amplitude,
     post_amplitude,
+    thin_wire_moments,
     thin_wire_rcs,
 )
 
@@ -249,6 +250,7 @@ __all__ = [
     "start_stop_azimuth_shift",
     "temporal_coherence",
     "texture_correlation",
+    "thin_wire_moments",
     "thin_wire_rcs",
     "trihedral_rcs",
     "trunk_ground_rcs",

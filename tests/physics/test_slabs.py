@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sarmitsuba import (
+    Motion,
     PointTarget,
     RadarDescription,
     Scene,
@@ -146,6 +147,17 @@ def test_two_crossed_panes_turn_the_polarisation_in_their_order() -> None:
     assert np.abs(np.abs(got) - np.abs(want)).max() < 0.005  # tol: side lobes of the panes
 
 
+def test_a_path_goes_through_six_panes() -> None:
+    """What stands behind a seventh is not seen; see `docs/glass.md`."""
+    thin = replace(PANE, permittivity=1.5 + 0.0j)
+    materials = (*targets.PEC, thin)
+    levels = [
+        amplitude([PLATE, *(upright(1.0 + 0.5 * i) for i in range(n))], materials, [0] + [1] * n)[0]
+        for n in (0, 6, 7)
+    ]
+    assert abs(levels[1]) > 0.5 * abs(levels[0]) and abs(levels[2]) < 0.02 * abs(levels[0])
+
+
 def test_a_coated_pane_reflects_as_its_sheet_formula_from_both_sides() -> None:
     """Level of a coated plate square on, within 0.1 dB, the coat on the far face and on the near one."""
     square = targets.parallelogram([0, -0.25, -0.25], [0, 0.5, 0], [0, 0, 0.5])
@@ -191,7 +203,7 @@ def wall(x: float, y: float, width: float, low: float, high: float) -> NDArray[n
 def test_a_pane_aside_changes_nothing_else() -> None:
     """The clutter of a ground with a small pane high over a corner of it is that of the ground alone."""
     aside = SceneMesh(wall(4.0, -5.0, 0.3, 1.0, 1.3), FACES, GLAZED, "pane")
-    scene = scene_of(aside)
+    scene = scene_of(aside).replace(ray_spacing=0.2)
     assert {d.name: d.on for d in plan_effects(scene).decisions}["transmission"]
     with_it = simulate(scene, seed=1).data
     blocked = simulate(scene.replace(transmission="off"), seed=1).data
@@ -279,8 +291,8 @@ def test_scatterers_that_no_ray_finds_are_seen_through_panes(monkeypatch: pytest
                 found.append(simulate(scene, seed=1).data)
         return np.asarray(found[1] - found[0])
 
-    free = echo(scene_of())
-    scene = scene_of(pane)
+    free = echo(scene_of().replace(ray_spacing=0.3))
+    scene = scene_of(pane).replace(ray_spacing=0.3)
     behind = echo(scene)
     sight = scene.radar.track.center_position - place[0]
     sight /= np.linalg.norm(sight)
@@ -349,3 +361,25 @@ def test_an_ideal_point_shows_through_a_pane(method: str) -> None:
     farther = behind[0].range_position - bare[0].range_position
     te, tm = (float(x) for x in theory.slab_delay(abs(sight[0]), 3.91 - 0.06j, 0.12, X_WAVELENGTH))
     assert min(te, tm) - 2e-3 < farther < max(te, tm) + 2e-3
+
+
+@pytest.mark.slow
+def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_same_room() -> None:
+    """Posed pulse by pulse, and received by an antenna apart: the room of every other kernel."""
+    shapes = [
+        SceneMesh(wall(0.0, -4.0, 8.0, 0.0, 4.0), FACES, GLAZED, "pane"),
+        SceneMesh(wall(6.0, -4.0, 8.0, 0.0, 4.0), FACES, "pec", "back"),
+    ]
+    meshes = [SceneMesh(GROUND, FACES, ROUGH, "ground"), *shapes]
+    radar = replace(RADAR, heading_deg=-15.0)
+    rest = simulate(build_scene(meshes, radar=radar, film=FILM).replace(method="raw"), seed=1).data
+    creeping = replace(meshes[2], motion=Motion((1e-9, 0.0, 0.0)))
+    moving = simulate(build_scene([*meshes[:2], creeping], radar=radar, film=FILM), seed=1).data
+    assert np.linalg.norm(moving - rest) < 1e-3 * np.linalg.norm(
+        rest
+    )  # tol: gridding of one pulse or another
+    apart = replace(radar, receiver_offset_along=1e-4)
+    both = simulate(build_scene(meshes, radar=apart, film=FILM).replace(method="raw"), seed=1).data
+    assert np.linalg.norm(both - rest) < 1e-2 * np.linalg.norm(
+        rest
+    )  # tol: the way home of first hits is retraced

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from sarmitsuba import (
     theory,
 )
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.lines import LineTarget
@@ -27,22 +30,24 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.source import Sight
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
 F64 = NDArray[np.float64]
 WAVELENGTH = 0.031
 GROUND = np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]
+ROUGH = {"diffuse_law": "lambert", "diffuse_level_db": -10.0, "rms_height": 0.005}
+# few pulses
+COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 
 
 class Dyad(LineScatterers):
     """Amplitudes for any two directions and real field vectors, in NumPy."""
 
     def of(self, came: F64, goes: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]) -> complex:
-        constants, wavenumber = Constants.__new__(Constants), 2.0 * np.pi / WAVELENGTH
-        object.__setattr__(constants, "wavenumber", mi.Float(wavenumber))
-        kernel = Kernel(None, None, None, None, constants)  # type: ignore[arg-type]
+        wavenumber = 2.0 * np.pi / WAVELENGTH
+        kernel = cast("Kernel", SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(wavenumber))))
         index = dr.arange(mi.UInt32, self.n)
         value = self.amplitude(kernel, index, sight(-came), sight(goes), vector(e), vector(q))
         phase = wavenumber * (came - goes) @ np.array(self.point(index))
@@ -54,9 +59,7 @@ def vector(v: NDArray[np.complex128]) -> tuple[mi.Vector3f, mi.Vector3f]:
 
 
 def sight(to: F64) -> Sight:
-    made = Sight.__new__(Sight)
-    object.__setattr__(made, "to_antenna", mi.Vector3f(*to.tolist()))
-    return made
+    return cast("Sight", SimpleNamespace(to_antenna=mi.Vector3f(*to.tolist())))
 
 
 def unit(rng: np.random.Generator) -> F64:
@@ -108,7 +111,7 @@ def test_the_tables_are_fine_enough(ka: float, permittivity: complex | None) -> 
         )
         for i in range(2):
             got = complex(parts[2 * i], parts[2 * i + 1]) * phase
-            assert abs(got - complex(exact[i])) < 0.01 * largest  # tol: 0.1 dB
+            assert abs(got - complex(exact[i])) < 3e-3 * largest  # tol: 0.03 dB
 
 
 def test_closed_forms_agree_with_each_other() -> None:
@@ -125,6 +128,9 @@ def test_closed_forms_agree_with_each_other() -> None:
     needle = theory.dielectric_needle_series(1e-3, 4.0 - 1.0j)
     for a, b in zip(theory.cylinder_series(1e-3, 0.0, np.pi, 4.0 - 1.0j)[:2], needle, strict=True):
         assert complex(a) == pytest.approx(b, rel=1e-4)
+    dipoles = [abs(theory.thin_wire_moments(n, 1e-4, 1.0)[0]) ** 2 for n in np.linspace(0.45, 0.49, 9)]
+    # tol: 0.86 square wavelengths of a resonant dipole (Knott, Shaeffer and Tuley), by its thickness
+    assert max(dipoles) == pytest.approx(0.86, rel=0.05)
     rng = np.random.default_rng(5)
     d, s, ends = unit(rng), unit(rng), rng.normal(size=(2, 3))
     there = theory.line_amplitude(0.05, ends, 0.3, d, s, 4.0 - 0.1j)
@@ -147,7 +153,7 @@ def wire_scene(*lines: LineTarget, meshes: tuple[SceneMesh, ...] = (), **radar: 
     return build_scene(meshes, lines=lines, radar=RadarDescription(**(given | radar)), film=film)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     """Whole and in pieces of a few wavelengths, from broadside into the far sidelobes, amplitude and phase."""
     ensure_backend()
@@ -165,7 +171,7 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums
 
 
-@pytest.mark.parametrize(("slant_range", "angle"), [(2e3, 0.0), (2e3, 8.0), (60.0, 3.0)])
+@pytest.mark.parametrize(("slant_range", "angle"), [(2e3, 3.0), (60.0, 3.0)])
 def test_the_automatic_cut_is_fine_enough(
     monkeypatch: pytest.MonkeyPatch, slant_range: float, angle: float
 ) -> None:
@@ -215,7 +221,7 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     ensure_backend()
     post = LineTarget("post", np.zeros(3), np.array([0.0, 0.0, 2.0]), 0.03)
     meshes = (SceneMesh(GROUND, FACES, "pec", "ground"),) if most == 3 else ()
-    scene = wire_scene(post, meshes=meshes).replace(method="raw")
+    scene = wire_scene(post, meshes=meshes, **COARSE).replace(method="raw")
     raw = simulate(scene, seed=3)
     pulse = scene.radar.track.n_pulses // 3
     table = trace_paths(scene, pulse, seed=3)
@@ -229,6 +235,17 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     assert difference < 10 ** (-40 / 20)  # tol: gridding of width 4
 
 
+def test_a_raster_says_that_it_has_no_rods() -> None:
+    ensure_backend()
+    wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
+    meshes = (SceneMesh(GROUND, FACES, {"material": "concrete", **ROUGH}, "ground"),)
+    notes = render(wire_scene(wire, meshes=meshes, **COARSE), method="raster").metadata["notes"]
+    assert [note for note in notes if "rods and volumes are left out" in note]
+    with pytest.raises(RadarError, match="method raster draws surfaces, and the scene has none"):
+        render(wire_scene(wire, **COARSE), method="raster")
+
+
+@pytest.mark.slow
 def test_a_cable_across_the_flight_is_dark() -> None:
     """66 dB below one along it, which glints."""
     ensure_backend()
@@ -248,7 +265,7 @@ def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
     black = {"permittivity_real": 1.0, "diffuse_law": "lambert", "diffuse_level_db": -60.0}
     before = LineTarget("before", np.array([-6.0, -2.0, 1.0]), np.array([-6.0, 2.0, 1.0]), 1e-4)
     # in the way of the wire, and of the wall: neither sees it
-    scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),))
+    scene = wire_scene(wire, before, meshes=(SceneMesh(WALL, FACES, black, "wall"),), **COARSE)
     assert scene.radar.track.center_position[0] < -100.0
     both = simulate(scene, seed=1).data
     alone = simulate(replace(scene, lines=(before,)), seed=1).data
@@ -262,13 +279,8 @@ def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
 def test_switched_off_rods_leave_the_bits_of_a_scene_without(tmp_path: Path) -> None:
     ensure_backend()
     wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
-    material = {
-        "material": "concrete",
-        "diffuse_law": "lambert",
-        "diffuse_level_db": -10.0,
-        "rms_height": 0.005,
-    }
-    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),))
+    material = {"material": "concrete", **ROUGH}
+    scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),), **COARSE)
     with pytest.warns(UserWarning, match="line_scatterers is switched off"):
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
