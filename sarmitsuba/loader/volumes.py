@@ -223,7 +223,7 @@ def medium_of(
         raise SceneError(f"{where}: {what} and {cloud[0]} describe the volume twice; leave one out")
     if parts:
         medium = Canopy(name, "", parts).medium(frequency)
-        return replace(medium, name=name, temporal_coherence=stays, decorrelation_days=days)
+        return replace(medium, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
             f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '
