@@ -153,7 +153,7 @@ def sensor(extent: tuple[float, float], spacing: float, heading: float = 0.0) ->
 SOIL = """
     <bsdf type="radar_material" id="soil">
         <string name="material" value="medium_dry_ground"/>
-        <float name="rms_height" value="0.004"/>
+        <float name="rms_height" value="0.0025"/>
         <float name="correlation_length" value="0.1"/>
         <string name="diffuse_law" value="iem"/>
     </bsdf>

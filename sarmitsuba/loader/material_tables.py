@@ -4,16 +4,20 @@ from dataclasses import replace
 
 from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.library import MATERIALS, material_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
 from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 
 
-def _law_parameters() -> tuple[Param, ...]:
-    """Numbers that only one diffuse law needs, as the laws declare them."""
-    takers = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
-    return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
+def _own_parameters() -> tuple[Param, ...]:
+    """Numbers that only one diffuse law or named material needs, as they declare them."""
+    laws = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
+    named = {p: " or ".join(m.name for m in MATERIALS if p in m.parameters) for p in material_parameters()}
+    return (
+        *(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in laws.items()),
+        *(replace(p, doc=f"{p.doc}; for material = {names}") for p, names in named.items()),
+    )
 
 
 _EXTENT = Param(
@@ -49,7 +53,7 @@ RADAR_MATERIAL = ParamTable(
         "type": 'did you mean "material"?',
         "roughness": 'did you mean "rms_height"?',
     },
-    more=_law_parameters,
+    more=_own_parameters,
     params=(
         *_PERMITTIVITY,
         Param(

@@ -63,9 +63,9 @@ def _light(points: F64, sampling: SamplingPlan) -> F64:
 
 def _faded(window: LaunchWindow, places: F64) -> F64:
     """What the launch window leaves of rays at places (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
+    if not window.taper:  # all of the scene lies within it
+        return np.ones(len(places))
     beyond = np.abs(places) - [window.half_x, window.half_y]
-    if not window.taper:
-        return np.asarray((beyond <= 0.0).all(axis=1), dtype=np.float64)
     t = np.clip(beyond / window.taper, 0.0, 1.0)
     return np.asarray((0.5 + 0.5 * np.cos(np.pi * t)).prod(axis=1))
 

@@ -8,18 +8,26 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from sarmitsuba import theory
+from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.validation import targets
 
 F64 = NDArray[np.float64]
+# the plates' own notes that they are black but for their edges
+pytestmark = pytest.mark.filterwarnings("ignore:.*no material has a diffuse law")
 WAVELENGTH = 0.03
 FREQUENCY = 299792458.0 / WAVELENGTH
+SHIPPED = ("plate_edges", "plate", "dihedral", "trihedral", "trihedral_square", "sphere", "point")
+STRIP, DEPTH = 2.0, 24.0
+SIDES = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def edges_in(geometry: Geometry) -> SharpEdges:
@@ -101,7 +109,10 @@ def vector(rows: F64) -> mi.Vector3f:
     return mi.Vector3f(*(mi.Float(np.ascontiguousarray(c)) for c in rows.T.astype(np.float32)))
 
 
-@pytest.mark.parametrize(("seed", "backscatter"), [(1, True), (2, True), (3, False), (4, False)])
+@pytest.mark.parametrize(
+    ("seed", "backscatter"),
+    [(1, True), (3, False), *(pytest.param(n, n < 13, marks=pytest.mark.slow) for n in range(11, 15))],
+)
 def test_drawn_wedges_in_float32(seed: int, backscatter: bool) -> None:
     drawn = Drawn(seed, 400, backscatter)
     got, want = drawn.kernel(1e-9) * 1e9, drawn.closed()
@@ -237,3 +248,91 @@ def test_what_hides_an_edge_hides_its_fringe() -> None:
     added = np.abs(with_edges - without)
     assert added[0] < 1e-6
     assert added[1] == pytest.approx(0.2 / np.sqrt(np.pi), rel=1e-3)
+
+
+# ---- images and plans
+
+
+def sheet(polarisation: str, seed: int, **settings: str) -> tuple[Scene, float]:
+    """A level strip across the line of sight at a drawn heading and look angle, and that angle."""
+    rng = np.random.default_rng(seed)
+    heading, look = rng.uniform(0.0, 360.0), rng.uniform(35.0, 50.0)
+    turn = np.radians(heading)
+    along, across = np.array([np.sin(turn), np.cos(turn), 0.0]), np.array([np.cos(turn), -np.sin(turn), 0.0])
+    corners = np.array([a * DEPTH / 2 * across + b * STRIP / 2 * along for a, b in SIDES])
+    radar = RadarDescription(
+        mode="spotlight",
+        slant_range=10e3,
+        heading_deg=heading,
+        look_angle_deg=look,
+        center_frequency=9.65e9,
+        bandwidth=500e6,
+        azimuth_resolution=10.0,
+        polarisation=polarisation,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    film = FilmDescription(
+        image_grid="ground",
+        image_extent_azimuth=24.0,
+        image_extent_range=DEPTH + 8.0,
+        pixel_spacing_azimuth=1.0,
+        pixel_spacing_range=0.05,
+    )
+    mesh = SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], "pec", "sheet")
+    scene = build_scene([mesh], radar=radar, film=film)
+    return (scene.replace(**settings) if settings else scene), np.radians(look)
+
+
+@pytest.mark.parametrize("seed", [41, pytest.param(42, marks=pytest.mark.slow)])
+def test_edges_of_a_level_sheet_in_an_image(seed: int) -> None:
+    """Automatic settings, blocks and focusing included: front and rear edge differ, and HH from VV the other way."""
+    scene, look = sheet("HH,VV", seed)
+    image = focus(simulate(scene))
+    ground = image.grid.positions() @ unit_across(scene)
+    for edge, phi in ((-0.5 * DEPTH, 0.5 * np.pi + look), (0.5 * DEPTH, 0.5 * np.pi - look)):
+        near = np.abs(ground - edge) < 2.0
+        for channel, d in zip(("HH", "VV"), theory.wedge_coefficients(2.0, phi, phi), strict=True):
+            wanted = STRIP**2 / np.pi * abs(complex(d)) ** 2
+            peak = float(np.where(near, image.rcs(channel), 0.0).max())
+            # tol: 0.06 dB of the azimuth response over the strip; side lobes of an edge 15 dB stronger, far off
+            assert abs(10.0 * np.log10(peak / wanted)) < 0.3
+
+
+def unit_across(scene: Scene) -> F64:
+    look = scene.radar.aim_point - scene.radar.track.center_position
+    look[2] = 0.0
+    return look / np.linalg.norm(look)
+
+
+def raw_and_kernels(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        data = simulate(scene, seed=1).data
+        return data, {str(kernel["hash"]) for kernel in dr.kernel_history([dr.KernelType.JIT])}
+
+
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+def test_off_is_as_if_there_were_no_edges() -> None:
+    """A scene that leaves edges out by itself, and one that switches them off: no kernel more, the same bits."""
+    plate = load_scene("plate")
+    assert not plan_effects(plate).flags.edge_diffraction
+    left_out, switched_off = (raw_and_kernels(s) for s in (plate, plate.replace(edge_diffraction="off")))
+    assert np.array_equal(left_out[0], switched_off[0]) and left_out[1] == switched_off[1]
+    on, more = raw_and_kernels(plate.replace(edge_diffraction="on"))
+    assert more > left_out[1] and not np.array_equal(on, left_out[0])
+    # an edge's share of a plate that faces the radar
+    assert np.linalg.norm(on - left_out[0]) < 0.01 * np.linalg.norm(on)
+
+
+def test_the_plan_says_what_edges_add() -> None:
+    """On where they count, off below the tolerance, without metal, and where waves go from metal to metal."""
+    found = [name for name in SHIPPED if plan_scene(load_scene(name)).on("edge_diffraction")]
+    assert found == ["plate_edges"]
+    plan = plan_effects(load_scene("plate", parameters={"tilt_deg": "10"}))
+    assert plan.on("edge_diffraction")
+    low = plan_effects(load_scene("trihedral", parameters={"sar_antenna.center_frequency": "2e9"}))
+    decision = low.decision("edge_diffraction")
+    assert decision is not None and not decision.on and decision.error_db > -40.0
+    assert "between metal" in decision.why

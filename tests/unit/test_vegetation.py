@@ -154,6 +154,21 @@ def test_a_cloud_takes_given_figures() -> None:
     assert power == pytest.approx([0.1, 10**-1.3, 0.1 * np.sqrt(0.1 * 10**-1.3)])
 
 
+def test_plants_by_their_own_figures() -> None:
+    """A hedge from its own numbers is the preset; with relative_density, so many times as much of all of it."""
+    figures = {"leaf_density": 900.0, "leaf_radius": 0.015, "leaf_thickness": 3e-4, "leaf_moisture": 0.6}
+    sticks = {"stick_density": 10.0, "stick_radius": 0.004, "stick_length": 0.4}
+    tilted = {"stick_tilt_deg": 30.0, "stick_spread_deg": 30.0}
+    medium = scene(SceneVolume(*cube(), {**figures, **sticks, **tilted})).volumes[0].medium
+    parts = CANOPIES["hedge"].constituents
+    wanted = Canopy("some", "", (parts[0], parts[2])).medium(9.65e9)
+    assert medium.power == pytest.approx(wanted.power) and medium.extinction == pytest.approx(
+        wanted.extinction
+    )
+    twice = scene(SceneVolume(*cube(), {"preset": "hedge", "relative_density": 2.0})).volumes[0].medium
+    assert twice.power == pytest.approx(2.0 * CANOPIES["hedge"].medium(9.65e9).power)
+
+
 def test_inward_meshes_are_turned() -> None:
     vertices, faces = cube()
     made = scene(SceneVolume(vertices, faces[:, ::-1], "hedge"))
@@ -168,6 +183,11 @@ def test_inward_meshes_are_turned() -> None:
         (slice(0, 12), {"preset": "hedge", "extinction_h": 1.0}, "describe the volume twice"),
         (slice(0, 12), {}, "is not described"),
         (slice(0, 12), {"sigma_v_h_db": -10.0, "relative_density": 2.0}, "relative_density is of a preset"),
+        (
+            slice(0, 12),
+            {"sigma_v_h_db": -10.0, "leaf_density": 9.0},
+            "leaf_density and sigma_v_h_db describe",
+        ),
         (slice(0, 12), {"sigma_v_h_db": -10.0, "extinction_h": -1.0}, "below the bound 0 1/m"),
     ],
 )
@@ -203,6 +223,7 @@ def test_shapes_of_a_file_become_volumes(tmp_path: Path) -> None:
     assert made.volumes[0].bounds[:, 2] == pytest.approx([1.0, 7.0], abs=0.03)
 
 
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # of the adapter
 @pytest.mark.parametrize(
     ("shape", "words"),
     [

@@ -12,6 +12,7 @@ from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.text import length
+from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 from sarmitsuba.theory.diffraction import fringe_coefficients
 
@@ -29,9 +30,9 @@ class EdgeDiffraction(Effect):
     .. math:: \sigma = \tfrac1\pi \max(D_s, D_h)^2 \min(l, \frac1{k |\hat t \cdot \hat u|})^2
 
     to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
-    the clutter or the strongest cell that a pilot found; without one, against what the metal's own facets return: as
-    mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves bounce more than once, else by physical optics from the
-    antenna's places.
+    the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
+    where nothing is rough, what the metal's own facets return: as mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves bounce
+    more than once, else by physical optics from the antenna's places.
 
     Off, but on request, where waves may bounce from metal to metal: what mirrors send to edges, and edges to mirrors,
     is then as strong as what is followed, and only the ground below an edge counts as a mirror.
@@ -141,8 +142,21 @@ def _reference(context: SceneContext, decided: Mapping[str, Decision]) -> tuple[
         if pilot.clutter > 0.0:
             return pilot.clutter, CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
         return float(pilot.peak[3].max()), context.tolerance_db, "of the strongest cell"
+    if context.sampling is not None and decided["diffuse"].on:
+        return _clutter(context), CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
     mirrors = bool(decided["max_depth"].on)
     return _facets(context, mirrors), context.tolerance_db, "of the metal's facets"
+
+
+def _clutter(context: SceneContext) -> float:
+    """RCS of a cell of the roughest material at 45 degrees, m^2."""
+    assert context.sampling is not None
+    wavelength, best = context.scene.radar.waveform.wavelength, 0.0
+    for material in context.materials:
+        if material.scatters:
+            table = diffuse_tables(material, wavelength, 3)
+            best = max(best, float(table.amplitude_h[1]) ** 2, float(table.amplitude_v[1]) ** 2)
+    return best * context.sampling.cell**2
 
 
 def _facets(context: SceneContext, mirrors: bool) -> float:

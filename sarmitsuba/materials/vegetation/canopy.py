@@ -1,6 +1,6 @@
 """A mix of leaves, needles and branches as one medium: the mean over sizes and orientations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,16 +79,21 @@ class Canopy:
     title: str
     constituents: tuple[Constituent, ...]
 
-    def medium(self, frequency: float, density: float = 1.0) -> VolumeMedium:
-        """The medium at a frequency (Hz); ``density`` multiplies the number of all pieces."""
+    def denser(self, factor: float) -> "Canopy":
+        """The same with so many times the number of all pieces."""
+        return replace(
+            self, constituents=tuple(replace(c, density=factor * c.density) for c in self.constituents)
+        )
+
+    def medium(self, frequency: float) -> VolumeMedium:
+        """The medium at a frequency, Hz."""
         extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
         product = np.zeros(NODES, dtype=np.complex128)
         for part in self.constituents:
             mean = _mean(part, frequency)
-            number = density * part.density
-            extinction += number * mean.extinction
-            power += number * mean.power
-            product += number * mean.product
+            extinction += part.density * mean.extinction
+            power += part.density * mean.power
+            product += part.density * mean.product
         return VolumeMedium(self.name, extinction, power, product)
 
 
