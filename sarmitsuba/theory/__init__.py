@@ -97,7 +97,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
-from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion, slab_shift
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -230,6 +230,7 @@ __all__ = [
     "slab",
     "slab_delay",
     "slab_insertion",
+    "slab_shift",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",
