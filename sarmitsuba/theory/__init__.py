@@ -115,7 +115,9 @@ from sarmitsuba.theory.synthetic_aperture import (
     half_power_width,
 )
 from sarmitsuba.theory.vegetation import (
+    crown_ground_sigma0,
     cylinder_at_broadside,
+    isotropic_between,
     isotropic_orientation,
     layer_transmission,
     plant_permittivity,
@@ -168,6 +170,7 @@ __all__ = [
     "coherent_loss",
     "corner_line",
     "critical_baseline",
+    "crown_ground_sigma0",
     "cylinder_at_broadside",
     "cylinder_rcs",
     "cylinder_series",
@@ -192,6 +195,7 @@ __all__ = [
     "interferometric_phase_cdf",
     "interferometric_phase_pdf",
     "interferometric_phase_sigma",
+    "isotropic_between",
     "isotropic_orientation",
     "jitter_noise",
     "jittered_response",
