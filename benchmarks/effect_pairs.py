@@ -23,15 +23,18 @@ OTHERWISE: dict[str, tuple[str, str | None, dict[str, str]]] = {
     "temporal_decorrelation": ("fields", None, {"sar_path.pass_days": "12"}),
 }
 # rounds of a pair, and processor seconds after which there are no more of them
-ROUNDS, SPENT = 12, 20.0
+ROUNDS, SPENT = 8, 12.0
 
 
-def pair_table(apart: Collection[str]) -> list[dict[str, Any]]:
-    """One row for each effect that some shipped scene has on, but for those measured ``apart``."""
+def pair_table(apart: Collection[str], only: Collection[str] = ()) -> list[dict[str, Any]]:
+    """One row for each effect that some shipped scene has on, but for those measured ``apart``.
+
+    ``only``: of these scenes; none given: of all.
+    """
     rows: dict[str, dict[str, Any]] = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)  # of what is switched off
-        for scene, wanted in _scenes():
+        for scene, wanted in _scenes(only):
             plan = plan_scene(scene)
             for decision in plan.decisions:
                 name = decision.name
@@ -41,12 +44,16 @@ def pair_table(apart: Collection[str]) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def _scenes() -> Iterator[tuple[Scene, str | None]]:
+def _scenes(only: Collection[str]) -> Iterator[tuple[Scene, str | None]]:
     """Scenes, and the effect that each is for; None for any."""
     for effect, (name, radar, parameters) in OTHERWISE.items():
+        if only and name not in only:
+            continue
         beside = None if radar is None else resolve_radar(radar)
         yield load_scene(resolve(name), radar=beside, parameters=parameters), effect
     for entry in list_scenes():
+        if only and entry.name not in only:
+            continue
         yield load_scene(entry.path), None
 
 

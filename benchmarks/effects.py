@@ -1,7 +1,7 @@
 """What the effects plan saves and costs: kernels, planned against everything on, predicted against measured.
 
 Run ``python benchmarks/effects.py [SCENE ...] [--quick] [--out FOLDER] [--docs]``. Prints Markdown tables; with
-``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` the tables of ``docs/effects.md``.
+``--out`` writes ``effects.json`` and ``effects.md``, with ``--docs`` those tables of ``docs/effects.md`` that it makes.
 
 Every time is the least of interleaved rounds with compiled kernels: the machine may be busy with other things, and
 what disturbs a run only makes it longer. Ratios and shares are of processor seconds, summed over all threads, which
@@ -56,6 +56,7 @@ RUN_AT_MOST = 60.0
 SHORT, SHORT_ROUNDS = 0.1, 6  # s; so short a first run of a process varies more
 COST_SPACING = 0.4  # m between rays of the kernel table: a quarter of a million, 0.1 s of one thread
 COST_ROUNDS = 8  # so short a time is disturbed often, and the least of many is not
+MARK = "<!-- generated: benchmarks/effects.py --docs -->"
 DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
 
 # kernel switches, and the effect of the plan that each belongs to
@@ -414,6 +415,23 @@ def markdown(results: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def renewed(before: str, text: str) -> str:
+    """Tables of the page with those that were made now; the others stay as they are."""
+    kept, made = (dict(_sections(part)) for part in (before, text))
+    order = [*kept, *(heading for heading in made if heading not in kept)]
+    return "\n\n".join((made | {h: t for h, t in kept.items() if h not in made})[h] for h in order) + "\n"
+
+
+def _sections(text: str) -> list[tuple[str, str]]:
+    """Headings and the text under each, what comes before the first under none."""
+    parts = re.split(r"^(?=### )", text.strip(), flags=re.MULTILINE)
+    return [
+        (part.partition("\n")[0] if part.startswith("### ") else "", part.strip())
+        for part in parts
+        if part.strip()
+    ]
+
+
 def store(results: dict[str, Any], folder: Path | None) -> None:
     """Write what there is so far."""
     if folder is not None:
@@ -461,7 +479,9 @@ def main() -> None:
         results["corrections"] = correction_table(load("munich" if munich() else "urban_block"), ROUNDS)
         store(results, args.out)
     if "pairs" in parts:
-        results["pairs"] = pair_table(SWITCHES)
+        made = pair_table(SWITCHES, args.scenes)
+        rest = [row for row in results["pairs"] if row["effect"] not in {new["effect"] for new in made}]
+        results["pairs"] = sorted([*rest, *made], key=lambda row: str(row["effect"]))
         store(results, args.out)
     measures: dict[str, Callable[[str], dict[str, Any]]] = {
         "plans": lambda name: planned_row(name, args.quick),
@@ -477,8 +497,8 @@ def main() -> None:
     text = markdown(results)
     print(text)
     if args.docs:
-        head = DOCS.read_text(encoding="utf-8").split("<!-- generated: benchmarks/effects.py --docs -->")[0]
-        DOCS.write_text(f"{head}<!-- generated: benchmarks/effects.py --docs -->\n\n{text}", encoding="utf-8")
+        head, _, before = DOCS.read_text(encoding="utf-8").partition(MARK)
+        DOCS.write_text(f"{head}{MARK}\n\n{renewed(before, text)}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 ``python benchmarks/run_all.py [FILE ...] [--quick] [--only NAME ...] [-o FOLDER]``. Benchmarks are the files beside
 this one that hold ``@harness.benchmark``; FILE is one of your own that lies elsewhere. ``--quick`` runs small sizes,
-writes nothing into docs and takes under a minute.
+writes nothing into docs and takes under a minute. With ``--only`` the other sections of the page stay.
 """
 
 import argparse
@@ -81,13 +81,15 @@ def run(wanted: list[harness.Benchmark], output: Path, quick: bool) -> list[str]
     return failed
 
 
-def collect(output: Path) -> None:
-    """Put all Markdown pieces together and copy the pictures."""
-    images = DOCS / "images" / "benchmarks"
+def collect(output: Path, page: Path = DOCS / "benchmarks.md") -> None:
+    """Put the Markdown pieces of a folder onto the page and copy their pictures.
+
+    Sections of benchmarks that the folder lacks stay as they were, and with them the machine that the page names.
+    """
+    images = page.parent / "images" / "benchmarks"
     images.mkdir(parents=True, exist_ok=True)
-    facts = harness.machine()
-    rows = "\n".join(f"| {k} | {v} |" for k, v in facts.items() if k != "load")
-    pieces, contents = [], []
+    head, kept = _page(page)
+    pieces = []
     for name in harness.BENCHMARKS.names:
         path = output / f"{name}.md"
         if not path.exists():
@@ -96,11 +98,35 @@ def collect(output: Path) -> None:
         for picture in output.glob(f"{name}*.png"):
             shutil.copyfile(picture, images / picture.name)
             text = text.replace(f"({picture.name})", f"(images/benchmarks/{picture.name})")
-        title = text.splitlines()[0][3:]
-        contents.append(f"- [{title}](#{title.lower().replace(' ', '-')})")
         pieces.append(text)
-    head = HEAD.format(facts=f"| machine | |\n|---|---|\n{rows}", contents="\n".join(contents))
-    (DOCS / "benchmarks.md").write_text(head + "\n" + "\n".join(pieces), encoding="utf-8")
+    sections = {**kept, **{_title(text): text.rstrip() + "\n" for text in pieces}}
+    if not kept.keys() - {_title(text) for text in pieces}:
+        head = "\n".join(f"| {k} | {v} |" for k, v in harness.machine().items() if k != "load")
+        head = f"| machine | |\n|---|---|\n{head}"
+    contents = "\n".join(f"- [{title}](#{title.lower().replace(' ', '-')})" for title in sections)
+    text = HEAD.format(facts=head, contents=contents)
+    page.write_text(text + "\n" + "\n".join(sections.values()), encoding="utf-8")
+
+
+def _page(page: Path) -> tuple[str, dict[str, str]]:
+    """Table of the machine on a page that is there, and its sections by title; nothing where there is none."""
+    if not page.exists():
+        return "", {}
+    top, *rest = page.read_text(encoding="utf-8").split("\n## ")
+    machine = "\n".join(line for line in top.splitlines() if line.startswith("|"))
+    sections: dict[str, str] = {}
+    for text in rest:
+        title = text.splitlines()[0]
+        if f"- [{title}](#" in top or not sections:
+            sections[title] = f"## {text.rstrip()}\n"
+        else:  # a heading within the section before it
+            last = next(reversed(sections))
+            sections[last] += f"\n## {text.rstrip()}\n"
+    return machine, sections
+
+
+def _title(section: str) -> str:
+    return section.splitlines()[0][3:]
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
@@ -231,6 +232,87 @@ def moving() -> Figure:
                 axes.text(place[0] + 2.5, place[1] + 0.5 * ahead, name, fontsize=9, color=MARK, bbox=box)
     figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
     return figure
+
+
+def railing() -> Figure:
+    """Railings, lamp posts, masts and cables, with words for what is what, and the scene without them."""
+    figure = Figure(figsize=(10.4, 4.6), layout="constrained")
+    picture = None
+    words = {
+        (-42.0, -42.0): "railing along the flight",
+        (-26.0, 29.0): "lamp post",
+        (-22.0, 19.0): "posts of the bridge by its deck",
+        (-4.0, -24.0): "posts by the grass",
+        (12.0, 34.0): "lattice mast",
+        (8.0, 11.0): "cables, direct",
+        (21.0, -12.0): "and by the grass",
+    }
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"as planned": [], "line_scatterers off": ["-D", "sar_path.line_scatterers=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("railing", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(image.sigma0(), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-40.0, vmax=5.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
+            for place, text in words.items():
+                box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+                axes.text(*place, text, fontsize=7.5, color=MARK, bbox=box)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
+
+
+def courtyard() -> Figure:
+    """A court with and without pairs of diffuse scatterers, and what they return."""
+    options = ["--window", "taylor", "--no-error-bars"]
+    images = {
+        "as planned": _render("courtyard", options),
+        "diffuse_pairs off": _render("courtyard", [*options, "-D", "diffuse_pairs=off"]),
+    }
+    with_pairs, without = images.values()
+    images["difference"] = replace(with_pairs, data=with_pairs.data - without.data)
+    return _shown(images, (-35.0, 5.0))
+
+
+def sea() -> Figure:
+    """The harbour with its sea moving and frozen, some looks averaged, so that waves show through the speckle."""
+    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
+    picture = None
+    for axes, (title, options) in zip(
+        figure.subplots(1, 2, sharey=True),
+        {"moving": [], "water_motion off": ["-D", "sar_path.water_motion=off"]}.items(),
+        strict=True,
+    ):
+        image = _render("harbour", [*options, "--no-error-bars", "--window", "taylor"])
+        grid = image.grid
+        decibels = 10.0 * np.log10(np.maximum(uniform_filter(image.sigma0(), 4), 1e-12))
+        extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
+        picture = axes.imshow(decibels, cmap="gray", vmin=-27.0, vmax=4.0, origin="lower", extent=extent)
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("ground range (m)", fontsize=9)
+        axes.tick_params(labelsize=8)
+        if not options:
+            axes.set_ylabel("azimuth (m)", fontsize=9)
+    figure.colorbar(picture, ax=figure.axes, label="sigma0 (dB)", shrink=0.9)
+    return figure
+
+
+def glass() -> Figure:
+    """Two rooms behind glass, plain and coated, as planned and with panes that block."""
+    options = {"as planned": [], "transmission off": ["-D", "sar_path.transmission=off"]}
+    common = ["--no-error-bars", "--window", "taylor", "-D", "range_film.image_grid=ground"]
+    return _shown(
+        {t: _render("glass_house", [*more, *common]) for t, more in options.items()},
+        (-35.0, 5.0),
+        size=(9.0, 4.2),
+    )
 
 
 def facades() -> Figure:
@@ -457,9 +539,15 @@ def _panels(
     return _shown(images, scale, lying=lying)
 
 
-def _shown(images: dict[str, SarImage], scale: tuple[float, float], *, lying: bool = False) -> Figure:
-    """Images on one grey scale."""
-    figure = Figure(figsize=(9.0, 4.4) if lying else (13.0, 3.7), layout="constrained")
+def _shown(
+    images: dict[str, SarImage],
+    scale: tuple[float, float],
+    *,
+    lying: bool = False,
+    size: tuple[float, float] | None = None,
+) -> Figure:
+    """Images on one grey scale, ``size`` in inches."""
+    figure = Figure(figsize=size or ((9.0, 4.4) if lying else (13.0, 3.7)), layout="constrained")
     rows, columns = (len(images), 1) if lying else (1, len(images))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True)
     picture = None
@@ -524,6 +612,10 @@ FIGURES = {
         effects,
         plate_edges,
         moving,
+        railing,
+        courtyard,
+        glass,
+        sea,
         facades,
         azimuth_ambiguities,
         focusers,

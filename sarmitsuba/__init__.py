@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from sarmitsuba.radar.track import Track
     from sarmitsuba.registry import load_extension
     from sarmitsuba.scene.geometry import PointTarget
+    from sarmitsuba.scene.lines import LineTarget
     from sarmitsuba.scene.motion import Motion
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.scene.settings import TraceSettings
@@ -64,6 +65,7 @@ _HOME = {
     "Motion": "sarmitsuba.scene.motion",
     "OutputError": "sarmitsuba.errors",
     "PathTable": "sarmitsuba.simulation.path_table",
+    "LineTarget": "sarmitsuba.scene.lines",
     "PointTarget": "sarmitsuba.scene.geometry",
     "RadarDescription": "sarmitsuba.radar.description",
     "RadarError": "sarmitsuba.errors",
@@ -126,6 +128,7 @@ __all__ = [
     "FilmDescription",
     "ImageGrid",
     "ImageRequest",
+    "LineTarget",
     "LinkBudget",
     "Material",
     "Motion",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]

@@ -11,7 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
@@ -97,14 +97,14 @@ def assemble(
     """
     label = path.name if path else name
     visible = any(not materials[s.material].invisible for s in surfaces)
+    if volumes and not visible:
+        raise SceneError(
+            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
+        )
     if not visible and not points and not lines:
         what = "every shape is invisible" if surfaces else "there is no shape"
         raise SceneError(
             f"{label}: nothing for the radar to see: {what}; add a shape with a bsdf, a point_scatterer or a radar_wire"
-        )
-    if volumes and not visible:
-        raise SceneError(
-            f'{label}: the volume "{volumes[0].name}" stands on nothing; add ground, a shape with a radar_material'
         )
     geometry, repairs = _geometry(label, surfaces)
     doubts: list[str] = []
@@ -120,6 +120,12 @@ def assemble(
         _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     positions = np.array([p.position for p in points]).reshape(-1, 3)
     places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
+    if volumes and points:
+        warn_once(
+            doubts,
+            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a '
+            "meshed corner to have its attenuation",
+        )
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.attributes import at_corners
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
-from sarmitsuba.loader.mesh_attributes import at_corners
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
 from sarmitsuba.loader.volumes import closed_volume
 from sarmitsuba.materials.material import Material

@@ -22,7 +22,7 @@ from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
 from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.materials.bsdfs import wire_permittivity
-from sarmitsuba.materials.texture import map_attributes
+from sarmitsuba.materials.parts import map_attributes
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
@@ -80,6 +80,10 @@ class Collector:
         if bsdf is not None and bsdf.plugin == RADAR_VOLUME.plugin:
             self.volumes.add_shape(placed, bsdf, self.reader)
             return
+        if placed.element.plugin == "linearcurve":
+            raise SceneError(
+                f"{placed.element.where}: a linearcurve has no surface for rays; give it the bsdf radar_wire"
+            )
         if placed.element.plugin == "obj" and self._named_parts(placed, bsdf):
             return
         material = self.book.index(bsdf, placed.element.where)

@@ -11,17 +11,9 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import (
-    ATTRIBUTE_TEXELS,
-    Bitmap,
-    ClassMap,
-    Placement,
-    SurfaceMaps,
-    in_plan,
-    on_mesh,
-    varied,
-)
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.parts import varied
+from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
 from sarmitsuba.parameters import Value, did_you_mean, one_line, string_value
 from sarmitsuba.units import power_from_db
 

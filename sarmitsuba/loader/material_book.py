@@ -23,7 +23,7 @@ from sarmitsuba.materials.bsdfs import (
 )
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.parameters import did_you_mean
 
 _SIONNA = ("itu-radio-material", "radio-material", "absorber-radio-material")

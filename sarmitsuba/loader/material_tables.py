@@ -2,17 +2,22 @@
 
 from dataclasses import replace
 
+from sarmitsuba.materials.change import CHANGE
 from sarmitsuba.materials.diffuse_law import LAWS, law_parameters
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.library import MATERIALS, material_parameters
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
 from sarmitsuba.materials.texture import GREATEST_SHAPE
 from sarmitsuba.parameters import Param, ParamTable
 
 
-def _law_parameters() -> tuple[Param, ...]:
-    """Numbers that only one diffuse law needs, as the laws declare them."""
-    takers = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
-    return tuple(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in takers.items())
+def _own_parameters() -> tuple[Param, ...]:
+    """Numbers that only one diffuse law or named material needs, as they declare them."""
+    laws = {p: " or ".join(law.name for law in LAWS if p in law.parameters) for p in law_parameters()}
+    named = {p: " or ".join(m.name for m in MATERIALS if p in m.parameters) for p in material_parameters()}
+    return (
+        *(replace(p, doc=f"{p.doc}; for diffuse_law = {names}") for p, names in laws.items()),
+        *(replace(p, doc=f"{p.doc}; for material = {names}") for p, names in named.items()),
+    )
 
 
 _EXTENT = Param(
@@ -48,7 +53,7 @@ RADAR_MATERIAL = ParamTable(
         "type": 'did you mean "material"?',
         "roughness": 'did you mean "rms_height"?',
     },
-    more=_law_parameters,
+    more=_own_parameters,
     params=(
         *_PERMITTIVITY,
         Param(
@@ -133,24 +138,7 @@ RADAR_MATERIAL = ParamTable(
             "",
             "rms height at a pixel of 0 and of 1, m; left out: the pixel itself",
         ),
-        Param(
-            "temporal_coherence",
-            "float",
-            1.0,
-            "coherence of the diffuse return that is left between two passes long apart; 1 = nothing changes",
-            "",
-            0.0,
-            1.0,
-        ),
-        Param(
-            "decorrelation_days",
-            "float",
-            0.0,
-            "time constant of the exponential decay to temporal_coherence; 0 = at once, in every pass",
-            "days",
-            0.0,
-            1e6,
-        ),
+        *CHANGE,
     ),
 )
 

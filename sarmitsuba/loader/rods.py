@@ -52,7 +52,7 @@ def rods(placed: Placed, permittivity: complex | None, frequency: float) -> list
     for curve in curves:
         for (*p0, first), (*p1, second) in pairwise(curve):
             ends = placed.moved(np.array([p0, p1]))
-            name = placed.name if not out else f"{placed.name}.{len(out) + 1}"
+            name = placed.name if not out else f"{placed.name}/{len(out) + 1}"
             radius = 0.5 * (first + second) * _widening(placed, ends, np.array(p1) - p0)
             _check(where, ends, radius, permittivity, frequency)
             out.append(LineTarget(name, ends[0], ends[1], radius, permittivity))

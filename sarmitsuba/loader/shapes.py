@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
+from sarmitsuba.loader.attributes import corner_values
 from sarmitsuba.loader.elements import Element, Opaque, Property
-from sarmitsuba.loader.mesh_attributes import corner_values
 from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
@@ -103,7 +103,7 @@ class MeshReader:
         return placed.moved(vertices), faces
 
     def corner_values(self, placed: Placed, faces: I32, names: Sequence[str]) -> dict[str, F64]:
-        """Attributes of a shape that maps lie on, see `sarmitsuba.loader.mesh_attributes.corner_values`."""
+        """Attributes of a shape that maps lie on, see `sarmitsuba.loader.attributes.corner_values`."""
         element = placed.element
         path = mesh_path(element) if element.plugin in _MESH_FILES else None
         return corner_values(element, path, faces, names)
@@ -111,8 +111,6 @@ class MeshReader:
     def _local(self, placed: Placed) -> tuple[F64, I32]:
         element, where = placed.element, placed.element.where
         plugin = element.plugin
-        if plugin == "linearcurve":
-            raise SceneError(f"{where}: a linearcurve has no surface for rays; give it the bsdf radar_wire")
         if plugin in _MESH_FILES or plugin == "serialized":
             return self._file(element)
         if plugin == "rectangle":

@@ -10,8 +10,10 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.overrides import Overrides
 from sarmitsuba.loader.shapes import MeshReader, Placed
-from sarmitsuba.materials.vegetation.canopy import CANOPIES
+from sarmitsuba.materials.change import CHANGE, change_of
+from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
 from sarmitsuba.materials.vegetation.medium import VolumeMedium, water_cloud
+from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
 from sarmitsuba.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.parameters import Param, ParamTable, Value, float_value, string_value
 from sarmitsuba.scene.volumes import Volume
@@ -24,11 +26,55 @@ I32 = NDArray[np.int32]
 SAGITTA_OVER_RADIUS = 0.01
 _CLOUD = ("sigma_v_h_db", "sigma_v_v_db", "extinction_h", "extinction_v", "volume_cross_ratio_db")
 
+
+def _pieces(kind: str, words: str, sizes: tuple[Param, Param], moisture: float) -> tuple[Param, ...]:
+    """Parameters of leaves or sticks."""
+    tilt = "tilt of their axes about which they spread, from the vertical; the axis of a leaf is its normal"
+    spread = "standard deviation of the tilt; 0: all directions alike"
+    return (
+        Param(
+            f"{kind}_density",
+            "float",
+            0.0,
+            f"{words} in a cubic metre, beside those of a preset",
+            "1/m^3",
+            0.0,
+            1e7,
+        ),
+        *sizes,
+        Param(
+            f"{kind}_moisture", "float", moisture, "mass of water over the whole mass of them", "", 0.0, 0.7
+        ),
+        Param(f"{kind}_tilt_deg", "float", 0.0, tilt, "deg", 0.0, 90.0),
+        Param(f"{kind}_spread_deg", "float", 0.0, spread, "deg", 0.0, 90.0),
+    )
+
+
+_LEAVES = _pieces(
+    "leaf",
+    "leaves",
+    (
+        Param("leaf_radius", "float", 0.03, "radius of a leaf", "m", 0.0, 1.0, True),
+        Param("leaf_thickness", "float", 2e-4, "thickness of a leaf", "m", 0.0, 0.01, True),
+    ),
+    0.65,
+)
+_STICKS = _pieces(
+    "stick",
+    "needles, twigs or branches",
+    (
+        Param("stick_radius", "float", 0.002, "radius of a stick", "m", 0.0, 0.1, True),
+        Param("stick_length", "float", 0.2, "length of a stick", "m", 0.0, 5.0, True),
+    ),
+    0.5,
+)
+
 RADAR_VOLUME = ParamTable(
     plugin="radar_volume",
     element="bsdf",
-    doc="On a closed shape (sphere, cube, closed mesh): waves go through it, and what fills it returns them. Either a "
-    "`preset`, or a cloud with the figures of one band: `sigma_v_h_db` and `extinction_h`.",
+    doc="On a closed shape (sphere, cube, closed mesh): waves go through it, and what fills it returns them. A "
+    "`preset`, leaves and sticks by `leaf_density` and `stick_density`, or a cloud with the figures of one band, "
+    "`sigma_v_h_db` and `extinction_h`.",
     params=(
         Param(
             "preset",
@@ -40,6 +86,8 @@ RADAR_VOLUME = ParamTable(
         Param(
             "relative_density", "float", 1.0, "number of pieces over that of the preset", "", 0.0, 100.0, True
         ),
+        *_LEAVES,
+        *_STICKS,
         Param(
             "sigma_v_h_db",
             "float",
@@ -71,6 +119,7 @@ RADAR_VOLUME = ParamTable(
             1e3,
             auto=True,
         ),
+        *CHANGE,
     ),
 )
 
@@ -159,33 +208,54 @@ def medium_of(
 
     Raises
     ------
-    SceneError : neither a preset nor a cloud, or both
+    SceneError : neither plants nor a cloud, or both
     """
+    stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
-    if preset and cloud:
-        raise SceneError(f"{where}: preset and {cloud[0]} describe the volume twice; leave one out")
+    parts = _constituents(values)
     if preset:
-        medium = CANOPIES[preset].medium(frequency, float_value(values, "relative_density"))
-        return replace(medium, name=name)
+        whole = CANOPIES[preset].denser(float_value(values, "relative_density"))
+        parts = (*whole.constituents, *parts)
+    elif "relative_density" in given:
+        raise SceneError(f"{where}: relative_density is of a preset; name one, or leave it out")
+    if parts and cloud:
+        what = "preset" if preset else "leaf_density" if "leaf_density" in given else "stick_density"
+        raise SceneError(f"{where}: {what} and {cloud[0]} describe the volume twice; leave one out")
+    if parts:
+        medium = Canopy(name, "", parts).medium(frequency)
+        return replace(medium, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
             f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '
-            "or sigma_v_h_db and extinction_h"
-        )
-    if "relative_density" in given:
-        raise SceneError(
-            f"{where}: relative_density is of a preset; change sigma_v_h_db and extinction_h instead"
+            "or leaf_density, stick_density, or sigma_v_h_db and extinction_h"
         )
     level = float_value(values, "sigma_v_h_db")
     levels = (level, level if values["sigma_v_v_db"] is None else float_value(values, "sigma_v_v_db"))
     first = float_value(values, "extinction_h")
     second = first if values["extinction_v"] is None else float_value(values, "extinction_v")
-    return water_cloud(
+    medium = water_cloud(
         name,
         (float(power_from_db(levels[0])), float(power_from_db(levels[1]))),
         (first, second),
         float(power_from_db(float_value(values, "volume_cross_ratio_db"))),
     )
+    return replace(medium, temporal_coherence=stays, decorrelation_days=days)
+
+
+def _constituents(values: Mapping[str, Value | None]) -> tuple[Constituent, ...]:
+    """Leaves and sticks that the parameters count."""
+    pieces = {
+        "leaf": Leaf(float_value(values, "leaf_radius"), float_value(values, "leaf_thickness")),
+        "stick": Stick(float_value(values, "stick_radius"), float_value(values, "stick_length")),
+    }
+    found = []
+    for kind, piece in pieces.items():
+        density = float_value(values, f"{kind}_density")
+        spread = float_value(values, f"{kind}_spread_deg") or np.inf
+        if density > 0.0:
+            orientation = Orientation(float_value(values, f"{kind}_tilt_deg"), spread)
+            found.append(Constituent(piece, density, float_value(values, f"{kind}_moisture"), orientation))
+    return tuple(found)
 
 
 __all__ = ["RADAR_VOLUME", "VolumeBook", "closed_volume", "medium_of"]

@@ -8,8 +8,9 @@ import numpy as np
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.change import change_of
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
-from sarmitsuba.materials.library import MATERIALS, permittivity_from_conductivity
+from sarmitsuba.materials.library import MATERIALS, material_parameters, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
 from sarmitsuba.materials.texture import check_texture
@@ -24,7 +25,11 @@ ORDINARY_CORRELATION = 10.0
 
 
 def named_material(
-    name: str, kind: str, frequency: float, surface: Material | None = None
+    name: str,
+    kind: str,
+    frequency: float,
+    surface: Material | None = None,
+    values: Mapping[str, float] | None = None,
 ) -> tuple[Material, str]:
     """Material of a registered name, and the note of its permittivity.
 
@@ -34,8 +39,9 @@ def named_material(
     kind : name in ``MATERIALS``
     frequency : Hz
     surface : whose roughness and diffuse law it gets; None for a smooth one
+    values : of the material's own parameters; None, or left out: its defaults
     """
-    entry, surface = MATERIALS[kind], surface or smooth()
+    entry, surface = MATERIALS[kind].at(values or {}), surface or smooth()
     if entry.thickness and not surface.thickness:
         surface = replace(surface, thickness=entry.thickness)
     if entry.sheet_resistance and not surface.sheet_resistance:
@@ -67,6 +73,7 @@ def radar_material(
     _check_law(law, values, given, where)
     _check_texture(values, law, where)
     ratio = float_value(values, "cross_polar_ratio_db")
+    stays, days = change_of(values, given, where)
     surface = Material(
         name,
         rms_height=float_value(values, "rms_height"),
@@ -74,8 +81,8 @@ def radar_material(
         diffuse_level_db=float_value(values, "diffuse_level_db") if law.level else -np.inf,
         correlation_length=float_value(values, "correlation_length"),
         cross_polar_ratio_db=-np.inf if ratio <= _NO_LEVEL_DB else ratio,
-        temporal_coherence=float_value(values, "temporal_coherence"),
-        decorrelation_days=float_value(values, "decorrelation_days"),
+        temporal_coherence=stays,
+        decorrelation_days=days,
         law_parameters=tuple((p.name, float_value(values, p.name)) for p in law.parameters),
         texture_shape=float_value(values, "texture_shape"),
         texture_length=float_value(values, "texture_length"),
@@ -84,9 +91,24 @@ def radar_material(
     )
     _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
+    own = _own_values(kind, values, given, where)
     if kind:
-        return named_material(name, kind, frequency, surface)
+        return named_material(name, kind, frequency, surface, own)
     return _material(name, _permittivity(values, given, frequency), surface), ""
+
+
+def _own_values(
+    kind: str, values: Mapping[str, Value | None], given: frozenset[str], where: str
+) -> dict[str, float]:
+    """What a file gives of the parameters that a named material has of its own; those of others are refused."""
+    known = MATERIALS[kind].parameters if kind else ()
+    for parameter in material_parameters():
+        if parameter.name in given and parameter not in known:
+            takers = ", ".join(sorted(entry.name for entry in MATERIALS if parameter in entry.parameters))
+            raise SceneError(
+                f'{where}: {parameter.name} has no effect with material = "{kind}"; take {takers} or leave it out'
+            )
+    return {p.name: float_value(values, p.name) for p in known if p.name in given}
 
 
 def wire_permittivity(
@@ -330,11 +352,6 @@ def _check_law(
         raise SceneError(
             f"{where}: temporal_coherence has no effect with diffuse_law = {law.name}, which returns nothing; "
             "take another law or leave it out"
-        )
-    if "decorrelation_days" in given and float_value(values, "temporal_coherence") == 1.0:
-        raise SceneError(
-            f"{where}: decorrelation_days = {float_value(values, 'decorrelation_days'):g} days has no effect with "
-            "temporal_coherence = 1; give the coherence that is left at last, such as 0"
         )
 
 

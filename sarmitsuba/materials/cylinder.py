@@ -9,8 +9,9 @@ from scipy.special import hankel1, jv, jve
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
-# nodes over the tilt, and how many more each unit of k a takes: for conductors, and for what waves go through
-TILTS, TILTS_PER_KA, TILTS_PER_KA_INSIDE = 65, 0.5, 8.0
+# nodes over the tilt, and how many more each unit of k a takes; of conductors only up to where waves that creep around
+# them still count, and few beyond
+TILTS, TILTS_PER_KA, LAST_CREEPING, TILTS_BEYOND = 65, 8.0, 30.0, 0.5
 # azimuth nodes for each order of the series: four-point interpolation is then within 1e-3 of the largest value
 NODES_PER_ORDER, LEAST_NODES = 10, 48
 # circumference over wavelength up to which rods are tabulated: of conductors, and of others
@@ -65,8 +66,8 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
     -----
     Ignores magnetic rods, layers (insulation, bark, ice) and roughness.
     """
-    more = TILTS_PER_KA if permittivity is None else TILTS_PER_KA_INSIDE
-    psi = np.linspace(0.0, 0.5 * np.pi, TILTS + int(more * ka))
+    dense = ka if permittivity is not None else min(ka, LAST_CREEPING)
+    psi = np.linspace(0.0, 0.5 * np.pi, TILTS + int(TILTS_PER_KA * dense + TILTS_BEYOND * (ka - dense)))
     orders = int(np.ceil(ka + 4.05 * ka ** (1.0 / 3.0))) + 3
     step = np.pi / (LEAST_NODES + NODES_PER_ORDER * orders)
     phi = np.arange(-1, round(np.pi / step) + 2) * step

@@ -2,9 +2,11 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sarmitsuba.constants import VACUUM_PERMITTIVITY
+from sarmitsuba.parameters import Param
 from sarmitsuba.registry import Registry
 
 
@@ -25,6 +27,15 @@ class NamedMaterial(ABC):
     pec: bool = False
     thickness: float = 0.0
     sheet_resistance: float = 0.0
+
+    @property
+    def parameters(self) -> tuple[Param, ...]:
+        """Numbers of its own (of the kind ``float``, with a default), which ``radar_material`` then takes."""
+        return ()
+
+    def at(self, values: Mapping[str, float]) -> "NamedMaterial":
+        """The material with values of its ``parameters``, by name."""
+        return self
 
     @abstractmethod
     def permittivity(self, frequency: float) -> complex:
@@ -57,6 +68,11 @@ class ConstantMaterial(NamedMaterial):
 MATERIALS: Registry[NamedMaterial] = Registry("material", "sarmitsuba.materials.named")
 
 
+def material_parameters() -> tuple[Param, ...]:
+    """The parameters that named materials have of their own; several may share one."""
+    return tuple(sorted({p for entry in MATERIALS for p in entry.parameters}, key=lambda p: p.name))
+
+
 def permittivity_from_conductivity(real: float, conductivity: float, frequency: float) -> complex:
     r"""Relative permittivity of a lossy material.
 
@@ -71,4 +87,10 @@ def permittivity_from_conductivity(real: float, conductivity: float, frequency: 
     return complex(real, -conductivity / (2.0 * math.pi * frequency * VACUUM_PERMITTIVITY))
 
 
-__all__ = ["MATERIALS", "ConstantMaterial", "NamedMaterial", "permittivity_from_conductivity"]
+__all__ = [
+    "MATERIALS",
+    "ConstantMaterial",
+    "NamedMaterial",
+    "material_parameters",
+    "permittivity_from_conductivity",
+]

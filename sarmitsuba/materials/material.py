@@ -1,12 +1,14 @@
 """The electromagnetic surface of a half space or of a slab, as data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
-from sarmitsuba.materials.texture import SurfaceMaps, check_texture
+from sarmitsuba.materials.texture import Bitmap, check_texture
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Material:
     law_parameters: tuple[tuple[str, float], ...] = ()
     texture_shape: float = 0.0
     texture_length: float = 0.0
-    maps: SurfaceMaps | None = None
+    maps: "SurfaceMaps | None" = None
     thickness: float = 0.0
     sheet_resistance: float = 0.0
 
@@ -84,15 +86,8 @@ class Material:
         return LAWS[self.diffuse_law].scatters
 
     def coherence_after(self, days: float) -> float:
-        r"""Coherence of the incoherent return between passes so many days apart.
-
-        .. math:: \gamma(t) = \gamma_\infty + (1 - \gamma_\infty) e^{-|t| / \tau}
-        """
-        if days == 0.0:
-            return 1.0
-        stays = self.temporal_coherence
-        tau = self.decorrelation_days
-        return stays + (1.0 - stays) * float(np.exp(-abs(days) / tau) if tau > 0.0 else 0.0)
+        """Coherence of the incoherent return between passes so many days apart."""
+        return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     def law_parameter(self, name: str) -> float:
         """Value of a parameter of the law's own, its default when it is not given."""
@@ -104,4 +99,74 @@ class Material:
         return float(default)
 
 
-__all__ = ["Material"]
+@dataclass(frozen=True, eq=False)
+class ClassMap:
+    """Which material there is where.
+
+    Parameters
+    ----------
+    bitmap : of numbers of ``materials``, not smooth
+    materials : none invisible, none with maps of its own
+    """
+
+    bitmap: Bitmap
+    materials: tuple[Material, ...]
+
+    def __post_init__(self) -> None:
+        for material in self.materials:
+            what = (
+                "is invisible: a map makes no holes"
+                if material.invisible
+                else "has a map of its own"
+                if material.maps is not None
+                else "has a thickness: a surface is a slab as a whole"
+                if material.thickness
+                else ""
+            )
+            if what:
+                raise SceneError(f'material "{material.name}" of a map of materials {what}; leave that out')
+        values = self.bitmap.values
+        if self.bitmap.smooth or not (0 <= values.min() and values.max() < len(self.materials)):
+            raise SceneError(
+                f"a map of materials holds numbers from 0 to {len(self.materials) - 1}, not smooth"
+            )
+
+    @property
+    def most_frequent(self) -> Material:
+        """The material of most texels."""
+        return self.materials[int(np.bincount(self.bitmap.values.astype(np.int64).ravel()).argmax())]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaps:
+    """The bitmaps on a material.
+
+    Parameters
+    ----------
+    level : factor on sigma0, of at least 0; None: 1 everywhere
+    classes : what the surface is made of; None: the material itself everywhere
+    """
+
+    level: Bitmap | None = None
+    classes: ClassMap | None = None
+
+    def __post_init__(self) -> None:
+        if self.level is not None:
+            values = np.asarray(self.level.values)
+            if not (np.isfinite(values) & (values >= 0.0)).all():
+                raise SceneError(
+                    "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
+                )
+
+    def moved(self, offset: NDArray[np.float64]) -> "SurfaceMaps":
+        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
+        level, classes = self.level, self.classes
+        if level is not None:
+            level = replace(level, placement=level.placement.moved(offset))
+        if classes is not None:
+            bitmap = replace(classes.bitmap, placement=classes.bitmap.placement.moved(offset))
+            classes = replace(classes, bitmap=bitmap)
+        return SurfaceMaps(level, classes)
+
+
+__all__ = ["ClassMap", "Material", "SurfaceMaps"]

@@ -1,12 +1,9 @@
-"""Surfaces that vary from place to place: bitmaps of level, classes and properties, and the texture of clutter."""
-
-from __future__ import annotations
+"""Surfaces that vary from place to place: where bitmaps lie on them, and the gamma texture of clutter."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +11,7 @@ from scipy.special import gammainccinv, gammaincinv, ndtr
 
 from sarmitsuba.errors import SceneError
 
-if TYPE_CHECKING:
-    from sarmitsuba.materials.material import Material
-
 F64 = NDArray[np.float64]
-# values of a permittivity or roughness map that become materials of their own: of one map, and of each of two
-MOST_LEVELS, MOST_LEVELS_OF_TWO = 64, 24
 # texels that stand for an attribute of the mesh, which runs from 0 to 1
 ATTRIBUTE_TEXELS = 256
 # an attribute may miss its bounds by the rounding of float32
@@ -76,7 +68,7 @@ class Placement:
         ab = np.concatenate([*parts, np.zeros((*triangles.shape[:2], 2))], axis=-1)[..., :2]
         return np.asarray(ab @ self.matrix[:, :2].T + self.matrix[:, 2])
 
-    def moved(self, offset: F64) -> Placement:
+    def moved(self, offset: F64) -> "Placement":
         """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
         if self.attributes:
             return self
@@ -85,7 +77,7 @@ class Placement:
         return replace(self, matrix=matrix)
 
 
-def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> Placement:
+def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> "Placement":
     """A bitmap laid over the scene from above, its first row along the northern edge.
 
     Parameters
@@ -110,7 +102,7 @@ def in_plan(extent: Sequence[float], transform: ArrayLike | None = None) -> Plac
     return Placement(_transformed(plain, transform))
 
 
-def on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> Placement:
+def on_mesh(attributes: tuple[str, ...], transform: ArrayLike | None = None) -> "Placement":
     """A bitmap on the texture coordinates of the mesh (``("uv",)``), or a map of its scalar attributes."""
     return Placement(_transformed(np.eye(3), transform), attributes)
 
@@ -136,160 +128,6 @@ class Bitmap:
     placement: Placement
     repeat: bool = False
     smooth: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class ClassMap:
-    """Which material there is where.
-
-    Parameters
-    ----------
-    bitmap : of numbers of ``materials``, not smooth
-    materials : none invisible, none with maps of its own
-    """
-
-    bitmap: Bitmap
-    materials: tuple[Material, ...]
-
-    def __post_init__(self) -> None:
-        for material in self.materials:
-            if material.invisible or material.maps is not None:
-                what = "is invisible: a map makes no holes" if material.invisible else "has a map of its own"
-                raise SceneError(f'material "{material.name}" of a map of materials {what}; leave that out')
-        values = self.bitmap.values
-        if self.bitmap.smooth or not (0 <= values.min() and values.max() < len(self.materials)):
-            raise SceneError(
-                f"a map of materials holds numbers from 0 to {len(self.materials) - 1}, not smooth"
-            )
-
-    @property
-    def most_frequent(self) -> Material:
-        """The material of most texels."""
-        return self.materials[int(np.bincount(self.bitmap.values.astype(np.int64).ravel()).argmax())]
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceMaps:
-    """The bitmaps on a material.
-
-    Parameters
-    ----------
-    level : factor on sigma0, of at least 0; None: 1 everywhere
-    classes : what the surface is made of; None: the material itself everywhere
-    """
-
-    level: Bitmap | None = None
-    classes: ClassMap | None = None
-
-    def __post_init__(self) -> None:
-        if self.level is not None:
-            values = np.asarray(self.level.values)
-            if not (np.isfinite(values) & (values >= 0.0)).all():
-                raise SceneError(
-                    "sigma0_map: a factor on sigma0 is below 0 or no finite number; repair the map"
-                )
-
-    def moved(self, offset: F64) -> SurfaceMaps:
-        """The same in a scene frame whose origin lies at ``offset``, (3,) m."""
-        level, classes = self.level, self.classes
-        if level is not None:
-            level = replace(level, placement=level.placement.moved(offset))
-        if classes is not None:
-            bitmap = replace(classes.bitmap, placement=classes.bitmap.placement.moved(offset))
-            classes = replace(classes, bitmap=bitmap)
-        return SurfaceMaps(level, classes)
-
-
-def with_parts(materials: Sequence[Material]) -> tuple[Material, ...]:
-    """Materials, and after them those that only their maps bring, in the order of the kernel's tables."""
-    parts = [
-        p
-        for m in materials
-        if m.maps is not None and m.maps.classes is not None
-        for p in m.maps.classes.materials
-    ]
-    return (*materials, *parts)
-
-
-def map_attributes(material: Material) -> tuple[str, ...]:
-    """Attributes of the mesh that a material's maps lie on."""
-    maps = material.maps
-    bitmaps = [] if maps is None else [maps.level, None if maps.classes is None else maps.classes.bitmap]
-    return tuple(name for b in bitmaps if b is not None for name in b.placement.attributes)
-
-
-def varied(
-    material: Material, permittivity: F64 | None, rms_height: F64 | None
-) -> tuple[NDArray[np.int64], tuple[Material, ...]]:
-    """Materials for every pair of values of two bitmaps: numbers of materials (the bitmaps' shape), and those.
-
-    Parameters
-    ----------
-    material : what they have in common; its loss tangent is kept with every permittivity, its correlation length with
-        every roughness
-    permittivity : real parts; None: the material's
-    rms_height : m; None: the material's
-
-    Raises
-    ------
-    SceneError : a value makes no material, or the bitmaps differ in shape
-
-    Notes
-    -----
-    Up to ``MOST_LEVELS`` different values are exact (``MOST_LEVELS_OF_TWO`` each where there are two bitmaps); more are
-    rounded to so many steps, equal in dB, between the least and the largest.
-    """
-    label = f'material "{material.name}"'
-    if permittivity is not None and rms_height is not None and permittivity.shape != rms_height.shape:
-        raise SceneError(
-            f"{label}: permittivity_map has {permittivity.shape} texels and roughness_map {rms_height.shape}; give "
-            "both the same size"
-        )
-    if permittivity is not None and (material.pec or not (permittivity >= 1.0).all()):
-        what = (
-            "of a perfect conductor has no effect"
-            if material.pec
-            else f"goes down to {permittivity.min():g}, below 1"
-        )
-        raise SceneError(f"{label}: permittivity_map {what}; change the map or its range")
-    if rms_height is not None and not (rms_height >= 0.0).all():
-        raise SceneError(
-            f"{label}: roughness_map goes down to {rms_height.min():g} m, below 0 m; change its range"
-        )
-    most = MOST_LEVELS if permittivity is None or rms_height is None else MOST_LEVELS_OF_TWO
-    shape = next(values.shape for values in (permittivity, rms_height) if values is not None)
-    levels_e, index_e = _levels(permittivity, shape, most, material.permittivity.real)
-    levels_r, index_r = _levels(rms_height, shape, most, material.rms_height)
-    pair = index_e * len(levels_r) + index_r
-    used, number = np.unique(pair, return_inverse=True)
-    parts = []
-    for k in used.tolist():
-        eps, height = float(levels_e[k // len(levels_r)]), float(levels_r[k % len(levels_r)])
-        loss = material.permittivity.imag / max(material.permittivity.real, 1e-12)
-        parts.append(
-            replace(
-                material,
-                maps=None,
-                permittivity=material.permittivity if permittivity is None else complex(eps, eps * loss),
-                rms_height=height,
-            )
-        )
-    return number.reshape(shape).astype(np.int64), tuple(parts)
-
-
-def _levels(
-    values: F64 | None, shape: tuple[int, ...], most: int, own: float
-) -> tuple[F64, NDArray[np.int64]]:
-    """Values that stand for all of a bitmap, and the number of each texel's among them."""
-    if values is None:
-        return np.array([own]), np.zeros(shape, dtype=np.int64)
-    found, index = np.unique(values, return_inverse=True)
-    if len(found) > most:
-        positive = found[found > 0.0]
-        least = max(float(positive[0]), 1e-3 * float(positive[-1]))
-        found = np.geomspace(least, float(positive[-1]), most)
-        index = np.rint(np.log(np.maximum(values, least) / least) / np.log(found[1] / least))
-    return np.asarray(found, dtype=np.float64), np.asarray(index, dtype=np.int64).reshape(shape)
 
 
 # ---- gamma texture
@@ -398,20 +236,13 @@ __all__ = [
     "FIELD_LIMIT",
     "GREATEST_SHAPE",
     "LEAST_SHAPE",
-    "MOST_LEVELS",
-    "MOST_LEVELS_OF_TWO",
     "QUANTILE_NODES",
     "Bitmap",
-    "ClassMap",
     "Placement",
-    "SurfaceMaps",
     "check_texture",
     "in_plan",
-    "map_attributes",
     "node_spacing",
     "on_mesh",
     "spline_weights",
     "texture_amplitudes",
-    "varied",
-    "with_parts",
 ]

@@ -76,6 +76,11 @@ class Scene:
         """True where there is anything but ideal points."""
         return self.geometry.n_faces > 0 or self.has_sources
 
+    def same_shapes(self, other: "Scene") -> bool:
+        """Whether another scene holds the very same mesh and scatterers beside it, ideal points aside."""
+        beside = self.lines == other.lines and self.volumes == other.volumes
+        return beside and self.geometry is other.geometry
+
     def replace(self, **changes: object) -> "Scene":
         """The same geometry and materials under other parameters: ``scene.replace(look_angle_deg=40.0, prf=900.0)``.
 

@@ -18,7 +18,8 @@ from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
-from sarmitsuba.simulation.points import visible
+from sarmitsuba.simulation.pane_points import panes_of
+from sarmitsuba.simulation.points import visible, way_through
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
@@ -153,6 +154,9 @@ class Imager:
                 f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
+        left_out = f"{run.scene.name}: method raster draws surfaces alone; rods and volumes are left out"
+        if run.scene.has_sources and left_out not in run.notes:
+            run.notes.append(left_out)
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
         cell = self._look_cells().center
@@ -212,19 +216,25 @@ class Imager:
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
+        panes, way = panes_of(self.run.trace_scene, self.run.plan.flags, len(radar.tracks)), None
         if self.run.trace_scene is not None:
-            amplitude = amplitude * visible(self.run.trace_scene.at(self.look.time), position, leg, distance)
+            there = self.run.trace_scene.at(self.look.time)
+            seen = visible(there, position, leg, distance, through_panes=panes is not None)
+            amplitude = amplitude * seen
+            if panes is not None:
+                way = way_through(there, radar, position, np.broadcast_to(grid.position, position.shape))
+                distance = distance + way.extra
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
-        plane = spread_points(
-            grid,
-            distance,
-            -np.einsum("ni,ni->n", leg, velocity) / distance,
-            amplitude,
-            radar.waveform.wavelength,
-        )
+        rate = -np.einsum("ni,ni->n", leg, velocity) / distance
+        plane = spread_points(grid, distance, rate, amplitude, radar.waveform.wavelength)
         for i, layer in enumerate(layers):
-            if layer.order in (0, 1):
+            if layer.order not in (0, 1):
+                continue
+            if way is None:
                 out[i] = plane * np.complex64(isotropic_response(layer.channel))
+            else:
+                shown = amplitude * way.channel(layer.channel)
+                out[i] = spread_points(grid, distance, rate, shown, radar.waveform.wavelength)
         return out
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -30,7 +31,7 @@ F64 = NDArray[np.float64]
 PILOT_POINTS = 30_000
 # points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
 # than the rays do
-MOST_POINTS, FINEST = 1_000_000, 0.5
+MOST_POINTS, FINEST = 500_000, 0.5
 # antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 # pairs in a square of the ground whose level is told, at least
@@ -38,7 +39,7 @@ SQUARE_PAIRS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class _Estimate:
+class PairEstimate:
     """What some pairs return at the middle of the track.
 
     Parameters
@@ -57,7 +58,7 @@ def pair_sources(sampling: SamplingPlan, flags: KernelFlags, trace_scene: TraceS
     """The source of a run's pairs; none where they are off or there are none."""
     if not flags.diffuse_pairs:
         return ()
-    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
     pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene, pilot))
     return (DiffusePairs(pairs),) if pairs.n else ()
 
@@ -70,7 +71,7 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
     sampling : of the run
     trace_scene : geometry, as the run has it
     """
-    pilot = _estimate(sampling, trace_scene, _cell_for(sampling, trace_scene, PILOT_POINTS))
+    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
     total = float(pilot.power.sum())
     count = int((pilot.power > 0.0).sum())
     if not total or not pilot.pairs.clutter:
@@ -93,10 +94,11 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
     usable = _usable(sampling, trace_scene)
     rows = np.flatnonzero(usable)
     box = sampling.box + np.array([[-cell], [cell]])
-    samples = surface_samples(trace_scene.triangles[rows], cell, box, sampling.scene.settings.seed)
+    seed = sampling.scene.settings.seed
+    samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
     samples = replace(samples, face=rows[samples.face])
     pairs = find_pairs(
-        trace_scene, samples, _views(sampling), cell, box, visibility=sampling.flags.visibility
+        trace_scene, samples, _views(sampling), cell, box, seed=seed, visibility=sampling.flags.visibility
     )
     keep = usable[pairs.face[:, 1]]
     return replace(
@@ -108,8 +110,10 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
 def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_]:
     """Faces of the tables that scatter diffusely and rest."""
     scene = sampling.scene
-    scatters = np.array([m.scatters for m in scene.materials], dtype=bool)
+    scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
+    if trace_scene.surfaces is not None:  # materials by place
+        usable[:] = True
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0
     return np.asarray(usable)
@@ -130,7 +134,7 @@ def _views(sampling: SamplingPlan) -> F64:
     return np.stack(views, axis=1).reshape(-1, 3) if len(views) == 1 else np.concatenate(views)
 
 
-def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
+def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
     """Edge of cells that about so many points come from, m; a power of the square root of two.
 
     Looks and passes that differ a little have the same.
@@ -148,7 +152,7 @@ def _cell_for(sampling: SamplingPlan, trace_scene: TraceScene, points: float) ->
     return _rounded_down(float(np.sqrt(max(float(area.sum()), 1e-6) / points)))
 
 
-def _draw_error(sampling: SamplingPlan, found: _Estimate) -> float:
+def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:
     r"""Error of the image by the draw of some pairs, over the power of the clutter.
 
     A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
@@ -165,14 +169,14 @@ def _draw_error(sampling: SamplingPlan, found: _Estimate) -> float:
     return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
 
 
-def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: _Estimate) -> float:
+def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: PairEstimate) -> float:
     """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
     error = _draw_error(sampling, pilot)
     if error == 0.0:
         return pilot.cell
     tolerance = 10.0 ** (sampling.scene.settings.tolerance_db / 10.0)
     wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
-    finest = max(_cell_for(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    finest = max(pilot_cell(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
     return min(pilot.cell, max(wanted, finest))
 
 
@@ -180,7 +184,7 @@ def _rounded_down(cell: float) -> float:
     return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(cell) + 1e-9)))
 
 
-def _squares(found: _Estimate) -> tuple[NDArray[np.intp], float]:
+def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
     """Number of the square of the ground in which each pair lies, and the squares' side, m."""
     middle = found.pairs.point.mean(axis=1)[:, :2]
     lit = found.power > 0.0
@@ -192,7 +196,7 @@ def _squares(found: _Estimate) -> tuple[NDArray[np.intp], float]:
     return at[:, 1] * columns + at[:, 0], side
 
 
-def _strongest(sampling: SamplingPlan, found: _Estimate) -> tuple[float, float]:
+def _strongest(sampling: SamplingPlan, found: PairEstimate) -> tuple[float, float]:
     """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
     squares, side = _squares(found)
     ground = float(np.prod(np.ptp(sampling.box[:, :2], axis=0)))
@@ -202,11 +206,11 @@ def _strongest(sampling: SamplingPlan, found: _Estimate) -> tuple[float, float]:
     return float(power.max()) / clutter, side
 
 
-def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _Estimate:
+def estimate_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> PairEstimate:
     """Draw pairs and let the middle of the track look at them."""
     pairs = scene_pairs(sampling, trace_scene, cell)
     if not pairs.n:
-        return _Estimate(cell, pairs, np.zeros(0))
+        return PairEstimate(cell, pairs, np.zeros(0))
     radar, window = sampling.scene.radar, sampling.window
     flags = replace(sampling.flags, channels=("HH", "VV"), depolarisation=False)
     echo = pair_echo(
@@ -218,7 +222,7 @@ def _estimate(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> _
         wavelength=radar.waveform.wavelength,
         seed=sampling.scene.settings.seed,
     )
-    return _Estimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
+    return PairEstimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,4 +310,14 @@ class _Kept:
         return state
 
 
-__all__ = ["PairEcho", "pair_echo", "pair_level", "pair_sources", "scene_pairs"]
+__all__ = [
+    "PILOT_POINTS",
+    "PairEcho",
+    "PairEstimate",
+    "estimate_pairs",
+    "pair_echo",
+    "pair_level",
+    "pair_sources",
+    "pilot_cell",
+    "scene_pairs",
+]

@@ -22,14 +22,16 @@ from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer, receiver_state
 from sarmitsuba.trace.kernel import trace
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.source import Part, Recorder
 from sarmitsuba.trace.state import RETRO, REVERSED
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 # by the number that a row carries: by physical optics, from a diffuse scatterer straight home, from one back along its
-# own chain of mirrors, from an ideal point, and from a diffuse scatterer home through mirrors to a receiver apart
-KINDS = ("coherent", "diffuse", "retro", "point", "reversed")
+# own chain of mirrors, from an ideal point, from a diffuse scatterer home through mirrors to a receiver apart, and from
+# a scatterer that no ray finds
+KINDS = ("coherent", "diffuse", "retro", "point", "reversed", "scatterer")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
@@ -50,7 +52,8 @@ class PathTable:
     range_rate : (n,) float64, m/s, of half the length
     amplitude : (n, n_channels) complex128, sqrt(W), with the phase ``exp(-j 2 pi length / wavelength)``
     points : (n, n_most, 3) float64, m, scene frame; bounce after bounce, NaN beyond the path's own. The bounce that the
-        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube
+        path turns round at is its phase centre: the diffuse scatterer, or the middle of what is left of a tube;
+        of a pair of diffuse scatterers both bounces stand at the middle between the two
     face : (n, n_most) int32 row of ``Scene.geometry.faces``, -1 where there is none
     shape : (n, n_most) int32 number of the mesh, -1 where there is none
     material : (n, n_most) int32 index into ``Scene.materials``, -1 where there is none
@@ -58,7 +61,8 @@ class PathTable:
     Notes
     -----
     The other bounces are where the middle of the ray's tube hits, so that the legs of a path behind mirrors add up to
-    its length to second order in the tube's width.
+    its length to second order in the tube's width. Of a path that no ray of a lattice finds, such as a rod's over the
+    ground, every bounce is at its phase centre, on no face.
     """
 
     channels: tuple[str, ...]
@@ -164,7 +168,7 @@ def trace_paths(
     Notes
     -----
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more.
+    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -207,8 +211,12 @@ class PathTracer:
         if self._tracer is not None and self._rays is not None:
             for pulse in wanted:
                 self._tracer.pose(radar.track.time[pulse : pulse + 1])
-                serving = (grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse))
+                serving = [grid for grid in self._rays.at(pulse)[0] if grid.serves(pulse)]
                 parts += [_of_grid(run, self._tracer, grid, pulse, gate) for grid in serving]
+                parts += [
+                    _of_part(run, self._tracer, part, record, pulse, gate)
+                    for part, record in self._tracer.parts(serving, 1)
+                ]
         table = joined(parts)
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
         table = replace(table, amplitude=table.amplitude * phase[:, None])
@@ -245,6 +253,7 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
     batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
+    flags = replace(flags, transmission=False)  # hits are kept by lane: of one path, without branches
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
     room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
     while True:
@@ -254,6 +263,43 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
         if recording.found() <= room:
             return _table(run, tracer, recording.rows(), pulse)
         room = recording.found()
+
+
+def _of_part(
+    run: Run, tracer: Tracer, part: Part, record: Recorder, pulse: int, gate: Gate | None
+) -> PathTable:
+    """Paths of one launch of a source, at one pulse."""
+    scene, pick = run.scene, slice(pulse, pulse + 1)
+    radar = scene.radar
+    position, velocity = radar.track.position[pick], radar.track.velocity[pick]
+    batch, _ = tracer.prepared(part.grid, position, velocity, pick, receiver=receiver_state(radar, pick))
+    kernel = tracer.kernel_of(part.grid, batch)
+    one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
+    room = max(LEAST_ROOM, ROOM_PER_RAY * part.count)
+    while True:
+        recording = Recording(1, 1, len(radar.channels), room, one)
+        _, state = record(kernel, radar.antenna, recording)
+        dr.eval(state, recording.memory)
+        if recording.found() <= room:
+            break
+        room = recording.found()
+    rows = recording.rows()
+    order = rows.labels[:, 2].astype(np.int32)
+    there = np.arange(1, int(order.max(initial=1)) + 1) <= order[:, None]
+    nothing = np.full(there.shape, -1, dtype=np.int32)
+    return replace(
+        _empty(scene),
+        pulse=np.full(order.size, pulse, dtype=np.int32),
+        kind=rows.labels[:, 1].astype(np.uint8),
+        order=order,
+        length=2.0 * rows.lengths[:, 0],
+        range_rate=rows.lengths[:, 1].copy(),
+        amplitude=rows.amplitudes.astype(np.complex128),
+        points=np.where(there[..., None], rows.lengths[:, None, 2:], np.nan),
+        face=nothing,
+        shape=nothing,
+        material=nothing,
+    )
 
 
 def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:

@@ -16,6 +16,8 @@ from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pane_points import PaneWay, panes_of
+from sarmitsuba.simulation.tracing import polarisation_up
 from sarmitsuba.trace.geometry import TraceScene
 
 # pulses of one NumPy batch times samples; bounds temporaries to about 100 MB
@@ -57,10 +59,11 @@ def add_points(
     radar = scene.radar
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
+    panes = panes_of(trace_scene, flags, len(radar.tracks))
     factors = {  # both ray subsets see the whole point
         i: np.complex64(isotropic_response(layer.channel) * SUBSET_SHARES[layer.subset])
         for i, layer in enumerate(layers)
-        if layer.order in (0, 1) and isotropic_response(layer.channel)
+        if layer.order in (0, 1) and (isotropic_response(layer.channel) or panes is not None)
     }
     sample = np.arange(window.n_samples) * window.sample_spacing
     moving = InPulse.of(radar, slice(None))
@@ -68,11 +71,15 @@ def add_points(
     step = max(1, _BATCH // window.n_samples)
     for start in range(0, track.n_pulses, step):
         pick = slice(start, start + step)
-        seen = sightlines(scene.points, trace_scene, radar.tracks, pick)
+        seen = sightlines(scene.points, trace_scene, radar.tracks, pick, through_panes=panes is not None)
         for point, sight in zip(scene.points, seen, strict=True):
             distance, amplitude = point_returns(scene, flags, point, pick)
             amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
+            way = None
+            if panes is not None:
+                way = _through_panes(panes, scene, point, pick)
+                distance = distance + way.extra
             place = distance
             if moving is not None:
                 rate = point_history(radar, point, pick)[1]
@@ -82,8 +89,35 @@ def add_points(
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
             for i, factor in factors.items():
-                data[i, pick] += profile * factor
+                if way is not None:
+                    share = way.channel(layers[i].channel) * SUBSET_SHARES[layers[i].subset]
+                    data[i, pick] += profile * share.astype(np.complex64)[:, None]
+                else:
+                    data[i, pick] += profile * factor
     return added
+
+
+def _through_panes(trace_scene: TraceScene, scene: Scene, point: PointTarget, pick: slice) -> PaneWay:
+    """The ways between a point and the antenna in the pulses ``pick``, of a scene with panes."""
+    radar = scene.radar
+    time, antenna = radar.track.time[pick], radar.track.position[pick]
+    position = point.position_at(time)
+    if trace_scene.movers is None:
+        return way_through(trace_scene, radar, position, antenna)
+    ways = zip(time, position, antenna, strict=True)
+    return PaneWay.joined(
+        [way_through(trace_scene.at(float(t)), radar, p[None], a[None]) for t, p, a in ways]
+    )
+
+
+def way_through(
+    trace_scene: TraceScene, radar: Radar, position: NDArray[np.float64], antenna: NDArray[np.float64]
+) -> PaneWay:
+    """Ways from points to one antenna, both (n, 3) m, through panes."""
+    leg = antenna - position
+    start = off_surfaces(trace_scene, position, leg / np.linalg.norm(leg, axis=1)[:, None])
+    up = polarisation_up(radar, position[len(position) // 2], radar.track.center_position)
+    return PaneWay.of(trace_scene, radar.waveform.wavelength, start, antenna, up)
 
 
 def point_returns(
@@ -130,9 +164,14 @@ def point_history(
 
 
 def sightlines(
-    points: Sequence[PointTarget], trace_scene: TraceScene | None, tracks: Sequence[Track], pick: slice
+    points: Sequence[PointTarget],
+    trace_scene: TraceScene | None,
+    tracks: Sequence[Track],
+    pick: slice,
+    *,
+    through_panes: bool = False,
 ) -> NDArray[np.float64]:
-    """1 where a point sees every antenna at a pulse of ``pick``, else 0: (n_points, n) float64."""
+    """1 where a point sees every antenna at a pulse of ``pick``, else 0: (n_points, n) float64; see `visible`."""
     time = tracks[0].time[pick]
     position = np.array([point.position_at(time) for point in points])
     seen = np.ones(position.shape[:2])
@@ -143,10 +182,14 @@ def sightlines(
         distance = np.linalg.norm(leg, axis=2)
         if trace_scene.movers is None:
             ways = zip(position, leg, distance, strict=True)
-            seen *= np.array([visible(trace_scene, *way) for way in ways]).reshape(seen.shape)
+            each = [visible(trace_scene, *way, through_panes=through_panes) for way in ways]
+            seen *= np.array(each).reshape(seen.shape)
             continue
         ways = zip(np.swapaxes(position, 0, 1), np.swapaxes(leg, 0, 1), distance.T, strict=True)
-        each = [visible(trace_scene.at(float(t)), *way) for t, way in zip(time, ways, strict=True)]
+        each = [
+            visible(trace_scene.at(float(t)), *way, through_panes=through_panes)
+            for t, way in zip(time, ways, strict=True)
+        ]
         seen *= np.array(each).reshape(seen.T.shape).T
     return seen
 
@@ -156,6 +199,8 @@ def visible(
     position: NDArray[np.float64],
     leg: NDArray[np.float64],
     distance: NDArray[np.float64],
+    *,
+    through_panes: bool = False,
 ) -> NDArray[np.float64]:
     """1 where the straight way from points to the antenna is free, else 0; (n,) float64.
 
@@ -166,21 +211,34 @@ def visible(
     ----------
     position : (3,) or (n, 3) m
     leg, distance : (n, 3) and (n,) m, from the antenna to the points
+    through_panes : panes hide nothing
     """
+    blocking = trace_scene.mi_scene
+    if through_panes and trace_scene.slabs is not None:
+        if trace_scene.slabs.walls is None:
+            return np.ones(len(distance))
+        blocking = trace_scene.slabs.walls
     away = -leg / distance[:, None]
-    position = np.broadcast_to(position, away.shape)
+    start = off_surfaces(trace_scene, np.broadcast_to(position, away.shape), away)
+    origin, direction, (far,) = (
+        [device_array(mi.Float, row.astype(np.float32)) for row in rows]
+        for rows in (start.T, away.T, distance[None])
+    )
+    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
+    return 1.0 - np.asarray(blocking.ray_test(ray), dtype=np.float64)
+
+
+def off_surfaces(
+    trace_scene: TraceScene, position: NDArray[np.float64], away: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Where ways from points (n, 3) along ``away`` (n, 3) start: off the facets that the points lie on, (n, 3) m."""
     start = position.copy()
     points, owner = np.unique(position, axis=0, return_inverse=True)
     for i, point in enumerate(points):
         mine = np.flatnonzero(owner.reshape(-1) == i)
         touched = touched_facets(trace_scene.triangles, point, max(ON_SURFACE, trace_scene.clearance))
         start[mine] += off_planes(touched, point, away[mine], trace_scene.clearance)
-    origin, direction, (far,) = (
-        [device_array(mi.Float, row.astype(np.float32)) for row in rows]
-        for rows in (start.T, away.T, distance[None])
-    )
-    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), far, 0.0, [])
-    return 1.0 - np.asarray(trace_scene.mi_scene.ray_test(ray), dtype=np.float64)
+    return start
 
 
 def touched_facets(
@@ -226,9 +284,11 @@ __all__ = [
     "ON_SURFACE",
     "add_points",
     "off_planes",
+    "off_surfaces",
     "point_history",
     "point_returns",
     "sightlines",
     "touched_facets",
     "visible",
+    "way_through",
 ]

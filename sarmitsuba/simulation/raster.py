@@ -14,12 +14,11 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
-from sarmitsuba.trace.speckle import SurfacePlace
 
 F32 = NDArray[np.float32]
 
@@ -149,9 +148,12 @@ class Raster:
         normal = mi.Vector3f(*(f32(dr.gather(wide, scene.face_table, rows + i, seen)[3]) for i in range(3)))
         cosine = dr.maximum(dr.abs(dr.dot(normal, d)), 1e-3)
         own = dr.gather(mi.Vector4u, scene.face_info, pi.prim_index, seen).x
-        material, level = own & MATERIAL_MASK, f32(1.0)
-        if flags.texture and scene.surfaces is not None:
-            material, level = self._at_places(scene, pi, p, normal, own, seen)
+        level = f32(1.0)
+        if flags.texture:
+            seed = dr.opaque(mi.UInt32, self.scene.settings.seed & 0xFFFFFFFF)
+            own, root = scene.at_place(pi.prim_index, own, mi.Vector3d(p), mi.Vector3d(normal), seed, seen)
+            level = dr.square(root)
+        material = own & MATERIAL_MASK
 
         # ---- sigma0 of the law at the local incidence angle
         area = dr.square(dr.opaque(f32, self.spacing)) * level / cosine
@@ -208,27 +210,6 @@ class Raster:
         low, high = (dr.gather(mi.Vector2f, self.table, entry + i, seen) for i in (0, 1))
         amplitude = low + (high - low) * (theta - f32(node))
         return amplitude if water is None else amplitude * water.level(material, angle, -2.0 * d)
-
-    def _at_places(
-        self,
-        scene: TraceScene,
-        pi: mi.PreliminaryIntersection3f,
-        p: mi.Point3f,
-        normal: mi.Vector3f,
-        own: mi.UInt32,
-        seen: mi.Bool,
-    ) -> tuple[mi.UInt32, mi.Float]:
-        """Number of the material where each sample lands, and the factor on its sigma0 by map and texture."""
-        assert scene.surfaces is not None
-        corner = dr.gather(mi.Vector4d, scene.face_table, pi.prim_index * 3, seen)
-        offset = mi.Vector3f(mi.Vector3d(p) - mi.Vector3d(corner.x, corner.y, corner.z))
-        material = scene.material_at(pi.prim_index, own, offset, seen) & MATERIAL_MASK
-        place = SurfacePlace.of(mi.Vector3d(p), mi.Vector3d(normal))
-        seed = dr.opaque(mi.UInt32, self.scene.settings.seed & 0xFFFFFFFF)
-        amplitude = scene.surfaces.amplitude(
-            pi.prim_index, own & MATERIAL_MASK, material, offset, place, seed, seen
-        )
-        return material, dr.square(amplitude)
 
     def _pixel(self, leg: mi.Vector3d, antenna: NDArray[np.float64]) -> tuple[mi.Float64, mi.Float64]:
         """Fractional pixel (azimuth, range), float64, of points that lie ``leg`` (Vector3d, m) from the antenna."""

@@ -90,6 +90,20 @@ class Recording:
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Append; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        if dr.flag(dr.JitFlag.SymbolicScope):
+            return self._append(state, contribution)
+        # a slot outside of any loop could be used once only
+
+        def waiting(once: mi.Bool, state: LaneArrays) -> mi.Bool:
+            return once
+
+        def append(once: mi.Bool, state: LaneArrays) -> tuple[mi.Bool, LaneArrays]:
+            return mi.Bool(False), self._append(state, contribution)
+
+        _, state = dr.while_loop((mi.Bool(True), state), waiting, append, label="append", mode="symbolic")
+        return state
+
+    def _append(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
         kept = contribution.active & (power > 0.0)
         if self.gate is not None:

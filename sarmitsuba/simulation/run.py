@@ -78,9 +78,12 @@ class Run:
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
-        changed = self.scene.geometry is not scene.geometry or self.scene.volumes is not scene.volumes
-        if self.sampling is not None and changed:  # what moved was stopped, or volumes left out
-            self.trace_scene, self._built_from = built(self.scene), self.scene
+        if self.sampling is not None and not self.scene.same_shapes(scene):
+            # what moved was stopped, or something left out
+            if self.scene.traced:
+                self.trace_scene, self._built_from = built(self.scene), self.scene
+            else:
+                self.trace_scene = self.sampling = None
         if self.sampling is not None:
             self.sampling = self.sampling.obeying(self.scene, self.plan.flags)
         self.layers = LayerPlan.of(self.scene, self.plan)

@@ -80,7 +80,7 @@ def _lines(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
         float(np.linalg.norm(track.position - sampling.window.center, axis=1).min()) for track in radar.tracks
     )
     wavelength = radar.waveform.wavelength
-    step = longest_step(min(sampling.azimuth_cell, sampling.range_cell), distance, wavelength)
+    step = longest_step(sampling.range_cell, sampling.azimuth_cell, distance, wavelength)
     nodes = _lit(cut(scene.lines, step), sampling)
     if not len(nodes.point):
         return None
@@ -109,7 +109,7 @@ def _volumes(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     if not scene.volumes:
         return None
     cell = sampling.azimuth_cell * scene.radar.waveform.range_cell
-    return PointSource(volume_scatterers(scene.volumes, cell), most_bounces(scene))
+    return PointSource(volume_scatterers(scene.volumes, cell, scene.settings.seed), most_bounces(scene))
 
 
 def passages_of(scene: Scene) -> tuple[Passage, ...]:

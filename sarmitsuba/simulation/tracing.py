@@ -63,6 +63,7 @@ class Tracer:
         self.largest_grid = 0
         self.times: F64 | None = None
         self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
+        timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
         self.kernel = KernelSettings(
@@ -181,6 +182,11 @@ class Tracer:
             for part in source.parts(rays, n_pulses)
         ]
 
+    def kernel_of(self, grid: LaunchGrid, batch: PulseBatch) -> Kernel:
+        """What the launches of sources share, with every effect that the run has."""
+        constants = Constants.of(self.kernel, self.trace_scene, grid)
+        return Kernel(self.trace_scene, grid, batch, self.flags, constants)
+
     def launch(
         self,
         grid: LaunchGrid,
@@ -210,9 +216,7 @@ class Tracer:
                 self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
             )
         else:
-            constants = Constants.of(self.kernel, self.trace_scene, grid)
-            kernel = Kernel(self.trace_scene, grid, batch, self.flags, constants)
-            counts, state = record(kernel, radar.antenna, accumulator)
+            counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])

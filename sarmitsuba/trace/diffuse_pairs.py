@@ -39,7 +39,7 @@ from sarmitsuba.trace.rays import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
 from sarmitsuba.trace.source import MAX_LANES, Part, both_gains
 from sarmitsuba.trace.speckle import mix
-from sarmitsuba.trace.state import DIFFUSE, Contribution, Kernel
+from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.trace.temporal import Age
 
 if TYPE_CHECKING:
@@ -103,9 +103,10 @@ class DiffusePairs:
 
     Notes
     -----
-    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and what either
-    scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's random phase is its own: as
-    surfaces coarse against the wavelength have it, what a cell sends to another does not tell what it sends home.
+    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, panes that they are
+    seen through, and what either scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's
+    random phase is its own: as surfaces coarse against the wavelength have it, what a cell sends to another does not
+    tell what it sends home.
     """
 
     def __init__(self, pairs: Pairs) -> None:
@@ -155,17 +156,22 @@ class DiffusePairs:
         key = dr.gather(mi.UInt32, self.key, index) + kernel.constants.seed
         # a pair has one random phase; its level is that of the mean power
         flags = replace(kernel.flags, speckle=False)
-        ends = []
+        ends, weight = [], mi.Float(rows[0][3])
         for i, face in enumerate((faces.x, faces.y)):
             word = dr.gather(mi.Vector4u, kernel.scene.face_info, face).x
             place, normal = rows[2 * i], rows[2 * i + 1]
+            point, normal64 = (mi.Vector3d(x[0], x[1], x[2]) for x in (place, normal))
+            if flags.texture:
+                word, factor = kernel.scene.at_place(
+                    face, word, point, normal64, kernel.constants.seed, mi.Bool(True)
+                )
+                weight *= factor
             properties = dr.gather(mi.Vector4f, kernel.scene.material_table, word & MATERIAL_MASK)
-            normal64 = mi.Vector3d(normal[0], normal[1], normal[2])
-            age = Age.of(kernel, word) if flags.temporal else None
+            age = Age.of(kernel, word)
             key_here = mix(key ^ (0x1B873593 * (i + 1)))
             ends.append(
                 _End(
-                    point=mi.Vector3d(place[0], place[1], place[2]),
+                    point=point,
                     normal64=normal64,
                     normal=mi.Vector3f(normal64),
                     material=word,
@@ -173,7 +179,7 @@ class DiffusePairs:
                     random=speckle_coefficients(key_here, properties.w, flags, age),
                 )
             )
-        return ends[0], ends[1], mi.Float(rows[0][3])
+        return ends[0], ends[1], weight
 
     def _way(
         self,
@@ -218,7 +224,7 @@ class DiffusePairs:
             for channel in closed
         ]
         return Contribution(
-            kind=mi.UInt32(DIFFUSE),
+            kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(2),
             pulse=pulse,
             slant_range=0.5 * (out.length + mi.Float64(dr.norm(b.point - a.point)) + home.length),

@@ -12,7 +12,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.diffuse import diffuse_tables, spectrum_table
 from sarmitsuba.materials.diffuse_law import LAWS, Bistatic
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.boundary_edges import N_EDGES, boundary_edges, facets
 from sarmitsuba.mesh.curvature import facet_curvature
 from sarmitsuba.mesh.pieces import part_sizes, piece_of, piece_sizes, ray_needs, round_bodies, slant_factor
@@ -23,6 +23,7 @@ from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.moving import Movers
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.slabs import Slabs
+from sarmitsuba.trace.speckle import SurfacePlace
 from sarmitsuba.trace.texture import SurfaceTables
 from sarmitsuba.trace.water import Water
 
@@ -65,6 +66,7 @@ class TraceScene:
     water : tables of what is water under wind; None where nothing is
     passages : what stands in the way of waves without stopping them
     slabs : the materials that are slabs, None where there is none
+    beside : (2, 3) float64 corners of scatterers beside the mesh, m; None where there are none
     bounds : (2, 3) float64 lower and upper corner of what is traced, m, scene frame
     change_table : (2 n_materials,) float32: coherence that stays between passes and time constant (days) of what does
         not; None where all stays as it is
@@ -92,6 +94,7 @@ class TraceScene:
     passages: tuple[Passage, ...] = ()
     water: Water | None = None
     slabs: Slabs | None = None
+    beside: NDArray[np.float64] | None = None
 
     @property
     def extent(self) -> float:
@@ -111,6 +114,34 @@ class TraceScene:
         there = self.surfaces.classes.nearest(face, own & MATERIAL_MASK, offset, active)
         return (own & FACE_BITS) | there
 
+    def at_place(
+        self,
+        face: mi.UInt32,
+        own: mi.UInt32,
+        point: mi.Vector3d,
+        normal: mi.Vector3d,
+        seed: mi.UInt32,
+        active: mi.Bool,
+    ) -> tuple[mi.UInt32, mi.Float]:
+        """Bits of the material at a point of a face at rest, and the factor on its diffuse amplitude.
+
+        Parameters
+        ----------
+        own : material of the face, as in ``face_info``
+        point, normal : float64, m and unit vector
+        seed : of the scene
+        """
+        if self.surfaces is None:
+            return own, mi.Float(1.0)
+        corner = dr.gather(mi.Vector4d, self.face_table, face * 3, active)
+        offset = mi.Vector3f(point - mi.Vector3d(corner.x, corner.y, corner.z))
+        bits = self.material_at(face, own, offset, active)
+        place = SurfacePlace.of(point, normal)
+        factor = self.surfaces.amplitude(
+            face, own & MATERIAL_MASK, bits & MATERIAL_MASK, offset, place, seed, active
+        )
+        return bits, factor
+
     def material_of(self, face: mi.UInt32, active: mi.Bool) -> mi.UInt32:
         """Rows of the material table of faces, in a kernel."""
         return dr.gather(mi.Vector4u, self.face_info, face, active).x & MATERIAL_MASK
@@ -126,7 +157,7 @@ class TraceScene:
             self,
             mi_scene=intersector(corners),
             face_table=device_array(mi.Float64, _packed(triangles)),
-            bounds=_bounds(corners),
+            bounds=_joined(_bounds(corners), self.beside),
             triangles=triangles,
             movers=movers,
             slabs=self.slabs and self.slabs.at(triangles),
@@ -260,6 +291,13 @@ def build_trace_scene(
     )
 
 
+def _joined(bounds: NDArray[np.float64], other: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Bounds (2, 3) of both."""
+    if other is None:
+        return bounds
+    return np.stack([np.minimum(bounds[0], other[0]), np.maximum(bounds[1], other[1])])
+
+
 def _with_places(
     geometry: Geometry,
     materials: tuple[Material, ...],
@@ -272,8 +310,8 @@ def _with_places(
     """The scene with room for places beside its mesh; without a mesh, one in which rays hit nothing."""
     if visible:
         scene = build_trace_scene(geometry, materials, wavelength, antenna, seed=seed)
-        bounds = np.concatenate([scene.bounds, places])
-        return replace(scene, bounds=np.stack([bounds.min(axis=0), bounds.max(axis=0)]))
+        beside = np.stack([places.min(axis=0), places.max(axis=0)])
+        return replace(scene, bounds=_joined(scene.bounds, beside), beside=beside)
     # tables need a row: of a face that is not there
     face = replace(
         Geometry.empty(),

@@ -290,7 +290,7 @@ def close_diffuse(
         straight_weight=weight * tube_here.loss * receive.gain,
         retro_weight=weight * tube_here.loss_retro,
         receive=receive,
-        age=Age.of(kernel, hit.material) if kernel.flags.temporal else None,
+        age=Age.of(kernel, hit.material),
     )
 
 

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 # rad; two-way phase by which a node's half of a spline, seen from an antenna near by, may differ from the plane wave's
-# at its end. Its mean over the spline is a sixth of that
-NEAR_PHASE = 0.3
+# at its end. Its mean over the spline is a sixth of that: -50 dB
+NEAR_PHASE = 0.02
+# nodes in a resolution cell
+PER_RANGE_CELL, PER_AZIMUTH_CELL = 4.0, 8.0
 # where an end is seen from: its part of the line has its middle there, in lengths of that part
 PROBE = 1.0 / 3.0
 
@@ -62,18 +64,23 @@ class LineNodes:
         )
 
 
-def longest_step(resolution: float, distance: float, wavelength: float) -> float:
-    r"""Largest distance between nodes, m: half a resolution cell, and short against the Fresnel zone.
+def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavelength: float) -> float:
+    r"""Largest distance between nodes, m.
 
-    .. math:: k h^2 / R \le 0.3
+    A quarter of the range cell, for the ends of a slanting line; an eighth of the azimuth cell, so that a node's
+    pattern changes by 1.3 % over the whole aperture, little of it over the pulses that share a tracing; and short
+    against the Fresnel zone,
+
+    .. math:: k h^2 / R \le 0.02
 
     Parameters
     ----------
-    resolution : finest cell, m
+    range_cell, azimuth_cell : resolutions, m
     distance : R, least to an antenna, m
     wavelength : m
     """
-    return float(min(0.5 * resolution, np.sqrt(NEAR_PHASE * distance * wavelength / (2.0 * np.pi))))
+    fresnel = np.sqrt(NEAR_PHASE * distance * wavelength / (2.0 * np.pi))
+    return float(min(range_cell / PER_RANGE_CELL, azimuth_cell / PER_AZIMUTH_CELL, fresnel))
 
 
 def cut(lines: Sequence[LineTarget], longest: float) -> LineNodes:
@@ -108,8 +115,7 @@ class LineScatterers(Scatterers):
     .. math:: F = \int_{-1}^{1} w(t) (1 - |t|) e^{-j k h (\hat d - \hat s) \cdot \hat a\, t} dt
 
     whose w is 0 beyond an end of the line, else 1. Hats of neighbours sum to one: at the carrier the sum over a line is
-    its whole integral, however it is cut, and what of a slanting line is not cancelled stands at its ends, at all
-    frequencies of the band up to :math:`(\lambda / 4 \delta_r)^2` of the line's glint.
+    its whole integral, however it is cut, and what of a slanting line is not cancelled stands at its ends.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
 from sarmitsuba.trace.arrays import vector_rows
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.geometry import MATERIAL_MASK, TraceScene
 from sarmitsuba.trace.rays import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.speckle import mix
@@ -62,7 +62,14 @@ class Pairs:
 
 
 def find_pairs(
-    scene: TraceScene, samples: SurfaceSamples, views: F64, cell: float, box: F64, *, visibility: bool = True
+    scene: TraceScene,
+    samples: SurfaceSamples,
+    views: F64,
+    cell: float,
+    box: F64,
+    *,
+    seed: int = 0,
+    visibility: bool = True,
 ) -> Pairs:
     """Draw one partner for each point, and keep the pairs whose ends the views see.
 
@@ -72,13 +79,14 @@ def find_pairs(
     samples : points of faces of the scene
     views : (n, 3) m, antenna positions; the middle one is that of ``Pairs.clutter``
     cell, box : of the samples, m
+    seed : of textures
     visibility : off takes no heed of what stands between a point and the antenna
 
     Notes
     -----
     Pairs that have an end which only positions between the views see are left out.
     """
-    sides = [_facing(samples, views, sign) for sign in (1.0, -1.0)]
+    sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])
     sign = np.repeat([1.0, -1.0], [int(side.sum()) for side in sides])
     if not index.size:
@@ -86,7 +94,7 @@ def find_pairs(
     normal = samples.normal[index] * sign[:, None]
     key = samples.key[index] ^ np.where(sign > 0.0, 0, 0x5BD1E995).astype(np.uint32)
     return _search(
-        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, visibility=visibility
+        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, seed, visibility=visibility
     )
 
 
@@ -99,6 +107,7 @@ def _search(
     views: F64,
     cell: float,
     box: F64,
+    seed: int,
     *,
     visibility: bool,
 ) -> Pairs:
@@ -136,18 +145,22 @@ def _search(
 
     ends = ((a, n_a64), (b, n_b64))
     kept, seen = _seen(scene, ends, views, clearance, there, visibility)
-    material = scene.material_of(face_a, mi.Bool(True))
+    word = dr.gather(mi.Vector4u, scene.face_info, face_a).x
+    word, factor = scene.at_place(face_a, word, a, n_a64, dr.opaque(u32, seed & 0xFFFFFFFF), mi.Bool(True))
     middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
     cosine = f32(dr.dot(dr.normalize(middle - a), n_a64))
-    backscatter = diffuse_lookup(scene.diffuse_table, material, cosine)
-    clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter) / f32(density), 0.0)
+    backscatter = diffuse_lookup(scene.diffuse_table, word & MATERIAL_MASK, cosine)
+    clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter * factor) / f32(density), 0.0)
     dr.eval(b, n_b64, weight, kept, face_b, clutter)
-    pick = np.flatnonzero(kept.numpy())
+    lanes = dr.compress(kept)
+    pick = lanes.numpy()
+    b, n_b64 = (dr.gather(v64, v, lanes).numpy().T for v in (b, n_b64))
+    face_b, weight = (dr.gather(type(v), v, lanes).numpy() for v in (face_b, weight))
     return Pairs(
-        point=np.stack([samples.point[index[pick]], b.numpy().T[pick]], axis=1),
-        normal=np.stack([normal[pick], n_b64.numpy().T[pick]], axis=1),
-        face=np.stack([samples.face[index[pick]], face_b.numpy()[pick].astype(np.intp)], axis=1),
-        weight=weight.numpy()[pick],
+        point=np.stack([samples.point[index[pick]], b], axis=1),
+        normal=np.stack([normal[pick], n_b64], axis=1),
+        face=np.stack([samples.face[index[pick]], face_b.astype(np.intp)], axis=1),
+        weight=weight.astype(np.float64),
         key=key[pick],
         clutter=float(clutter.numpy().sum(dtype=np.float64)),
     )
@@ -172,12 +185,16 @@ def _spread(cosine: mi.Float64) -> mi.Float64:
     return (0.5 / dr.pi) * cosine + 0.25 / dr.pi
 
 
-def _facing(samples: SurfaceSamples, views: F64, sign: float) -> NDArray[np.bool_]:
-    """Points whose one side faces any of the views."""
-    facing = np.zeros(samples.n, dtype=bool)
+def _facing(samples: SurfaceSamples, views: F64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Points whose front, and whose back, faces any of the views."""
+    front, back = np.zeros(samples.n, dtype=bool), np.zeros(samples.n, dtype=bool)
+    x, y, z = samples.normal.T
+    at = np.einsum("ij,ij->i", samples.normal, samples.point)
     for view in views:
-        facing |= sign * np.einsum("ij,ij->i", view - samples.point, samples.normal) > 0.0
-    return facing
+        height = x * view[0] + y * view[1] + z * view[2] - at
+        front |= height > 0.0
+        back |= height < 0.0
+    return front, back
 
 
 def _seen(

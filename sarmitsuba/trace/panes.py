@@ -18,6 +18,7 @@ from sarmitsuba.trace.slabs import SlabFactors, slab
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
+    from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.slabs import Slabs
     from sarmitsuba.trace.state import Hit, Kernel, Lane, RayState
 
@@ -46,17 +47,44 @@ def through(
     active: mi.Bool,
     vectors: tuple[ComplexVector, ...],
 ) -> tuple[tuple[ComplexVector, ...], mi.Float]:
-    """Complex vectors at the start of a straight way, from those at its end, and the way's extra length, m.
+    """Complex vectors at the start of a straight way, from those at its end, and its extra length; see `along`."""
+    constants = kernel.constants
+    return along(
+        kernel.scene,
+        constants.wavenumber,
+        constants.clearance,
+        start,
+        direction,
+        distance,
+        active,
+        vectors,
+    )
+
+
+def along(
+    scene: TraceScene,
+    wavenumber: mi.Float,
+    clearance: mi.Float,
+    start: mi.Vector3f,
+    direction: mi.Vector3f,
+    distance: mi.Float,
+    active: mi.Bool,
+    vectors: tuple[ComplexVector, ...],
+) -> tuple[tuple[ComplexVector, ...], mi.Float]:
+    """Complex vectors at the start of a straight way through panes, from those at its end, and its extra length, m.
 
     Parameters
     ----------
+    scene : with panes
+    wavenumber, clearance : rad/m; m, how far a wave starts off a facet that it leaves
     start, direction, distance : m, unit vector, m; of the way
     active : lanes that have it
     vectors : of waves that come along it, or receiving ones: what panes do is a symmetric dyad
     """
-    scene, slabs, clearance = kernel.scene, _slabs(kernel), kernel.constants.clearance
+    slabs = scene.slabs
+    assert slabs is not None
     # beyond the scene there is nothing; order matters where the planes of incidence of two panes differ
-    length = dr.minimum(distance, _leaving(kernel, start, direction))
+    length = dr.minimum(distance, _leaving(scene, clearance, start, direction))
     towards = -direction
 
     def some_left(
@@ -87,7 +115,7 @@ def through(
         cosine = dr.maximum(-dr.dot(n, towards), 1e-7)
         step = met.t + _past(slabs, face, behind, active, clearance) / cosine
         left = dr.select(active, left - step, left)
-        extra = extra + dr.select(active, factors.extra / kernel.constants.wavenumber, 0.0)
+        extra = extra + dr.select(active, factors.extra / wavenumber, 0.0)
         return left, active & (left > 0.0), extra, vectors
 
     _, _, extra, vectors = dr.while_loop(
@@ -221,14 +249,12 @@ def _past(slabs: Slabs, face: mi.UInt32, behind: mi.Bool, active: mi.Bool, clear
     return dr.maximum(dr.select(behind, gap, -gap), 0.0) + clearance
 
 
-def _leaving(kernel: Kernel, start: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
+def _leaving(scene: TraceScene, clearance: mi.Float, start: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
     """How far from a place in the scene along ``d`` its bounds end, m."""
-    low, high = (
-        mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in corner)) for corner in kernel.scene.bounds
-    )
+    low, high = (mi.Vector3f(*(dr.opaque(mi.Float, float(x)) for x in corner)) for corner in scene.bounds)
     inverse = 1.0 / dr.select(dr.abs(d) > 1e-12, d, 1e-12)
     far = dr.maximum((low - start) * inverse, (high - start) * inverse)
-    return dr.maximum(dr.minimum(dr.minimum(far.x, far.y), far.z), 0.0) + kernel.constants.clearance
+    return dr.maximum(dr.minimum(dr.minimum(far.x, far.y), far.z), 0.0) + clearance
 
 
 def _arrays(value: Any) -> list[Any]:
@@ -277,4 +303,4 @@ def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
     return ray
 
 
-__all__ = ["MOST_PANES", "Waiting", "blocked", "branched", "home", "slab_factors", "through"]
+__all__ = ["MOST_PANES", "Waiting", "along", "blocked", "branched", "home", "slab_factors", "through"]

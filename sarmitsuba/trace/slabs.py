@@ -76,6 +76,10 @@ class Slabs:
         """Whether any face lets waves through."""
         return bool(self.thickness.any())
 
+    def prepare(self) -> None:
+        """Build what kernels look up: not while one is recorded."""
+        _ = self.panes, self.pane_face, self.walls, self.gap
+
     @cached_property
     def pane_rows(self) -> NDArray[np.intp]:
         """Faces that let waves through."""

@@ -356,8 +356,9 @@ class _Ground:
         p, own, vertex0, _ = hit_point(scene, found.prim_index, found.prim_uv, valid)
         n64 = dr.select(dr.dot(own, mi.Vector3d(direction)) > 0.0, -own, own)
         bits = scene.material_of(found.prim_index, valid)
-        offset = mi.Vector3f(p - vertex0)
-        material = scene.material_at(found.prim_index, bits, offset, valid) & MATERIAL_MASK
+        if kernel.flags.texture:
+            bits = scene.material_at(found.prim_index, bits, mi.Vector3f(p - vertex0), valid)
+        material = bits & MATERIAL_MASK
         properties = dr.gather(mi.Vector4f, scene.material_table, material, valid)
         row = None
         if kernel.flags.slabs and scene.slabs is not None:

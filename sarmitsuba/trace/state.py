@@ -111,6 +111,10 @@ class Kernel:
     flags: KernelFlags
     constants: Constants
 
+    def __post_init__(self) -> None:
+        if self.transmits and self.scene.slabs is not None:
+            self.scene.slabs.prepare()  # before anything is recorded
+
     @property
     def curved(self) -> bool:
         """True where mirrors bend, so that tubes spread otherwise than from a point."""

@@ -58,9 +58,15 @@ class Age:
     decay_days: mi.Float
 
     @staticmethod
-    def of(kernel: Kernel, material: mi.UInt32) -> Age:
-        """What time has done to the scatterers of a material; ``material`` as :class:`Hit` has it."""
-        row = dr.gather(mi.Vector2f, kernel.scene.change_table, material & MATERIAL_MASK)
+    def of(kernel: Kernel, material: mi.UInt32) -> Age | None:
+        """What time has done to the scatterers of a material, None where no surface changes.
+
+        ``material`` : as :class:`sarmitsuba.trace.state.Hit` has it
+        """
+        table = kernel.scene.change_table
+        if not kernel.flags.temporal or table is None:
+            return None
+        row = dr.gather(mi.Vector2f, table, material & MATERIAL_MASK)
         return Age(kernel.constants.days, row.x, row.y)
 
     def gaussian(self, key: mi.UInt32, stream: int) -> mi.Complex2f:

@@ -16,6 +16,7 @@ from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.source import Scatterers, Sight
 from sarmitsuba.trace.speckle import gaussian, mix
+from sarmitsuba.trace.temporal import Age
 
 if TYPE_CHECKING:
     from sarmitsuba.materials.vegetation.medium import VolumeMedium
@@ -238,6 +239,8 @@ class VolumeScatterers(Scatterers):
     weight : (n,) float32, root of the volume that it stands for, m^(3/2)
     medium : (n,) uint32
     table : (8 NODES n_media,) float32, see `VolumeMedium.factors`
+    change : (2 n_media,) float32: coherence that stays between passes and time constant (days) of what does not; None
+        where all media stay as they are
 
     Notes
     -----
@@ -251,6 +254,7 @@ class VolumeScatterers(Scatterers):
     weight: mi.Float
     medium: mi.UInt32
     table: mi.Float
+    change: mi.Float | None
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See the class above."""
@@ -271,7 +275,11 @@ class VolumeScatterers(Scatterers):
         row = (dr.gather(mi.UInt32, self.medium, index) * NODES + node) * 2
         four = [dr.gather(mi.Vector4f, self.table, row + i) for i in range(4)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
-        g1, g2, g3 = (gaussian(key, i) for i in range(3))
+        drawn = gaussian
+        if kernel.flags.temporal and self.change is not None:
+            kept = dr.gather(mi.Vector2f, self.change, dr.gather(mi.UInt32, self.medium, index))
+            drawn = Age(kernel.constants.days, kept.x, kept.y).gaussian
+        g1, g2, g3 = (drawn(key, i) for i in range(3))
         hh = g1 * size.x
         vv = g1 * mi.Complex2f(mixed.x, mixed.y) + g2 * size.y
         hv = g3 * size.z
@@ -323,17 +331,18 @@ def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
     return VolumePassage(Bodies.of(volumes, number), device_array(mi.Float, table))
 
 
-def volume_scatterers(volumes: Sequence[Volume], cell_area: float) -> VolumeScatterers:
+def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) -> VolumeScatterers:
     """Scatterers that stand for volumes.
 
     Parameters
     ----------
     volumes : one at least
     cell_area : m^2, resolution cell across the line of elevation: ``PER_CELL`` scatterers share one
+    seed : of their places and amplitudes
     """
     media, number = _numbered(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
-    cells = [_cells(volume, step) for volume, step in zip(volumes, spacing, strict=True)]
+    cells = [_cells(volume, step, seed) for volume, step in zip(volumes, spacing, strict=True)]
     body = np.repeat(np.arange(len(volumes), dtype=np.uint32), [len(key) for _, key in cells])
     place, key = np.concatenate([p for p, _ in cells]), np.concatenate([k for _, k in cells])
     inside = _inside(Bodies.of(volumes, number), place, body, 0.05 * min(spacing))
@@ -351,7 +360,16 @@ def volume_scatterers(volumes: Sequence[Volume], cell_area: float) -> VolumeScat
         weight=device_array(mi.Float, weight.astype(np.float32)),
         medium=device_array(mi.UInt32, np.asarray(number, dtype=np.uint32)[body]),
         table=device_array(mi.Float, rows),
+        change=_change(media),
     )
+
+
+def _change(media: Sequence[VolumeMedium]) -> mi.Float | None:
+    """Coherence that stays and time constant of every medium; None where nothing changes."""
+    if all(medium.temporal_coherence == 1.0 for medium in media):
+        return None
+    rows = [(medium.temporal_coherence, medium.decorrelation_days) for medium in media]
+    return device_array(mi.Float, np.asarray(rows, dtype=np.float32))
 
 
 def scatterer_spacing(volume: Volume, cell_area: float) -> float:
@@ -365,7 +383,7 @@ def scatterer_spacing(volume: Volume, cell_area: float) -> float:
     return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(share) / 3.0)))
 
 
-def _cells(volume: Volume, step: float) -> tuple[F64, U32]:
+def _cells(volume: Volume, step: float, seed: int) -> tuple[F64, U32]:
     """A drawn place (n, 3) in every cell of the lattice about a volume, m, and its hash (n,)."""
     low, high = volume.bounds
     first, last = np.floor(low / step).astype(np.int64), np.floor(high / step).astype(np.int64)
@@ -374,7 +392,7 @@ def _cells(volume: Volume, step: float) -> tuple[F64, U32]:
     ).reshape(-1, 3)
     # of the body: where two overlap each has its own
     key = mix(np.full(len(number), 0x9E3779B1, dtype=np.uint32))
-    for value in (*number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
+    for value in (seed, *number.T, *np.round(1e3 * low).astype(np.int64), round(1e3 * step)):
         key = mix(key ^ (np.asarray(value) & 0xFFFFFFFF).astype(np.uint32))
     drawn = np.stack([mix(key + np.uint32(i + 1)) for i in range(3)], axis=1) / 2.0**32
     place = (number + drawn) * step

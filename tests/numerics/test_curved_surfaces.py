@@ -39,7 +39,7 @@ def with_jitter(mesh: tuple[np.ndarray, np.ndarray], share: float) -> tuple[np.n
     return moved * (radius / np.linalg.norm(moved, axis=1))[:, None], f
 
 
-@pytest.mark.parametrize("ka", [40.0, 60.0, 120.0])
+@pytest.mark.parametrize("ka", [40.0, 60.0, pytest.param(120.0, marks=pytest.mark.slow)])
 def test_sphere_at_a_sagitta_of_a_32nd_wavelength(row, ka: float) -> None:
     """Within 0.5 dB of the exact sphere in every direction.
 
@@ -63,7 +63,7 @@ def test_sphere_at_a_sagitta_of_a_32nd_wavelength(row, ka: float) -> None:
         assert sphere_error(ka, with_jitter(plain, 0.2)) > naive
 
 
-@pytest.mark.parametrize("ka", [40.0, 60.0, 200.0])
+@pytest.mark.parametrize("ka", [40.0, 60.0, pytest.param(200.0, marks=pytest.mark.slow)])
 def test_sphere_as_a_scene_file_gets_it(row, ka: float) -> None:
     """The loader's own bound on facets, small spheres and large."""
     radius = ka * WAVELENGTH / (2.0 * np.pi)
@@ -127,7 +127,11 @@ def ways_by_the_plate(
 
 
 @pytest.mark.parametrize(
-    ("wavelengths", "heights", "elevation_deg"), [(10.0, 3.0, 60.0), (20.0, 1.5, 30.0), (20.0, 3.0, 60.0)]
+    ("wavelengths", "heights", "elevation_deg"),
+    [
+        (10.0, 3.0, 60.0),
+        *(pytest.param(20.0, *v, marks=pytest.mark.slow) for v in ((1.5, 30.0), (3.0, 60.0))),
+    ],
 )
 def test_divergence_behind_a_curved_mirror(
     row, wavelengths: float, heights: float, elevation_deg: float

@@ -93,7 +93,7 @@ def test_sixty_dbsm_beside_clutter(row) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # few pulses, few rays
-@pytest.mark.parametrize("method", ["raw", "hybrid"])
+@pytest.mark.parametrize("method", ["hybrid", pytest.param("raw", marks=pytest.mark.slow)])
 def test_same_result_for_any_threads_and_batches(row, monkeypatch, method: str) -> None:
     """Same seed: threads and batch sizes change only the order of float64 sums.
 

@@ -47,7 +47,7 @@ def run(scene: Scene) -> tuple[NDArray[np.complex64], set[str]]:
     return data, kernels
 
 
-NO_EFFECT = {"moving_targets": "off", "motion_in_pulse": "off"}
+NO_EFFECT = {"moving_targets": "off", "diffuse_pairs": "off", "motion_in_pulse": "off"}
 DRIVING = Motion((2.0, 3.0, 0.0))
 MENTIONED = replace(
     RADAR,

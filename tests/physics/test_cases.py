@@ -11,6 +11,8 @@ from sarmitsuba.validation.run import run_case, select
 
 # images of a minute and more
 SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
+# of seconds, and a second look at what tests of their own hold: test_importing, test_orbit_targets, test_moving
+SLOW |= {"imported_city", "orbit_points", "moving_smear"}
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:

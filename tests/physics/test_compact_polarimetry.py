@@ -55,7 +55,7 @@ def corner(rng: np.random.Generator) -> Geometry:
 
 
 @pytest.mark.parametrize("depth", [1, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_compact_channels_are_sums_of_the_linear_ones(seed: int, depth: int) -> None:
     """Metal and rough, one bounce to three; the beam, the taper and the phases are the same."""
     rng = np.random.default_rng([seed, depth])
@@ -146,7 +146,7 @@ def test_an_isotropic_point_through_raw_data_and_the_path_table() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")  # a scene smaller than its image
-@pytest.mark.parametrize("method", ["hybrid", "image"])
+@pytest.mark.parametrize("method", ["hybrid", pytest.param("image", marks=pytest.mark.slow)])
 def test_images_of_compact_channels_are_sums_of_the_linear_ones(method: Literal["hybrid", "image"]) -> None:
     """Whole chain with automatic settings; the plan may see another set of channels, the rays are the same."""
     common: dict[str, Parameter] = {

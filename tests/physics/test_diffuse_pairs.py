@@ -88,6 +88,17 @@ def test_length_and_reciprocity(seed: int) -> None:
     assert 0.2 < np.mean(np.abs(pairs.normal[:, 0, 2]) > 0.5) < 0.8
 
 
+def test_another_pass_has_the_same_pairs() -> None:
+    """Ten milliradians apart: all but those at the rim of what is seen, at the same places."""
+    rng = np.random.default_rng(9)
+    scene, to_radar = corner(), direction(rng)
+    other = to_radar + 0.01 * rng.standard_normal(3)
+    one, two = (drawn(scene, d / np.linalg.norm(d), 0.1, 1) for d in (to_radar, other))
+    common, i, j = np.intersect1d(one.key, two.key, return_indices=True)
+    assert common.size > 0.98 * max(one.n, two.n) > 300
+    assert np.array_equal(one.point[i], two.point[j]) and np.array_equal(one.weight[i], two.weight[j])
+
+
 def test_speckle_and_stated_error() -> None:
     """Sums of all pairs over looks are exponential, of a power that varies by the stated error over draws."""
     rng = np.random.default_rng(5)

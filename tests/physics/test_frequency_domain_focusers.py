@@ -300,7 +300,7 @@ def edge_of_swath(squint: float, swath: float) -> tuple[Radar, ImageGrid, np.nda
     return radar, grid, np.array([np.sqrt(rho**2 - origin[2] ** 2) + origin[0], 0.0, 0.0])
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "name",
     [

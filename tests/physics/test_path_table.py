@@ -105,7 +105,7 @@ def test_paths_of_shipped_scenes_add_up_to_the_raw_data(name: str, more: dict[st
     assert kinds == ({"coherent"} if name == "dihedral" else {"coherent", "diffuse", "retro"})
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 3))])
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 def test_paths_of_random_scenes(seed: int) -> None:
     scene = random_scene(seed)

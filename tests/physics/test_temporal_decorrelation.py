@@ -10,9 +10,14 @@ from sarmitsuba import theory
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.echo.noise import noise_generator
 from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
+from sarmitsuba.mesh.tessellate import cube
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
@@ -143,6 +148,37 @@ def test_the_plan_turns_it_on_in_later_passes_over_what_changes(ground: Scene) -
     forced = in_pass(ground, 0.0, temporal_coherence=0.2)
     forced = replace(forced, settings=replace(forced.settings, effects={"temporal_decorrelation": "on"}))
     assert decide(forced)[:2] == (True, False)
+
+
+@pytest.mark.filterwarnings("ignore:.*Doppler bandwidth")  # no image is made of so few pulses
+@pytest.mark.parametrize("stays, decay", [(0.0, 0.0), (0.5, 0.0), (0.2, 10.0)])
+def test_what_fills_a_volume_changes_too(stays: float, decay: float) -> None:
+    vertices, faces = cube()
+    cloud = {
+        "sigma_v_h_db": -10.0,
+        "extinction_h": 0.05,
+        "temporal_coherence": stays,
+        "decorrelation_days": decay,
+    }
+    # a small sheet that mirrors away: a scene has some surface
+    sheet = SceneMesh(
+        [[8, -1, -6], [9, -1, -6], [9, 0, -6], [8, 0, -6]], [[0, 1, 2], [0, 2, 3]], "pec", "sheet"
+    )
+    scene = build_scene(
+        [sheet],
+        volumes=[SceneVolume([6.0, 6.0, 2.0] * vertices, faces, cloud, "crown")],
+        radar=RadarDescription(slant_range=2e3, bandwidth=300e6, azimuth_resolution=0.5, n_pulses=32),
+        film=FilmDescription(image_extent_azimuth=20.0, image_extent_range=20.0),
+    )
+    one, two = (simulate(replace(scene, settings=replace(scene.settings, pass_days=t))) for t in (0.0, 4.0))
+    a, b = one.data[0], two.data[0]
+    product = np.sum(a * b.conj()) / np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))
+    gamma = float(theory.temporal_coherence(4.0, stays, decay))
+    # tol: four standard errors of 12 m by 12 m and cells of half a metre, some 500 samples
+    print(product, gamma)
+    assert abs(product - gamma) < 0.13
+    later = plan_effects(replace(scene, settings=replace(scene.settings, pass_days=4.0)), warn=False)
+    assert later.flags.temporal and later.on("temporal_decorrelation")
 
 
 def test_rcs_of_a_rough_plate_has_passes_too() -> None:

@@ -228,11 +228,28 @@ def test_a_sea_has_the_rms_height_of_its_waves_unless_it_is_given() -> None:
     assert Material("flat", permittivity=54.0 - 39.0j).rms_height == 0.0
 
 
+def test_water_has_the_permittivity_of_its_temperature_and_salinity() -> None:
+    square = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0]])
+    for given, temperature, salinity in (
+        ({"material": "sea_water"}, 15.0, 35.0),
+        ({"material": "sea_water", "temperature_celsius": 5.0, "salinity": 8.0}, 5.0, 8.0),
+        ({"material": "fresh_water", "temperature_celsius": 25.0}, 25.0, 0.0),
+    ):
+        scene = build_scene(
+            [SceneMesh(square, FACES, {**given, "rms_height": 0.001})], radar=RADAR, film=FILM
+        )
+        want = theory.sea_water_permittivity(scene.radar.waveform.center_frequency, temperature, salinity)
+        # tol: two fits of salt water
+        assert scene.materials[0].permittivity == pytest.approx(want, rel=0.05)
+
+
 def test_wind_is_refused_where_no_law_takes_it() -> None:
     square = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0]])
     for given, words in (
         ({"material": "sea_water", "wind_speed": 5.0}, "wind_speed has no effect with diffuse_law = none"),
         ({"material": "sea_water", "diffuse_law": "sea", "wind_speed": 80.0}, "wind_speed"),
+        ({"material": "concrete", "salinity": 5.0}, 'salinity has no effect with material = "concrete"'),
+        ({"material": "fresh_water", "salinity": 5.0}, "take sea_water or leave it out"),
     ):
         with pytest.raises(SceneError, match=words):
             build_scene([SceneMesh(square, FACES, given)], radar=RADAR, film=FILM)

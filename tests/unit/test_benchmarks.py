@@ -1,10 +1,13 @@
 """Benchmarks are found by their files; one's own is run by its path."""
 
+import importlib
 import json
 import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 RUN_ALL = ROOT / "benchmarks" / "run_all.py"
@@ -47,3 +50,22 @@ def test_every_benchmark_beside_run_all_is_found(tmp_path: Path) -> None:
     double.write_text(example(), encoding="utf-8")
     done = run_all(str(double))
     assert done.returncode == 2 and "there is a benchmark 'speed' already" in done.stderr
+
+
+def test_sections_that_were_not_run_stay_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(RUN_ALL.parent)
+    run_all_module = importlib.import_module("run_all")
+    harness = importlib.import_module("harness")
+    harness.discover()
+    page, out = tmp_path / "benchmarks.md", tmp_path / "out"
+    before = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    page.write_text(before, encoding="utf-8")
+    out.mkdir()
+    run_all_module.collect(out, page)
+    assert page.read_text(encoding="utf-8") == before
+    (out / "methods.md").write_text("## Methods\n\nnew\n", encoding="utf-8")
+    run_all_module.collect(out, page)
+    after = page.read_text(encoding="utf-8")
+    assert "## Methods\n\nnew\n" in after and after.count("## Methods\n") == 1
+    kept = [line for line in before.splitlines() if line.startswith("## ")]
+    assert [line for line in after.splitlines() if line.startswith("## ")] == kept

@@ -132,7 +132,8 @@ def test_no_alarm_on_shipped_scenes(name: str) -> None:
         warnings.filterwarnings(
             "ignore", ".*ITU-R P.2040 gives", SarmitsubaWarning
         )  # ground at Ku band: that is so
-        for radar in list_radars():
+        # every scene under every third radar, every radar over scenes
+        for radar in list_radars()[sum(name.encode()) % 3 :: 3]:
             load_scene(name, radar=radar.name)
 
 
@@ -143,7 +144,7 @@ def test_no_alarm_on_scenes_of_sionna(path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*ITU-R P.2040 gives", SarmitsubaWarning)
-        for radar in list_radars():
+        for radar in list_radars()[sum(path.stem.encode()) % 3 :: 3]:
             scene = load_scene(path, radar=radar.name)
             image, bounds = scene.image, scene.geometry.bounds
             middle = 0.5 * (bounds[0] + bounds[1])[:2]

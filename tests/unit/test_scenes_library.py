@@ -25,15 +25,22 @@ WANTED = {
     "dihedral",
     "fields",
     "flat_ground",
+    "forest",
+    "glass_house",
+    "harbour",
+    "land_cover",
     "moving_cars",
     "plate",
     "plate_edges",
     "point",
+    "railing",
     "sphere",
+    "street_trees",
     "tower",
     "trihedral",
     "trihedral_square",
     "urban_block",
+    "urban_block_trees",
 }
 ENTRIES = [*list_scenes(), *list_radars()]
 
@@ -70,7 +77,8 @@ def test_files_are_well_formed_and_their_meshes_and_materials_there(entry):
     for node in root.iter("string"):
         if node.get("name") == "filename":
             assert (entry.path.parent / node.get("value")).is_file()
-    ids = {b.get("id") for b in root.findall("bsdf")}
+    groups = root.findall("shape[@type='shapegroup']")
+    ids = {b.get("id") for b in (*root.findall("bsdf"), *groups)}
     used = {r.get("id") for r in root.iter("ref")}
     assert used == ids
     defaults = {d.get("name") for d in root.findall("default")}
@@ -146,14 +154,16 @@ def test_shipped_meshes_are_clean(path):
     assert path.stat().st_size < 320_000
 
 
-def test_every_shipped_mesh_is_used():
+def test_every_shipped_mesh_and_map_is_used():
     used = {
-        Path(n.get("value")).name
+        n.get("value")
         for s in list_scenes()
         for n in ElementTree.parse(s.path).iter("string")
         if n.get("name") == "filename"
     }
-    assert used == {p.name for p in (scenes_dir() / "meshes").glob("*.ply")}
+    there = [*scenes_dir().glob("meshes/*.*"), *scenes_dir().glob("maps/*.png")]
+    there = [*scenes_dir().glob("meshes/*"), *scenes_dir().glob("maps/*")]
+    assert used == {p.relative_to(scenes_dir()).as_posix() for p in there}
 
 
 def test_shipped_meshes_are_those_of_the_build_script():
@@ -166,6 +176,16 @@ def test_shipped_meshes_are_those_of_the_build_script():
         text=True,
         check=False,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_shipped_polylines_are_those_of_their_script():
+    run = subprocess.run(
+        [sys.executable, str(scenes_dir() / "rods.py"), "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr
 

@@ -9,20 +9,12 @@ from PIL import Image
 
 from sarmitsuba import Scene, SceneMesh, build_scene, load_scene
 from sarmitsuba.backend import mi
+from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.plugins import register_plugins
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import (
-    MOST_LEVELS,
-    Bitmap,
-    ClassMap,
-    SurfaceMaps,
-    in_plan,
-    map_attributes,
-    on_mesh,
-    varied,
-    with_parts,
-)
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.parts import MOST_LEVELS, map_attributes, varied, with_parts
+from sarmitsuba.materials.texture import Bitmap, in_plan, on_mesh
 
 GREY = np.array([[0, 51, 255], [102, 51, 51]], dtype=np.uint8)
 LAW = '<string name="diffuse_law" value="constant"/>'
@@ -256,6 +248,16 @@ def test_attributes_in_python_are_checked() -> None:
             build_scene([SceneMesh(SQUARE, FACES, "concrete", attributes={name: values})])
 
 
+def test_the_plan_has_it_on_only_where_the_scene_has_it() -> None:
+    planned = {name: plan_effects(load_scene(name)) for name in ("land_cover", "tower")}
+    found = planned["land_cover"].decision("texture")
+    assert found is not None and found.on and found.error_db > -10.0
+    assert "map of 7 materials on ground_cover" in found.why and planned["land_cover"].flags.texture
+    absent = planned["tower"].decision("texture")
+    assert absent is not None and not absent.on and absent.error_db == -np.inf
+    assert not planned["tower"].flags.texture
+
+
 TWO_CLASSES = named("class_0", -10) + named("class_51", -12)
 ALL_CLASSES = TWO_CLASSES + named("class_102", -3) + named("class_255", -4)
 VACUUM = '<bsdf type="radar_material" name="class_255"><float name="permittivity_real" value="1"/></bsdf>'
@@ -326,11 +328,9 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, bsdf: str, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_sphere_has_no_texture_coordinates(tmp_path: Path) -> None:
-    with pytest.raises(
-        SceneError, match="a map lies on uv of a sphere, which has none here; give map_extent"
-    ):
-        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="sphere">'))
+def test_a_disk_has_no_texture_coordinates(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="a map lies on uv of a disk, which has none here; give map_extent"):
+        load_scene(scene_file(tmp_path, material(bitmap("sigma0_map")), '<shape type="disk">'))
 
 
 def test_maps_of_a_loaded_mitsuba_scene_are_refused(tmp_path: Path) -> None:

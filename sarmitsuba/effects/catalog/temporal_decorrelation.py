@@ -1,4 +1,4 @@
-"""Rough surfaces that have changed since the first pass."""
+"""Rough surfaces and volumes that have changed since the first pass."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -8,6 +8,8 @@ import numpy as np
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.vegetation.medium import VolumeMedium
 
 
 class TemporalDecorrelation(Effect):
@@ -19,7 +21,7 @@ class TemporalDecorrelation(Effect):
     name = "temporal_decorrelation"
     title = "change between passes"
     documentation = (
-        "change of rough surfaces since the first pass, of materials with temporal_coherence below 1"
+        "change of rough surfaces and volumes since the first pass where temporal_coherence is below 1"
     )
     off_when = "the first pass, or no material changes"
     off_means = "every pass sees the scatterers of the first"
@@ -34,13 +36,12 @@ class TemporalDecorrelation(Effect):
         days = context.scene.settings.pass_days
         if days == 0.0:
             return Assessment(False, "the first pass", -np.inf)
-        if not decided["diffuse"].on:
-            return Assessment(False, "nothing diffuse", -np.inf)
         if context.scene.settings.method == "raster":
             return Assessment(False, "method raster draws its speckle anew for every image", -np.inf)
-        changing = [m for m in context.materials if m.scatters and m.coherence_after(days) < 1.0]
+        diffuse = decided["diffuse"].on
+        changing = [m for m in _changing(context, diffuse=diffuse) if m.coherence_after(days) < 1.0]
         if not changing:
-            return Assessment(False, "no material changes between passes", -np.inf)
+            return Assessment(False, "nothing changes between passes", -np.inf)
         least = min(changing, key=lambda m: m.coherence_after(days))
         gamma = least.coherence_after(days)
         why = f'{days:g} days after the first pass, coherence down to {gamma:.2f} on "{least.name}"'
@@ -50,8 +51,15 @@ class TemporalDecorrelation(Effect):
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
     ) -> Mapping[str, FlagValue]:
         """Two more Gaussians for each of a scatterer's, where some material can change."""
-        changes = any(m.scatters and m.temporal_coherence < 1.0 for m in context.materials)
+        changes = bool(_changing(context, diffuse=decided["diffuse"].on))
         return {"temporal": on and changes and context.scene.settings.pass_days != 0.0}
+
+
+def _changing(context: SceneContext, *, diffuse: bool) -> list[Material | VolumeMedium]:
+    """Surfaces, where they return diffusely, and media of volumes that lose coherence between passes."""
+    found: list[Material | VolumeMedium] = [m for m in context.materials if diffuse and m.scatters]
+    found += [volume.medium for volume in context.scene.volumes]
+    return [m for m in found if m.temporal_coherence < 1.0]
 
 
 EFFECTS.register(TemporalDecorrelation())

@@ -35,6 +35,7 @@ class SurfaceTexture(Effect):
     off_when = "no material has a map or a texture"
     off_means = "even surfaces: no factor on the level, and of a map of materials the most frequent one"
     rank = 45
+    cost = 0.18  # of land_cover, in pairs
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "texture": "level, texture and material of the place where every scatterer stands",
     }
@@ -42,10 +43,10 @@ class SurfaceTexture(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         wavelength = context.scene.radar.waveform.wavelength
-        found: list[tuple[str, float]] = []
+        shares: dict[str, float] = {}
         for m in context.materials:
-            shares = {}
-            if m.texture_shape > 0.0:
+            mapped = m.maps is not None and m.maps.classes is not None
+            if m.texture_shape > 0.0 and not mapped:  # of what a map covers its materials tell
                 words = f"texture of shape {m.texture_shape:g} over {length(m.texture_length)} on {m.name}"
                 shares[words] = _gamma_share(m.texture_shape)
             if m.maps is not None and m.maps.level is not None:
@@ -53,12 +54,11 @@ class SurfaceTexture(Effect):
             if m.maps is not None and m.maps.classes is not None:
                 parts = m.maps.classes.materials
                 shares[f"map of {len(parts)} materials on {m.name}"] = _parts_share(m, parts, wavelength)
-            found += shares.items()
-        if not found:
+        if not shares:
             return Assessment(False, "no material has a map or a texture", -np.inf)
-        largest = max(share for _, share in found)
+        largest = max(shares.values())
         error = float(10.0 * np.log10(largest)) if largest > 0.0 else -np.inf
-        return Assessment(True, names([words for words, _ in found]), error)
+        return Assessment(True, names(list(shares)), error)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -1,11 +1,13 @@
 """Water, fresh and salt: permittivity by temperature and salinity."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sarmitsuba.constants import VACUUM_PERMITTIVITY
 from sarmitsuba.materials.library import MATERIALS, NamedMaterial
+from sarmitsuba.parameters import Param
 
 
 def klein_swift(frequency: float, temperature: float, salinity: float) -> complex:
@@ -38,18 +40,32 @@ def klein_swift(frequency: float, temperature: float, salinity: float) -> comple
     return complex(debye - 1j * conductivity / (omega * VACUUM_PERMITTIVITY))
 
 
+_TEMPERATURE = Param("temperature_celsius", "float", 15.0, "temperature of the water", "C", -2.0, 40.0)
+_SALINITY = Param("salinity", "float", 35.0, "g of salt per kg of water", "g/kg", 0.0, 40.0)
+
+
 @dataclass(frozen=True)
 class Water(NamedMaterial):
     """Water of a temperature (degrees Celsius) and a salinity (g/kg); ``name`` and ``title``: see `NamedMaterial`.
 
-    Another temperature or salinity: register a ``Water`` of your own, or give the permittivity that `klein_swift` has
-    for it.
+    ``salt``: whether a scene may give the salinity too.
     """
 
     name: str
     title: str
     temperature: float
     salinity: float
+    salt: bool = True
+
+    @property
+    def parameters(self) -> tuple[Param, ...]:
+        """Temperature, and salinity of what is salt."""
+        return (_TEMPERATURE, _SALINITY) if self.salt else (_TEMPERATURE,)
+
+    def at(self, values: Mapping[str, float]) -> "Water":
+        """The same at another temperature and salinity."""
+        temperature = values.get(_TEMPERATURE.name, self.temperature)
+        return replace(self, temperature=temperature, salinity=values.get(_SALINITY.name, self.salinity))
 
     def permittivity(self, frequency: float) -> complex:
         """See `klein_swift`."""
@@ -64,7 +80,7 @@ class Water(NamedMaterial):
         )
 
 
-MATERIALS.register(Water("sea_water", "Klein and Swift, 15 C, 35 g/kg", 15.0, 35.0))
-MATERIALS.register(Water("fresh_water", "Klein and Swift, 15 C, no salt", 15.0, 0.0))
+MATERIALS.register(Water("sea_water", "Klein and Swift, 35 g/kg unless given", 15.0, 35.0))
+MATERIALS.register(Water("fresh_water", "Klein and Swift, no salt", 15.0, 0.0, salt=False))
 
 __all__ = ["Water", "klein_swift"]

@@ -1,6 +1,6 @@
 """A mix of leaves, needles and branches as one medium: the mean over sizes and orientations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from sarmitsuba.registry import Registry
 F64 = NDArray[np.float64]
 
 # turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
-_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 48, 96, 6.0
+_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
 
 
 @dataclass(frozen=True)
@@ -79,16 +79,21 @@ class Canopy:
     title: str
     constituents: tuple[Constituent, ...]
 
-    def medium(self, frequency: float, density: float = 1.0) -> VolumeMedium:
-        """The medium at a frequency (Hz); ``density`` multiplies the number of all pieces."""
+    def denser(self, factor: float) -> "Canopy":
+        """The same with so many times the number of all pieces."""
+        return replace(
+            self, constituents=tuple(replace(c, density=factor * c.density) for c in self.constituents)
+        )
+
+    def medium(self, frequency: float) -> VolumeMedium:
+        """The medium at a frequency, Hz."""
         extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
         product = np.zeros(NODES, dtype=np.complex128)
         for part in self.constituents:
             mean = _mean(part, frequency)
-            number = density * part.density
-            extinction += number * mean.extinction
-            power += number * mean.power
-            product += number * mean.product
+            extinction += part.density * mean.extinction
+            power += part.density * mean.power
+            product += part.density * mean.product
         return VolumeMedium(self.name, extinction, power, product)
 
 
@@ -112,7 +117,8 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     steps = int(_LEAST_ANGLES + _ANGLES_PER_LOBE * lobes)
     cosine = (np.arange(steps) + 0.5) / steps
     beta = np.arccos(cosine)
-    turn = (np.arange(_TURNS) + 0.5) * (2.0 * np.pi / _TURNS)
+    # of the half circle: the other has the same tilts and powers
+    turn = ((np.arange(_TURNS) + 0.5) / _TURNS - 0.5) * np.pi
     c2, s2 = np.cos(turn) ** 2, np.sin(turn) ** 2
     parallel, across = (s[:, None] for s in part.piece.backscatter(beta, wavelength, permittivity))
     taken = part.piece.extinction(beta, wavelength, permittivity)
@@ -125,6 +131,9 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
     mean = np.zeros(NODES, dtype=np.complex128)
     for i, along in enumerate(node_cosines()):
+        if i and not np.isfinite(part.orientation.spread_deg):  # alike in every direction
+            extinction[i], power[i], mean[i] = extinction[0], power[0], mean[0]
+            continue
         # cosine between axis and vertical; v is in the plane of the wave and the vertical
         up = cosine[:, None] * along + np.sin(beta)[:, None] * np.sqrt(1.0 - along**2) * np.sin(turn)
         weight = part.orientation.density(up) * cell

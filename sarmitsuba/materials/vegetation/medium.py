@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.materials.change import coherence_after
+
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
 # nodes of the tables, uniform in the cosine to the vertical from 0 to 1
-NODES = 33
+NODES = 17
 
 
 def node_cosines() -> F64:
@@ -27,6 +29,8 @@ class VolumeMedium:
     extinction : (NODES, 2) 1/m, of the power of H and of V
     power : (NODES, 3) m^2/m^3, mean backscatter cross sections HH, VV and HV
     product : (NODES,) m^2/m^3, mean of the amplitude HH times the conjugate of VV
+    temporal_coherence : of the return between two passes long apart, 0 ... 1; 1: nothing changes
+    decorrelation_days : time constant of its decay to that; 0: at once
 
     Notes
     -----
@@ -38,6 +42,12 @@ class VolumeMedium:
     extinction: F64
     power: F64
     product: C128
+    temporal_coherence: float = 1.0
+    decorrelation_days: float = 0.0
+
+    def coherence_after(self, days: float) -> float:
+        """Coherence of the return between passes so many days apart."""
+        return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     @property
     def factors(self) -> tuple[F64, F64, C128, F64]:

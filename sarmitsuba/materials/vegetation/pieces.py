@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import hankel1, j1, jv
 
 F64 = NDArray[np.float64]
@@ -26,6 +27,8 @@ THIN, SMALL_LEAF = 0.5, 0.5
 _END_ON = 0.02
 # directions of scattered waves that the power which small pieces scatter is summed over
 _TILTS, _TURNS = 24, 48
+# angles from the axis at which the series is summed
+_NODES = 96
 
 
 class Piece(ABC):
@@ -183,7 +186,7 @@ class Stick(Piece):
             return gain * (along * np.sin(angle) ** 2 + across * np.cos(angle) ** 2), gain * across * np.ones(
                 angle.shape
             )
-        parallel, perpendicular = cylinder_series(angle, k * self.radius, permittivity, np.pi)
+        parallel, perpendicular = _series(angle, k * self.radius, permittivity, np.pi)
         gain = 2.0 * self.length / np.sqrt(np.pi) * form
         # the series' unit vector across turns with the scattered wave
         return gain * parallel, -gain * perpendicular
@@ -198,7 +201,7 @@ class Stick(Piece):
             )
             parallel = along.imag * np.sin(angle) ** 2 + across.imag * np.cos(angle) ** 2
             return -k * parallel + scattered[0], -k * across.imag + scattered[1]
-        forward = cylinder_series(angle, k * self.radius, permittivity, 0.0)
+        forward = _series(angle, k * self.radius, permittivity, 0.0)
         gain = 4.0 * np.pi / k * self.length / np.pi
         parallel, perpendicular = (-gain * amplitude.imag for amplitude in forward)
         return parallel, perpendicular
@@ -290,6 +293,18 @@ def cylinder_series(angle: F64, size: float, permittivity: complex, turn: float)
         parallel += weight * (w * b + 1j * d * c) / bottom
         across -= weight * (a * v - 1j * c * d) / bottom
     return np.conj(1j * parallel), np.conj(1j * across)
+
+
+def _series(angle: F64, size: float, permittivity: complex, turn: float) -> Pair:
+    """`cylinder_series`, between nodes where there are many angles: it bends slowly, unlike the lobes of a piece."""
+    if angle.size <= _NODES:
+        return cylinder_series(angle, size, permittivity, turn)
+    nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
+    folded = np.minimum(angle, np.pi - angle)
+    first, second = (
+        CubicSpline(nodes, values)(folded) for values in cylinder_series(nodes, size, permittivity, turn)
+    )
+    return first, second
 
 
 __all__ = ["Leaf", "Piece", "Stick", "cylinder_series"]

@@ -186,7 +186,9 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
         return {"plan": clock() - start}
 
     seconds["plan"] = _steady(choosing)["plan"]
+    start = clock()
     tracer = run.tracer(sampling)
+    seconds["launch grid"] = seconds.get("launch grid", 0.0) + clock() - start  # what sources draw
     _ = sampling.key_pulse_interval  # kept from here on
     blocks = Blocks(tracer, rays, run.layers.layers, data, run.layers.max_order)
     start = clock()

@@ -11,7 +11,7 @@ from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.materials.texture import with_parts
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
@@ -132,10 +132,7 @@ class SamplingPlan:
 
     def obeying(self, scene: Scene, flags: KernelFlags) -> "SamplingPlan":
         """The plan of the same scene under decided effects; one whose track or shapes they change starts anew."""
-        kept = ("geometry", "volumes")
-        if scene.radar.track is not self.scene.radar.track or any(
-            getattr(scene, name) is not getattr(self.scene, name) for name in kept
-        ):
+        if scene.radar.track is not self.scene.radar.track or not scene.same_shapes(self.scene):
             return SamplingPlan.of(scene, flags)
         spacings = _spacings(scene, flags, self.window, self.azimuth_cell, self.footprint_spacing)
         return replace(self, scene=scene, flags=flags, spacings=spacings)

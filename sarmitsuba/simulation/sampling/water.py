@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change
@@ -22,7 +23,7 @@ _UNEVEN = float(np.sqrt(4.0 / 45.0))
 def waters(scene: Scene) -> tuple[WindWaves, ...]:
     """Waters of the scene that the radar may see."""
     used = [scene.materials[i] for i in np.unique(scene.geometry.face_material)]
-    visible = [m for m in used if not m.invisible]
+    visible = with_parts([m for m in used if not m.invisible])
     return water_in(visible, scene.radar.waveform.wavelength, scene.settings.seed)
 
 
@@ -49,8 +50,8 @@ def beam_tells(scene: Scene, reference: F64) -> bool:
         return True
     speed = max((float(np.hypot(w.speeds[2], _rms(w, 1))) for w in waters(scene)), default=0.0)
     flown = float(np.linalg.norm(track.position[-1] - track.position[0])) / (track.n_pulses - 1)
-    way = np.linalg.norm(reference - track.center_position)
-    way = float(way / max(np.linalg.norm(track.velocity[track.center_index]), 1e-9)) * speed
+    antenna_speed = float(np.linalg.norm(track.velocity[track.center_index]))
+    way = float(np.linalg.norm(reference - track.center_position)) * speed / max(antenna_speed, 1e-9)
     return beam_change(radar, reference, 2 * int(np.ceil(way / max(flown, 1e-9)))) <= BEAM_ERROR
 
 

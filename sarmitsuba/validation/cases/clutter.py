@@ -12,9 +12,11 @@ from scipy.stats import kstest
 
 from sarmitsuba import theory
 from sarmitsuba.backend import device_array, dr, mi
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.texture import Bitmap, ClassMap, SurfaceMaps, in_plan
+from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
+from sarmitsuba.materials.parts import varied
+from sarmitsuba.materials.texture import Bitmap, in_plan
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.render import render
@@ -64,10 +66,10 @@ def _ground(n_cells: float, material: Material | None = None, **changes: float) 
     scene = ground_scene(
         40.0,
         CELL,
-        20e3,
+        40e3,
         LEVEL_DB,
         n_cells=n_cells,
-        settings=TraceSettings(method="image", seed=SEED),
+        settings=TraceSettings(method="image", seed=SEED, effects={"coherent": "off"}),
         image_grid="ground",
         pixel_spacing_azimuth=CELL,
         pixel_spacing_range=CELL / np.sin(np.radians(40.0)),
@@ -92,7 +94,7 @@ def _clutter(shape: float, n_cells: float) -> F64:
 def k_distribution(quick: bool = False) -> Case:
     """Focused ground with a gamma texture against the K distribution: level, distribution, moments of 1 and 9 looks."""
     comparisons: list[Comparison] = []
-    shapes, n_cells = ((1.0,), 450.0) if quick else ((0.5, 1.0, 2.0, 8.0), 900.0)
+    shapes, n_cells = ((1.0,), 450.0) if quick else ((0.5, 1.0, 8.0), 900.0)
     for shape in shapes:
         intensity = _clutter(shape, n_cells)
         left = theory.averaged_shape(shape, LENGTH, _responses())
@@ -202,7 +204,7 @@ def gamma_texture(quick: bool = False) -> Case:
     comparisons: list[Comparison] = []
     rng = np.random.default_rng(17)
     n = 60_000 if quick else 400_000
-    for shape in (0.3, 2.0) if quick else (0.1, 0.3, 1.0, 2.0, 8.0, 50.0):
+    for shape in (0.3, 2.0) if quick else (0.1, 0.5, 2.0, 50.0):
         length = float(rng.uniform(0.5, 40.0))
         x, y = rng.uniform(-3e4, 3e4, (2, n)) * length
         tau = texture_at(shape, length, x, y)
@@ -266,7 +268,7 @@ def gamma_texture(quick: bool = False) -> Case:
 
 
 def surface_maps(quick: bool = False) -> Case:
-    """A map of sigma0 and one of materials, each turned by a drawn angle, under drawn headings: level by place."""
+    """Maps of sigma0, materials and their properties, turned by drawn angles under drawn headings: level by place."""
     comparisons: list[Comparison] = []
     n_cells = 150.0 if quick else 300.0
     rng = np.random.default_rng(23)
@@ -301,17 +303,47 @@ def surface_maps(quick: bool = False) -> Case:
                 [image.sigma0()[place == k].mean() / even[place == k].mean() for k in range(9)],
             )
         )
+        soil, want = _soil(bitmap, rng)
+        image = _image(replace(scene, materials=(soil,)))
+        comparisons.append(
+            _by_place(
+                f"permittivity_map and roughness_map, {label}",
+                db_from_power(want),
+                [image.sigma0()[place == k].mean() / even[place == k].mean() for k in range(9)],
+            )
+        )
     return Case(
         name="surface_maps",
         topic="radiometry",
         title="Maps of level and of land cover",
-        formula="sigma0 of the map's texel at the place of every pixel",
-        source="definition of the map",
+        formula="sigma0 of the texel at the place of every pixel; first-order theory of its permittivity and height",
+        source="definition of the map; Ulaby, Moore and Fung, volume II (1982), chapter 12",
         x_label="texel",
         y_label="sigma0 (dB)",
         comparisons=tuple(comparisons),
         note=f"3 x 3 texels on {n_cells:g} x {n_cells:g} cells; mean over each texel less 3 cells along its edges, "
         "over the same mean of ground without a map, whose speckle is the same; one look.",
+    )
+
+
+def _soil(bitmap: Bitmap, rng: np.random.Generator) -> tuple[Material, F64]:
+    """Slightly rough soil of drawn permittivities and rms heights, and the (9,) sigma0 (VV) of each texel."""
+    permittivity, height = rng.uniform(4.0, 25.0, (3, 3)), rng.uniform(4e-4, 1.2e-3, (3, 3))
+    soil = Material(
+        "soil",
+        permittivity=10.0 - 1.5j,
+        rms_height=1e-3,
+        correlation_length=0.02,
+        diffuse_law="small_perturbation",
+    )
+    number, parts = varied(soil, permittivity, height)
+    wavenumber = 2.0 * np.pi * 9.65e9 / SPEED_OF_LIGHT
+    want = [
+        theory.small_perturbation_sigma0(np.radians(40.0), e * (1.0 - 0.15j), wavenumber, s, 0.02)[1][0]
+        for e, s in zip(permittivity.ravel(), height.ravel(), strict=True)
+    ]
+    return replace(soil, maps=SurfaceMaps(classes=ClassMap(replace(bitmap, values=number), parts))), np.array(
+        want
     )
 
 

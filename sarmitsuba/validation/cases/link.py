@@ -52,7 +52,7 @@ def measured(scene: Scene, window: str, draws: int) -> tuple[float, float]:
 
 def link(quick: bool = False) -> Case:
     """NESZ and SNR of every shipped radar, in the beam's centre and off it."""
-    names = [entry.name for entry in list_radars()]
+    names = [entry.name for entry in list_radars()][:: 3 if quick else 1]
     draws = 1 if quick else _DRAWS
     predicted, found, closed, own = [], [], [], []
     with unwarned():  # of squares of a few cells

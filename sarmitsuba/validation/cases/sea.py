@@ -18,7 +18,9 @@ from sarmitsuba.validation.comparison import Case, Comparison
 from sarmitsuba.validation.patch import COUNT_DB, LOOKS, diffuse_flags, mean_power, standard_error
 
 F64 = NDArray[np.float64]
-C_BAND = 5.3e9
+C_BAND, KU_BAND = 5.3e9, 13.6e9
+# what altimeters see straight down under the world's mean wind of 7 m/s (Witter and Chelton, J. Geophys. Res. 96, 1991)
+ALTIMETER_DB = 11.1
 # no wave is longer: all of the sea is in the law
 ALL_IN_LAW = 1e4
 # rad/m, below every wave of a sea under 20 m/s
@@ -190,12 +192,26 @@ def scatterometer(quick: bool = False) -> Case:
             shown=4,
         )
     )
+    ku, wavenumber = klein_swift(KU_BAND, 15.0, 35.0), 2.0 * np.pi * KU_BAND / SPEED_OF_LIGHT
+    comparisons.append(
+        Comparison(
+            "Ku band, 7 m/s, straight down, altimeters",
+            np.zeros(1),
+            np.array([ALTIMETER_DB]),
+            db_from_power(two_scale_sigma0(SeaState(7.0), wavenumber, ku, LONGEST, np.zeros(1), 0.0)[1]),
+            tolerance=3.0,
+            reason="short waves spread the mirrored lobe by more than the loss exp(-4 k^2 s^2) that is taken here",
+            unit="dB",
+            shown=0,
+        )
+    )
     return Case(
         name="sea_scatterometer",
         topic="rough",
-        title="The sea at C band against satellite scatterometers",
+        title="The sea against satellite scatterometers and altimeters",
         formula="CMOD5.N, mean of upwind and downwind in dB; VV/HH = ((1 + 2 tan^2 t) / (1 + 0.6 tan^2 t))^2",
-        source="Hersbach, ECMWF Technical Memorandum 554 (2008); Thompson et al., IGARSS 1998",
+        source="Hersbach, ECMWF Technical Memorandum 554 (2008); Thompson et al., IGARSS 1998; "
+        "Witter and Chelton, J. Geophys. Res. 96 (1991)",
         x_label="incidence angle (deg)",
         y_label="sigma0, ratio (dB)",
         comparisons=tuple(comparisons),

@@ -1,6 +1,6 @@
 """Crowns of broad-leaved trees, such as limes and maples along a street, in leaf and without.
 
-Sizes and numbers are set up by us within what forestry gives for mature crowns (about 0.8 m^2 of leaf and 3 kg of fresh
+Sizes and numbers are set up by us within what forestry gives for mature crowns (about 0.8 m^2 of leaf and 1 kg of fresh
 wood in a cubic metre), none of them fitted to a radar measurement; see docs/vegetation.md for what they return.
 """
 
@@ -12,9 +12,9 @@ def _wood(moisture: float) -> tuple[Constituent, ...]:
     """Twigs to limbs, growing outwards and up."""
     return (
         Constituent(Stick(0.0015, 0.2), 60.0, moisture, Orientation(50.0, 30.0)),
-        Constituent(Stick(0.005, 0.5), 2.0, moisture, Orientation(45.0, 25.0)),
-        Constituent(Stick(0.015, 1.2), 0.2, moisture, Orientation(50.0, 20.0)),
-        Constituent(Stick(0.04, 2.0), 0.02, moisture, Orientation(40.0, 20.0)),
+        Constituent(Stick(0.005, 0.5), 4.0, moisture, Orientation(45.0, 25.0)),
+        Constituent(Stick(0.015, 1.2), 0.4, moisture, Orientation(50.0, 20.0)),
+        Constituent(Stick(0.04, 2.0), 0.05, moisture, Orientation(40.0, 20.0)),
     )
 
 

@@ -1,0 +1,396 @@
+"""Slabs and panes: their coefficients in the kernel, what stands behind them, and where it shows."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba import theory
+from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.constants import VACUUM_IMPEDANCE
+from sarmitsuba.image.metrics import point_target_in
+from sarmitsuba.materials.material import Material
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.trace.slabs import slab
+from sarmitsuba.units import db_from_power
+from sarmitsuba.validation import targets
+from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.cases import CASES, CaseEntry
+from sarmitsuba.validation.chain import chain, make_scene
+from sarmitsuba.validation.comparison import Case, Comparison
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+SOURCE = "ITU-R P.2040-3 (single-layer slab); Born and Wolf, section 7.6"
+ROUNDING = "float32 arithmetic: 6e-8 of the electrical thickness, up to 160 rad"
+GLASS, BRICK, BOARD = 6.31 - 0.19j, 3.91 - 0.06j, 2.73 - 0.13j
+# permittivity, thickness (m), sheet (ohm per square)
+WALLS = {
+    "window glass 6 mm": (GLASS, 0.006, 0.0),
+    "coated glass 6 mm, 4 ohm": (GLASS, 0.006, 4.0),
+    "lossless 4, 0.3 m": (4.0 - 0.0j, 0.3, 0.0),
+    "brick 0.12 m": (BRICK, 0.12, 0.0),
+    "concrete 0.2 m": (5.24 - 0.507j, 0.2, 0.0),
+}
+THICKNESSES = (1e-6, 1e-4, 0.003, 0.0078, 0.05, 0.3)
+
+
+def kernel_slab(
+    cosine: F64, permittivity: complex, thickness: float, sheet_resistance: float = 0.0
+) -> Mapping[str, C128]:
+    """Return the coefficients as the compiled kernel computes them: R and T, TE and TM, the sheet behind."""
+    ensure_backend()
+    chi = mi.Complex2f(dr.opaque(mi.Float, permittivity.real - 1.0), dr.opaque(mi.Float, permittivity.imag))
+    sheet = VACUUM_IMPEDANCE / sheet_resistance if sheet_resistance else 0.0
+    thick = 2.0 * np.pi / X_WAVELENGTH * thickness
+    found = slab(
+        mi.Float(cosine.astype(np.float32)),
+        chi,
+        dr.opaque(mi.Float, thick),
+        dr.opaque(mi.Float, sheet),
+        mi.Bool(False),
+    )
+    dr.eval(found.r_te, found.r_tm, found.t_te, found.t_tm, found.extra)
+    turn = np.exp(-1j * np.asarray(found.extra, np.float64))  # the phase of the delay, which is the length's
+    values = {"R TE": found.r_te, "R TM": found.r_tm, "T TE": found.t_te, "T TM": found.t_tm}
+    out: dict[str, C128] = {}
+    for name, z in values.items():
+        value = np.asarray(z.real, np.float64) + 1j * np.asarray(z.imag, np.float64)
+        out[name] = np.asarray(value * turn if name[0] == "T" else value)
+    return out
+
+
+def slab_kernel(quick: bool = False) -> Case:
+    """Reflection and transmission of slabs over angle through Dr.Jit, and the energy of lossless ones."""
+    angle = np.concatenate([np.linspace(0.0, 89.0, 90), [89.5, 89.9]])
+    cosine = np.cos(np.radians(angle))
+    comparisons = []
+    for name, (eps, thickness, sheet) in WALLS.items():
+        got = kernel_slab(cosine, eps, thickness, sheet)
+        # of the cosine that the kernel has
+        exact = cosine.astype(np.float32).astype(np.float64)
+        waves = theory.slab(exact, eps, thickness, X_WAVELENGTH, sheet)
+        t_te, t_tm = theory.slab_insertion(exact, eps, thickness, X_WAVELENGTH, sheet)
+        want = {"R TE": waves.r_te, "R TM": waves.r_tm, "T TE": t_te, "T TM": t_tm}
+        for label, value in want.items():
+            comparisons.append(
+                Comparison(
+                    f"{name}, {label}",
+                    angle,
+                    np.abs(value),
+                    np.abs(value) + np.abs(got[label] - value),
+                    tolerance=1e-4,
+                    reason=ROUNDING,
+                    unit="",
+                    shown=60,
+                )
+            )
+    energy = []
+    for thickness in THICKNESSES:
+        got = kernel_slab(cosine, 6.31 + 0.0j, thickness)
+        energy += [np.abs(got[f"R {p}"]) ** 2 + np.abs(got[f"T {p}"]) ** 2 for p in ("TE", "TM")]
+    worst = np.asarray(energy)[np.argmax(np.abs(np.asarray(energy) - 1.0).max(axis=1))]
+    comparisons.append(
+        Comparison(
+            "lossless glass, 1 um to 0.3 m: |R|^2 + |T|^2 of the worst",
+            angle,
+            np.ones_like(angle),
+            worst,
+            tolerance=1e-4,
+            reason="float32 arithmetic; 1e-4 asked for",
+            unit="",
+        )
+    )
+    return Case(
+        name="slab_kernel",
+        topic="materials",
+        title="Slabs through the compiled kernel",
+        formula="R = r (1 - e^-2jd) / (1 - r^2 e^-2jd), T = (1 - r^2) e^-jd / (1 - r^2 e^-2jd), d = k t q",
+        source=SOURCE,
+        x_label="incidence angle (deg)",
+        y_label="modulus",
+        comparisons=tuple(comparisons),
+        note="The simulated modulus is drawn with the modulus of the complex error added. X band.",
+    )
+
+
+def dyad(normal: F64, direction: F64, wall: tuple[complex, float, float]) -> C128:
+    """Return the (3, 3) matrix from a plane wave to the wave behind a slab, fields in scene axes."""
+    n, d = normal / np.linalg.norm(normal), direction / np.linalg.norm(direction)
+    te, tm = theory.slab_insertion(abs(float(n @ d)), wall[0], wall[1], X_WAVELENGTH, wall[2])
+    h = np.cross(d, n)
+    h /= np.linalg.norm(h)
+    v = np.cross(h, d)
+    return np.asarray(te * np.outer(h, h) + tm * np.outer(v, v))
+
+
+def pane_before_plate(quick: bool = False) -> Case:
+    """A metal plate behind panes of drawn orientations, in all four channels."""
+    rng = np.random.default_rng(17)
+    channels = ("HH", "HV", "VH", "VV")
+    look = np.array([1.0, 0.0, 0.0])
+    basis = {"H": np.array([0.0, 1.0, 0.0]), "V": np.array([0.0, 0.0, 1.0])}
+    plate = targets.parallelogram([0, -0.25, -0.25], [0, 0.5, 0], [0, 0, 0.5])
+
+    def seen(meshes: list[targets.Mesh], material: Material) -> C128:
+        result = monostatic_rcs(
+            targets.geometry(meshes, [0, 1][: len(meshes)]),
+            (*targets.PEC, material),
+            look[None],
+            X_BAND,
+            channels=channels,
+            max_depth=1,
+            ray_spacing=0.02,
+        )
+        return np.asarray(result.amplitude[0, 0])
+
+    comparisons = []
+    for name in ("window glass 6 mm", "brick 0.12 m"):
+        wall = WALLS[name]
+        material = Material("pane", permittivity=wall[0], thickness=wall[1], sheet_resistance=wall[2])
+        bare = seen([plate], material)[0]
+        want, got, angles = [], [], []
+        for _ in range(4 if quick else 16):
+            # off the line of sight, so that the pane's own mirror image is elsewhere
+            tilt, roll = np.radians(rng.uniform(12.0, 70.0)), rng.uniform(0.0, 2.0 * np.pi)
+            normal = np.array([np.cos(tilt), np.sin(tilt) * np.cos(roll), np.sin(tilt) * np.sin(roll)])
+            a = np.cross(normal, basis["V"])
+            a /= np.linalg.norm(a)
+            b = np.cross(a, normal)
+            middle = rng.uniform(1.5, 4.0) * look
+            pane = targets.parallelogram(middle - 2.0 * (a + b), 4.0 * a, 4.0 * b)
+            through = dyad(normal, -look, wall)
+            want.append([basis[c[1]] @ through @ through @ basis[c[0]] for c in channels])
+            got.append(seen([plate, pane], material) / bare)
+            angles.append(np.degrees(tilt))
+        order = np.argsort(angles)
+        a, b = np.abs(np.asarray(want))[order], np.abs(np.asarray(got))[order]
+        x = np.asarray(angles)[order]
+        for i, channel in enumerate(channels):
+            co = channel[0] == channel[1]
+            comparisons.append(
+                Comparison(
+                    f"{name}, {channel}",
+                    x,
+                    np.asarray(db_from_power(a[:, i] ** 2)) if co else a[:, i],
+                    np.asarray(db_from_power(b[:, i] ** 2)) if co else b[:, i],
+                    tolerance=0.1 if co else 0.01,
+                    reason="side lobes of the pane's own return; 0.1 dB asked for"
+                    if co
+                    else "side lobes of the pane's own return, share of the amplitude",
+                    unit="dB" if co else "",
+                )
+            )
+    return Case(
+        name="pane_before_plate",
+        topic="materials",
+        title="A metal plate behind a pane",
+        formula="q . D D e over that without it; D = T_TE h h + T_TM v v about the pane's plane of incidence",
+        source=SOURCE,
+        x_label="tilt of the pane (deg)",
+        y_label="level over that without the pane (dB, cross-polar: share of the amplitude)",
+        comparisons=tuple(comparisons),
+        note="Panes of 4 m, drawn tilts, rolls and distances, seed 17; a plate of 0.5 m square on. X band.",
+    )
+
+
+def cavity_amplitude(pane: tuple[complex, complex], phase: F64, orders: int) -> C128:
+    r"""Return what a pane before a metal plate reflects, over the plate alone, by paths up to ``orders`` bounces.
+
+    .. math:: R - T^2 e^{-2 j \phi} \sum_m (-R e^{-2 j \phi})^m
+
+    Parameters
+    ----------
+    pane : R and T (insertion) at normal incidence
+    phase : wavenumber times distance
+    orders : bounces; path m has 2 m + 1
+    """
+    r, t = pane
+    once = np.exp(-2j * phase)
+    total = sum(((-r * once) ** m for m in range((orders + 1) // 2)), np.zeros_like(once))
+    return np.asarray(-(r - t * t * once * total))
+
+
+def pane_cavity(quick: bool = False) -> Case:
+    """A pane parallel to a metal plate: every path between the two counts, and counts once."""
+    rng = np.random.default_rng(18)
+    side, orders = 0.5, 7
+    comparisons = []
+    for name in ("window glass 6 mm", "lossless 4, 0.3 m"):
+        eps, thickness, _ = WALLS[name]
+        glass = Material("pane", permittivity=eps, thickness=thickness)
+        distance = np.sort(rng.uniform(1.0, 1.0 + X_WAVELENGTH, 5 if quick else 15))
+
+        def square_on(materials: tuple[Material, ...], places: list[float]) -> complex:
+            meshes = [
+                targets.parallelogram([x, -side / 2, -side / 2], [0, side, 0], [0, 0, side]) for x in places
+            ]
+            result = monostatic_rcs(
+                targets.geometry(meshes, list(range(len(places)))),
+                materials,
+                [[1.0, 0.0, 0.0]],
+                X_BAND,
+                channels=("HH",),
+                max_depth=orders,
+                ray_spacing=0.02,
+                distance=1e7,
+            )
+            return complex(result.amplitude[0, 0, 0])
+
+        bare = square_on(targets.PEC, [0.0])
+        got = np.array([abs(square_on((*targets.PEC, glass), [0.0, x]) / bare) for x in distance])
+        waves = theory.slab(1.0, eps, thickness, X_WAVELENGTH)
+        through = theory.slab_insertion(1.0, eps, thickness, X_WAVELENGTH)[0]
+        pair = complex(waves.r_te), complex(through)
+        want = np.abs(cavity_amplitude(pair, 2.0 * np.pi / X_WAVELENGTH * distance, orders))
+        comparisons.append(
+            Comparison(
+                name,
+                (distance - 1.0) / X_WAVELENGTH,
+                np.asarray(db_from_power(want**2)),
+                np.asarray(db_from_power(got**2)),
+                tolerance=0.05,
+                reason="waves spread by 1e-7 on the way between the two; float32 fields",
+                unit="dB",
+                floor=25.0,
+            )
+        )
+    return Case(
+        name="pane_cavity",
+        topic="materials",
+        title="A pane before a metal plate, square on",
+        formula="|R - T^2 e^-2jkD sum_m (-R e^-2jkD)^m|, m up to 3",
+        source=SOURCE,
+        x_label="distance over 1 m, in wavelengths",
+        y_label="level over the plate alone (dB)",
+        comparisons=tuple(comparisons),
+        note=f"Pane and plate {side:g} m wide; paths of up to {orders} bounces, drawn distances, seed 18.",
+    )
+
+
+def corner_behind_pane(quick: bool = False) -> Case:
+    """The corner of a room behind a wall of glass or brick: place in range and level, through the whole chain."""
+    rng = np.random.default_rng(19)
+    names = ("window glass 6 mm", "brick 0.12 m") if quick else ("window glass 6 mm", "brick 0.12 m", "board")
+    walls = WALLS | {"board": (BOARD, 0.1, 0.0)}
+    comparisons = []
+    for name in names:
+        wall = walls[name]
+        material = Material("pane", permittivity=wall[0], thickness=wall[1])
+        shift: dict[str, list[float]] = {"want": [], "got": []}
+        level: dict[str, list[list[float]]] = {"want": [], "got": []}
+        for _ in range(1 if quick else 4):
+            heading, look = rng.uniform(125.0, 145.0), rng.uniform(48.0, 60.0)
+            turn, far = np.radians(rng.uniform(15.0, 45.0)), rng.uniform(1.5, 3.0)
+            own, other = (_room(heading, look, turn, far, m) for m in (material, None))
+            sight = other.radar.track.center_position
+            sight = sight / np.linalg.norm(sight)
+            along = np.array([sight[0], sight[1], 0.0]) / np.hypot(*sight[:2])
+            normal = np.cos(turn) * along + np.sin(turn) * np.cross([0.0, 0.0, 1.0], along)
+            h = np.cross(-sight, [0.0, 0.0, 1.0])
+            h /= np.linalg.norm(h)
+            through = dyad(normal, -sight, wall)
+            images = [chain(scene, seed=1) for scene in (own, other)]
+            peaks = [[point_target_in(image, c) for c in ("HH", "VV")] for image in images]
+            shift["got"].append(peaks[0][1].range_position - peaks[1][1].range_position)
+            shift["want"].append(_delay(float(normal @ sight), wall))
+            level["got"].append([float(db_from_power(a.rcs / b.rcs)) for a, b in zip(*peaks, strict=True)])
+            level["want"].append(
+                [float(20.0 * np.log10(abs(q @ through @ through @ q))) for q in (h, np.cross(h, -sight))]
+            )
+        x = np.arange(float(len(shift["want"])))
+        comparisons.append(
+            Comparison(
+                f"{name}, farther in range",
+                x,
+                np.asarray(shift["want"]),
+                np.asarray(shift["got"]),
+                tolerance=5e-3,
+                reason="two hundredths of a range cell: the pane's own side lobes under the peak",
+                unit="m",
+            )
+        )
+        comparisons += [
+            Comparison(
+                f"{name}, level, {channel}",
+                x,
+                np.asarray(level["want"])[:, i],
+                np.asarray(level["got"])[:, i],
+                tolerance=0.1,
+                reason="0.1 dB asked for; the pane's own side lobes",
+                unit="dB",
+            )
+            for i, channel in enumerate(("HH", "VV"))
+        ]
+    return Case(
+        name="corner_behind_pane",
+        topic="materials",
+        title="The corner of a room behind a wall that lets waves through",
+        formula="farther by the group delay -d arg(T e^jkt cos) / dk; level q . D D q",
+        source=SOURCE,
+        x_label="draw",
+        y_label="m or dB against the same without the pane",
+        comparisons=tuple(comparisons),
+        note="A metal trihedral of 0.6 m, upright panes of 6 m; drawn headings, look angles, orientations and "
+        "distances, seed 19. X band, 600 MHz.",
+    )
+
+
+def _delay(cosine: float, wall: tuple[complex, float, float]) -> float:
+    """Group delay's path, the mean of TE and TM by their power, m."""
+    power = [float(abs(t) ** 2) for t in theory.slab_insertion(cosine, wall[0], wall[1], X_WAVELENGTH)]
+    paths = [float(x) for x in theory.slab_delay(cosine, wall[0], wall[1], X_WAVELENGTH)]
+    return sum(p * x for p, x in zip(power, paths, strict=True)) / sum(power)
+
+
+def _room(heading: float, look: float, turn: float, far: float, pane: Material | None) -> Scene:
+    """A trihedral that opens towards the radar, with an upright pane before it or without."""
+    corner = targets.trihedral(0.6, "triangular")
+    meshes, materials, numbers = [(corner.vertices, corner.faces)], list(targets.PEC), [0]
+    if pane is not None:
+        psi = np.radians(heading)
+        along = np.array([-np.cos(psi), np.sin(psi), 0.0])  # towards the radar on the ground
+        across = np.cross([0.0, 0.0, 1.0], along)
+        edge = -np.sin(turn) * along + np.cos(turn) * across
+        middle = far * along + np.array([0.0, 0.0, far / np.tan(np.radians(look))])
+        meshes.append(targets.parallelogram(middle - 3.0 * edge - [0, 0, 3.0], 6.0 * edge, [0.0, 0.0, 6.0]))
+        materials.append(pane)
+        numbers.append(1)
+    return make_scene(
+        targets.geometry(meshes, numbers),
+        tuple(materials),
+        {
+            "slant_range": 10e3,
+            "heading_deg": heading,
+            "look_angle_deg": look,
+            "azimuth_resolution": 1.0,
+            "bandwidth": 600e6,
+            "center_frequency": X_BAND,
+            "polarisation": "HH,VV",
+            "speed": 150.0,
+            "aim_x": 0.0,
+            "aim_y": 0.0,
+            "aim_z": 0.0,
+            "image_extent_azimuth": 16.0,
+            "image_extent_range": 12.0,
+        },
+        settings=TraceSettings(ray_spacing=0.02, max_depth=3),  # both scenes alike: rims cancel
+    )
+
+
+CASES.register(CaseEntry("slab_kernel", "materials", slab_kernel))
+CASES.register(CaseEntry("pane_before_plate", "materials", pane_before_plate))
+CASES.register(CaseEntry("pane_cavity", "materials", pane_cavity))
+CASES.register(CaseEntry("corner_behind_pane", "materials", corner_behind_pane))
+
+__all__ = [
+    "cavity_amplitude",
+    "corner_behind_pane",
+    "dyad",
+    "kernel_slab",
+    "pane_before_plate",
+    "pane_cavity",
+    "slab_kernel",
+]
