@@ -16,6 +16,7 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.validation import targets
@@ -355,3 +356,22 @@ def test_the_plan_says_what_edges_add() -> None:
     decision = low.decision("edge_diffraction")
     assert decision is not None and not decision.on and decision.error_db > -40.0
     assert "between metal" in decision.why
+
+
+@pytest.mark.parametrize("seed", [51])
+def test_sweeps_have_edges_by_themselves(seed: int) -> None:
+    """A turntable's plate from drawn aspects, by the plan's own decision; off it is physical optics."""
+    rng = np.random.default_rng(seed)
+    elevation = rng.uniform(np.radians(3.0), np.radians(60.0), 15)
+    size = (5.0, 60.0)
+    upright = targets.parallelogram([0, 0, 0], [size[0] * WAVELENGTH, 0, 0], [0, size[1] * WAVELENGTH, 0])
+    radar = RadarDescription(center_frequency=FREQUENCY)
+    scene = build_scene([SceneMesh(*upright, "pec", "plate")], radar=radar)
+    result = rcs_sweep(scene, Aspects(np.zeros(15), elevation), channels=("HH", "VV"))
+    closed = theory.plate_along_its_sheet(
+        size[0] * WAVELENGTH, size[1] * WAVELENGTH, WAVELENGTH, 0.5 * np.pi - elevation
+    )
+    for channel, want in zip(("HH", "VV"), closed, strict=True):
+        got = 10.0 ** (result.dbsm(channel) / 20.0)
+        # tol: the rims across, a wavelength of 60; Fresnel's integral to 0.004
+        assert np.abs(got - np.sqrt(want)).max() < 0.04 * np.sqrt(theory.edge_on_rcs(size[1] * WAVELENGTH))
