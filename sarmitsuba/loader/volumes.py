@@ -1,7 +1,7 @@
 """BSDF ``radar_volume``: its parameters, and the shapes that have one as volumes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
