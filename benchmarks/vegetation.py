@@ -17,9 +17,19 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sarmitsuba import load_scene, render, theory
+from sarmitsuba import (
+    RadarDescription,
+    SceneMesh,
+    SceneVolume,
+    TraceSettings,
+    build_scene,
+    load_scene,
+    render,
+    theory,
+)
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.materials.vegetation.canopy import CANOPIES
+from sarmitsuba.mesh.tessellate import sphere
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.volumes import volume_scatterers
 from sarmitsuba.view.quicklook import draw
@@ -60,6 +70,30 @@ def presets() -> None:
         print(f"| `{canopy.name}`: {canopy.title} | {' | '.join(cells)} |")
 
 
+def scatterers() -> None:
+    """Print the CPU seconds of one look at a stand of 64 crowns with ever more scatterers in them."""
+    warnings.simplefilter("ignore", SarmitsubaWarning)
+    corners = np.array([[-40.0, -40.0, 0.0], [40.0, -40.0, 0.0], [40.0, 40.0, 0.0], [-40.0, 40.0, 0.0]])
+    ground = SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], {"material": "medium_dry_ground", "rms_height": 0.01})
+    vertices, faces = sphere(3.0, 0.03)
+    for spacing in (0.5, 0.25, 0.2):
+        medium = {"preset": "deciduous_summer", "scatterer_spacing": spacing}
+        crowns = [
+            SceneVolume(vertices + np.array([x, y, 6.0]), faces, medium)
+            for x in np.arange(-28.0, 29.0, 8.0)
+            for y in np.arange(-28.0, 29.0, 8.0)
+        ]
+        radar = RadarDescription(
+            slant_range=8e3, look_angle_deg=40.0, bandwidth=150e6, azimuth_resolution=1.0
+        )
+        scene = build_scene([ground], volumes=crowns, radar=radar, settings=TraceSettings(method="image"))
+        n = volume_scatterers(scene.volumes, 1.0, 0).n
+        timed(scene)
+        print(
+            f"{len(crowns)} crowns, {n:8d} scatterers: {timed(scene)[1]:.2f} CPU s for one look", flush=True
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -67,7 +101,13 @@ def main() -> None:
     parser.add_argument("-o", "--out", default="vegetation.png", type=Path)
     parser.add_argument("--rounds", default=2, type=int, help="renderings of each kind that are counted")
     parser.add_argument("--presets", action="store_true", help="only print what the presets return and take")
+    parser.add_argument(
+        "--scatterers", action="store_true", help="only time one look at ever more scatterers"
+    )
     args = parser.parse_args()
+    if args.scatterers:
+        scatterers()
+        return
     if args.presets:
         presets()
         return

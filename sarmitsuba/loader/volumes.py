@@ -212,7 +212,10 @@ def medium_of(
     """
     stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
-    parts = _constituents(values)
+    try:
+        parts = _constituents(values)
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from None
     if preset:
         whole = CANOPIES[preset].denser(float_value(values, "relative_density"))
         parts = (*whole.constituents, *parts)
@@ -223,7 +226,7 @@ def medium_of(
         raise SceneError(f"{where}: {what} and {cloud[0]} describe the volume twice; leave one out")
     if parts:
         medium = Canopy(name, "", parts).medium(frequency)
-        return replace(medium, name=name, temporal_coherence=stays, decorrelation_days=days)
+        return replace(medium, temporal_coherence=stays, decorrelation_days=days)
     if values["sigma_v_h_db"] is None:
         raise SceneError(
             f'{where}: what fills the volume is not described; give <string name="preset" value="deciduous_summer"/> '

@@ -1,12 +1,14 @@
 """The scene's triangles as binary glTF, small enough to travel inside a page."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.lines import LineTarget
+from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
 
@@ -62,6 +64,49 @@ def page_mesh(geometry: Geometry, center: F64, most_faces: int = MOST_FACES) -> 
     return PageMesh(glb, int(faces.shape[0]), edge)
 
 
+def drawn(scene: Scene) -> tuple[Geometry, tuple[str, ...]]:
+    """What a page draws of a scene, in the file's frame, and the names of its materials.
+
+    Its meshes, and its rods as one mesh of three-sided prisms.
+    """
+    geometry, names = scene.geometry, tuple(material.name for material in scene.materials)
+    vertices, faces = [geometry.vertices], [geometry.faces]
+    if scene.lines:
+        names = (*names, "metal rods")
+        prisms = [_prism(line) for line in scene.lines]
+        first = len(geometry.vertices) + np.arange(len(prisms))[:, None, None] * len(prisms[0])
+        vertices += prisms
+        faces.append((first + _PRISM_FACES).reshape(-1, 3))
+        more = len(prisms) * len(_PRISM_FACES)
+        geometry = replace(
+            geometry,
+            face_material=np.append(geometry.face_material, np.full(more, len(names) - 1, dtype=np.int32)),
+            face_group=np.append(geometry.face_group, np.full(more, -1, dtype=np.int32)),
+            mesh_names=(*geometry.mesh_names, "rods"),
+            mesh_face_offset=np.append(geometry.mesh_face_offset, geometry.n_faces + more),
+            mesh_convex=(),
+            mesh_motion=(),
+        )
+    at = np.concatenate(vertices) + scene.offset
+    return replace(geometry, vertices=at, faces=np.concatenate(faces).astype(np.int32)), names
+
+
+# sides of a prism whose first three corners are one end's
+_PRISM_FACES = np.array(
+    [f for i in range(3) for f in ([i, (i + 1) % 3, i + 3], [(i + 1) % 3, (i + 1) % 3 + 3, i + 3])]
+)
+
+
+def _prism(line: LineTarget) -> F64:
+    """(6, 3) corners of a rod, no thinner than what a page can store."""
+    axis = (line.end - line.start) / line.length
+    x = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    x /= np.linalg.norm(x)
+    angle = 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
+    rim = max(line.radius, 8.0 * GRID) * (np.cos(angle) * x + np.sin(angle) * np.cross(axis, x))
+    return np.concatenate([line.start + rim, line.end + rim])
+
+
 def _fewer(
     vertices: F64, faces: NDArray[np.int32], most_faces: int
 ) -> tuple[F64, NDArray[np.integer], NDArray[np.integer], float]:
@@ -81,4 +126,4 @@ def _fewer(
             return np.asarray(cells * edge, dtype=np.float64), merged[alive], numbers[alive], edge
 
 
-__all__ = ["GRID", "MOST_FACES", "PageMesh", "page_mesh"]
+__all__ = ["GRID", "MOST_FACES", "PageMesh", "drawn", "page_mesh"]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.page.geometry import PageMesh, page_mesh
+from sarmitsuba.page.geometry import PageMesh, drawn, page_mesh
 from sarmitsuba.page.paths import PagePaths, page_paths
 from sarmitsuba.page.profiles import page_grid, page_profiles
 from sarmitsuba.page.run_folder import RunFolder
@@ -44,8 +44,7 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
     for run in runs:
         number: int | None = None
         if run.scene is not None:
-            geometry = replace(run.scene.geometry, vertices=run.scene.geometry.vertices + run.scene.offset)
-            mesh = page_mesh(geometry, center)
+            mesh = page_mesh(drawn(run.scene)[0], center)
             if mesh.glb not in meshes:
                 meshes[mesh.glb] = len(scenes)
                 scenes.append(scene_payload(run.scene, mesh, center))
@@ -62,12 +61,13 @@ def page_payload(runs: Sequence[RunFolder], channel: str | None, say: Say) -> di
 
 def scene_payload(scene: Scene, mesh: PageMesh, center: F64) -> dict[str, Value]:
     """Geometry, materials and ideal points, positions from the page's origin."""
+    geometry, materials = drawn(scene)
     return {
         "glb": np.frombuffer(mesh.glb, dtype=np.uint8),
         "faces": mesh.n_faces,
         "merged": mesh.merged,
-        "meshes": scene.geometry.mesh_names,
-        "materials": [material.name for material in scene.materials],
+        "meshes": geometry.mesh_names,
+        "materials": list(materials),
         "ground": float(scene.geometry.ground_height + scene.offset[2] - center[2]),
         "points": [
             {"name": point.name, "position": point.position + scene.offset - center, "rcs": point.rcs}

@@ -1,12 +1,10 @@
 """What the page of an RCS sweep knows: the target, its RCS from every aspect, and the image that the aspects make."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.page.geometry import page_mesh
+from sarmitsuba.page.geometry import drawn, page_mesh
 from sarmitsuba.page.payload import Value, grid_payload, image_payload, nested, scene_payload
 from sarmitsuba.page.profiles import page_grid
 from sarmitsuba.scene.scene import Scene
@@ -30,7 +28,7 @@ def rcs_payload(scene: Scene, sweep: RcsSweep, image: SarImage | None) -> dict[s
     """
     middle, radius = target_middle(scene)
     center = middle + scene.offset
-    geometry = replace(scene.geometry, vertices=scene.geometry.vertices + scene.offset)
+    geometry, _ = drawn(scene)
     lowest = scene.geometry.bounds[0, 2] if scene.geometry.n_faces else middle[2] - radius
     angles = [np.degrees(sweep.aspects.azimuth), np.degrees(sweep.aspects.elevation)]
     by_elevation = not sweep.aspects.by_azimuth and angles[0].size > 1

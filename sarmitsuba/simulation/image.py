@@ -154,6 +154,9 @@ class Imager:
                 f"{run.scene.name}: method raster projects what rests, and a mesh moves; take method image or "
                 "hybrid, or set moving_targets off"
             )
+        left_out = f"{run.scene.name}: method raster draws surfaces alone; rods and volumes are left out"
+        if run.scene.has_sources and left_out not in run.notes:
+            run.notes.append(left_out)
         if self._raster is None:
             self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
         cell = self._look_cells().center
@@ -220,7 +223,8 @@ class Imager:
             amplitude = amplitude * seen
             if panes is not None:
                 way = way_through(there, radar, position, np.broadcast_to(grid.position, position.shape))
-                distance = distance + way.extra
+                leg = leg - way.shift
+                distance = np.linalg.norm(leg, axis=1)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         rate = -np.einsum("ni,ni->n", leg, velocity) / distance
         plane = spread_points(grid, distance, rate, amplitude, radar.waveform.wavelength)

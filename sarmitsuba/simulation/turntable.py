@@ -15,7 +15,7 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, SceneError
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.progress import Progress, silent
@@ -151,6 +151,8 @@ def rcs_sweep(
     ------
     RadarError
         Straight above or below, an azimuth sweep only turns the polarisation.
+    SceneError
+        The scene has volumes.
 
     Notes
     -----
@@ -293,7 +295,13 @@ def _effects(
     flags = dataclasses.replace(
         plan.flags, channels=channels, taper=False, antenna_pattern=False, spreading=True
     )
-    return flags, plan.max_depth, plan.apply(scene).lines
+    left = plan.apply(scene)
+    if left.volumes:
+        raise SceneError(
+            f"{scene.name}: rcs does not hold volumes, and the scene has {len(left.volumes)}; render it, or leave them "
+            "out by -D sar_path.vegetation=off"
+        )
+    return flags, plan.max_depth, left.lines
 
 
 def target_middle(scene: Scene) -> tuple[F64, float]:

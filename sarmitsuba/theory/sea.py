@@ -229,6 +229,25 @@ def sea_water_permittivity(frequency: float, temperature: float, salinity: float
     return complex(debye - 1j * conductivity / (2.0 * np.pi * frequency * 8.8541878128e-12))
 
 
+def orbital_velocity(waves: F64, points: F64, time: float) -> F64:
+    r"""Velocity of the surface of deep water by linear waves, (n, 3) m/s.
+
+    .. math:: \mathbf u = \sum a \omega (\hat{\mathbf k} \cos\psi + \hat{\mathbf z} \sin\psi), \quad
+              \psi = \mathbf k \cdot \mathbf x - \omega t + \phi
+
+    Parameters
+    ----------
+    waves : (m, 5) wavenumber east and north (rad/m), angular frequency (rad/s), phase (rad), amplitude (m)
+    points : (n, 2) or (n, 3) m
+    time : t, s
+    """
+    kx, ky, omega, phase, amplitude = waves.T
+    psi = points[:, :1] * kx + points[:, 1:2] * ky - omega * time + phase
+    speed, k = amplitude * omega, np.hypot(kx, ky)
+    parts = (np.cos(psi) * speed * kx / k, np.cos(psi) * speed * ky / k, np.sin(psi) * speed)
+    return np.stack([part.sum(axis=1) for part in parts], axis=1)
+
+
 def speed_deviation(along: float, across: float, incidence: ArrayLike, azimuth: ArrayLike) -> F64:
     r"""Standard deviation of the range speed of scatterers that waves carry along, m/s.
 
@@ -300,6 +319,7 @@ __all__ = [
     "coherence",
     "coherence_time",
     "cox_munk",
+    "orbital_velocity",
     "phase_speed",
     "polarisation_ratio",
     "sea_water_permittivity",

@@ -18,6 +18,7 @@ from sarmitsuba import (
 )
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.errors import SceneError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate
@@ -25,6 +26,7 @@ from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
 from sarmitsuba.simulation import sources
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.volumes import Bodies, VolumeScatterers, scatterer_spacing, volume_scatterers
 
 F64 = NDArray[np.float64]
@@ -204,3 +206,12 @@ def test_a_scene_without_volumes_has_no_crossing() -> None:
     assert sources.passages_of(bare) == ()
     plan = plan_effects(bare)
     assert sources.sources_of(SamplingPlan.of(bare), plan.flags) == ()
+
+
+def test_what_does_not_hold_volumes_says_so() -> None:
+    scene = layer()
+    raster = plan_effects(replace(scene, settings=replace(scene.settings, method="raster")))
+    decision = raster.decision("vegetation")
+    assert decision is not None and not decision.on and "surfaces alone" in decision.why
+    with pytest.raises(SceneError, match="rcs does not hold volumes"):
+        rcs_sweep(scene, Aspects(np.zeros(2), np.full(2, 0.7)))

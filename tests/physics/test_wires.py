@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from sarmitsuba import (
     theory,
 )
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.lines import LineTarget
@@ -27,13 +30,14 @@ from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.source import Sight
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
 F64 = NDArray[np.float64]
 WAVELENGTH = 0.031
 GROUND = np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]])
 FACES = [[0, 1, 2], [0, 2, 3]]
+ROUGH = {"diffuse_law": "lambert", "diffuse_level_db": -10.0, "rms_height": 0.005}
 # few pulses
 COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 
@@ -42,9 +46,8 @@ class Dyad(LineScatterers):
     """Amplitudes for any two directions and real field vectors, in NumPy."""
 
     def of(self, came: F64, goes: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]) -> complex:
-        constants, wavenumber = Constants.__new__(Constants), 2.0 * np.pi / WAVELENGTH
-        object.__setattr__(constants, "wavenumber", mi.Float(wavenumber))
-        kernel = Kernel(None, None, None, None, constants)  # type: ignore[arg-type]
+        wavenumber = 2.0 * np.pi / WAVELENGTH
+        kernel = cast("Kernel", SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(wavenumber))))
         index = dr.arange(mi.UInt32, self.n)
         value = self.amplitude(kernel, index, sight(-came), sight(goes), vector(e), vector(q))
         phase = wavenumber * (came - goes) @ np.array(self.point(index))
@@ -56,9 +59,7 @@ def vector(v: NDArray[np.complex128]) -> tuple[mi.Vector3f, mi.Vector3f]:
 
 
 def sight(to: F64) -> Sight:
-    made = Sight.__new__(Sight)
-    object.__setattr__(made, "to_antenna", mi.Vector3f(*to.tolist()))
-    return made
+    return cast("Sight", SimpleNamespace(to_antenna=mi.Vector3f(*to.tolist())))
 
 
 def unit(rng: np.random.Generator) -> F64:
@@ -234,6 +235,56 @@ def test_the_path_table_has_every_return_of_a_pulse(most: int) -> None:
     assert difference < 10 ** (-40 / 20)  # tol: gridding of width 4
 
 
+def test_a_raster_says_that_it_has_no_rods() -> None:
+    ensure_backend()
+    wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
+    meshes = (SceneMesh(GROUND, FACES, {"material": "concrete", **ROUGH}, "ground"),)
+    notes = render(wire_scene(wire, meshes=meshes, **COARSE), method="raster").metadata["notes"]
+    assert [note for note in notes if "rods and volumes are left out" in note]
+    with pytest.raises(RadarError, match="method raster draws surfaces, and the scene has none"):
+        render(wire_scene(wire, **COARSE), method="raster")
+
+
+def test_rods_made_in_python_are_checked() -> None:
+    with pytest.raises(SceneError, match="no two finite points"):
+        LineTarget("rod", np.zeros(3), np.zeros(3), 0.01)
+    with pytest.raises(SceneError, match="radius = 0 m"):
+        LineTarget("rod", np.zeros(3), np.ones(3), 0.0)
+    with pytest.raises(SceneError, match="above the bound 200"):
+        cylinder_table(300.0, None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_heaps_of_drawn_rods_are_the_same_from_shared_and_from_every_pulse(seed: int) -> None:
+    """Drawn headings, squints, distances and beams; conductors and wood, over concrete."""
+    ensure_backend()
+    rng = np.random.default_rng([17, 9, seed])
+    lines = []
+    for number in range(6):
+        foot = rng.uniform([-6.0, -6.0, 0.0], [6.0, 6.0, 2.0])
+        axis = unit(rng) * [1.0, 1.0, 0.0] + [0.0, 0.0, rng.uniform()]
+        end, radius = (
+            foot + rng.uniform(0.5, 5.0) * axis / np.linalg.norm(axis),
+            10.0 ** rng.uniform(-4.0, -1.7),
+        )
+        lines.append(LineTarget("rod", foot, end, radius, None if number % 2 else 3.0 - 0.3j))
+    beam = {"pattern": "gaussian", "antenna_length": 1.0, "elevation_beamwidth_deg": 15.0} if seed % 2 else {}
+    scene = wire_scene(
+        *lines,
+        meshes=(SceneMesh(GROUND, FACES, "concrete", "ground"),),
+        slant_range=rng.uniform(300.0, 5e3),
+        look_angle_deg=rng.uniform(20.0, 60.0),
+        heading_deg=rng.uniform(0.0, 360.0),
+        squint_angle_deg=rng.uniform(-15.0, 15.0),
+        polarisation="HH,HV,VV",
+        **beam,
+    )
+    shared, every = (simulate(scene.replace(method=method), seed=1).data for method in ("hybrid", "raw"))
+    # tol: what blocks of pulses may err by, docs/accuracy.md
+    assert np.linalg.norm(shared - every) < 10 ** (-30 / 20) * np.linalg.norm(every)
+
+
 @pytest.mark.slow
 def test_a_cable_across_the_flight_is_dark() -> None:
     """66 dB below one along it, which glints."""
@@ -268,12 +319,7 @@ def test_a_wall_hides_rods_and_rods_hide_nothing() -> None:
 def test_switched_off_rods_leave_the_bits_of_a_scene_without(tmp_path: Path) -> None:
     ensure_backend()
     wire = LineTarget("wire", np.array([0.0, -2.0, 1.0]), np.array([0.0, 2.0, 1.0]), 0.01)
-    material = {
-        "material": "concrete",
-        "diffuse_law": "lambert",
-        "diffuse_level_db": -10.0,
-        "rms_height": 0.005,
-    }
+    material = {"material": "concrete", **ROUGH}
     scene = wire_scene(wire, meshes=(SceneMesh(GROUND, FACES, material, "ground"),), **COARSE)
     with pytest.warns(UserWarning, match="line_scatterers is switched off"):
         off = simulate(scene.replace(line_scatterers="off"), seed=1).data

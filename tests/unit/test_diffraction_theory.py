@@ -154,6 +154,24 @@ def test_the_multiply_diffracted_plate_is_the_solved_strip() -> None:
         assert single or abs(got[1] - exact[1]) < 0.2
 
 
+def test_waves_along_a_sheet_make_the_far_rim_fade() -> None:
+    """Towards edge-on, the field across the rims: the solved strip falls without bound, single diffraction does not."""
+    strip, edge_on = Strip(4.0, 160), float(np.sqrt(theory.edge_on_rcs(1.0)))
+    for degrees in (66.0, 74.0, 80.0, 86.0, 89.0):
+        angle = np.radians(degrees)
+        exact = np.sqrt(strip.levels(angle)[1]) / edge_on
+        uniform, single = (
+            np.sqrt(closed(4.0, 1.0, 1.0, angle)[1]) / edge_on
+            for closed in (theory.plate_along_its_sheet, theory.plate_with_edges)
+        )
+        # tol: half planes stand for the strip's rims, once there and once back; cells of a fortieth leave 0.05
+        assert abs(uniform - exact) < (0.25 if degrees < 70.0 else 0.09)
+        assert abs(single - exact) > 2.0 * abs(uniform - exact)
+    assert theory.plate_along_its_sheet(4.0, 1.0, 1.0, 0.5 * np.pi)[1] < 1e-12
+    along = theory.plate_along_its_sheet(4.0, 1.0, 1.0, 1.3)[0]
+    assert along == pytest.approx(float(theory.plate_with_edges(4.0, 1.0, 1.0, 1.3)[0]), rel=1e-6)
+
+
 def test_edge_on_level() -> None:
     along = theory.plate_with_edges(0.3, 2.0, 0.1, 0.5 * np.pi)[0]
     assert along == pytest.approx(float(theory.edge_on_rcs(2.0)))

@@ -9,6 +9,7 @@ from PIL import Image
 
 from sarmitsuba import Scene, SceneMesh, build_scene, load_scene
 from sarmitsuba.backend import mi
+from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.plugins import register_plugins
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
@@ -245,6 +246,16 @@ def test_attributes_in_python_are_checked() -> None:
     for name, values in (("uv", np.zeros((4, 3))), ("vertex_a", np.zeros(3)), ("face_b", np.zeros(4))):
         with pytest.raises(SceneError, match=f'attribute "{name}" has the shape'):
             build_scene([SceneMesh(SQUARE, FACES, "concrete", attributes={name: values})])
+
+
+def test_the_plan_has_it_on_only_where_the_scene_has_it() -> None:
+    planned = {name: plan_effects(load_scene(name)) for name in ("land_cover", "tower")}
+    found = planned["land_cover"].decision("texture")
+    assert found is not None and found.on and found.error_db > -10.0
+    assert "map of 7 materials on ground_cover" in found.why and planned["land_cover"].flags.texture
+    absent = planned["tower"].decision("texture")
+    assert absent is not None and not absent.on and absent.error_db == -np.inf
+    assert not planned["tower"].flags.texture
 
 
 TWO_CLASSES = named("class_0", -10) + named("class_51", -12)

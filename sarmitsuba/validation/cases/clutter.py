@@ -94,7 +94,7 @@ def _clutter(shape: float, n_cells: float) -> F64:
 def k_distribution(quick: bool = False) -> Case:
     """Focused ground with a gamma texture against the K distribution: level, distribution, moments of 1 and 9 looks."""
     comparisons: list[Comparison] = []
-    shapes, n_cells = ((1.0,), 450.0) if quick else ((0.5, 1.0, 2.0, 8.0), 900.0)
+    shapes, n_cells = ((1.0,), 450.0) if quick else ((0.5, 1.0, 8.0), 900.0)
     for shape in shapes:
         intensity = _clutter(shape, n_cells)
         left = theory.averaged_shape(shape, LENGTH, _responses())
@@ -204,7 +204,7 @@ def gamma_texture(quick: bool = False) -> Case:
     comparisons: list[Comparison] = []
     rng = np.random.default_rng(17)
     n = 60_000 if quick else 400_000
-    for shape in (0.3, 2.0) if quick else (0.1, 0.3, 1.0, 2.0, 8.0, 50.0):
+    for shape in (0.3, 2.0) if quick else (0.1, 0.5, 2.0, 50.0):
         length = float(rng.uniform(0.5, 40.0))
         x, y = rng.uniform(-3e4, 3e4, (2, n)) * length
         tau = texture_at(shape, length, x, y)

@@ -39,6 +39,7 @@ class Drawn:
     heading, bearing : deg, of the flight and of where the wind comes from, clockwise from north
     side : ``left`` or ``right``
     wind, fetch : m/s and m
+    drawn : m, waves longer than that are drawn one by one
     """
 
     heading: float
@@ -46,6 +47,7 @@ class Drawn:
     side: str
     wind: float
     fetch: float
+    drawn: float = ALL_IN_LAW
 
     @staticmethod
     def by(rng: np.random.Generator, fetch: tuple[float, float]) -> "Drawn":
@@ -81,20 +83,24 @@ class Drawn:
         strip = targets.parallelogram(
             -0.5 * (WIDTH * along + length * across), length * across, WIDTH * along
         )
+        settings = TraceSettings(method=method, max_depth=1, effects=DIFFUSE)
+        return make_scene(targets.geometry([strip]), (self.material,), parameters, settings=settings)
+
+    @property
+    def material(self) -> Material:
+        """The water."""
         law = {
             "wind_speed": self.wind,
             "wind_direction_deg": self.bearing,
             "fetch": self.fetch,
-            "shortest_drawn_wave": ALL_IN_LAW,
+            "shortest_drawn_wave": self.drawn,
         }
-        material = Material(
+        return Material(
             "water",
             permittivity=klein_swift(FREQUENCY, 15.0, 0.0),
             diffuse_law="sea",
             law_parameters=tuple(law.items()),
         )
-        settings = TraceSettings(method=method, max_depth=1, effects=DIFFUSE)
-        return make_scene(targets.geometry([strip]), (material,), parameters, settings=settings)
 
     def expected(self) -> tuple[float, float, float]:
         """Deviation of the range speed (m/s), Bragg frequency (rad/s) and share that comes to the radar, in theory."""
@@ -232,4 +238,4 @@ def spread(quick: bool = False) -> Case:
 CASES.register(CaseEntry("sea_coherence", "rough", coherence))
 CASES.register(CaseEntry("sea_image", "rough", spread))
 
-__all__ = ["coherence", "spread"]
+__all__ = ["Drawn", "coherence", "spread"]
