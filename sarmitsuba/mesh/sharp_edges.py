@@ -13,6 +13,8 @@ I64 = NDArray[np.int64]
 
 # triangles of less height over their longest edge have no direction of their own
 SLIVER = 1e-6
+# directions in a sheet, over half a circle, in which its width is known
+DIRECTIONS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,8 @@ class SharpEdges:
     inward : (n, 2, 3) float64, unit vectors in both faces (of a rim, twice its own), across the edge and away from it
     normal : (n, 2, 3) float64, unit normals of both faces into the exterior
     weight : (n,) float64, share of the amplitude, where light fades out
+    span : (n, DIRECTIONS) float64, m, how far the sheet of a rim reaches in the middles of equal parts of the half
+        circle from one end of the edge to the other, backwards along it first; infinite for wedges, and where unknown
     """
 
     middle: F64
@@ -38,6 +42,7 @@ class SharpEdges:
     inward: F64
     normal: F64
     weight: F64
+    span: F64
 
     @property
     def n(self) -> int:
@@ -51,7 +56,7 @@ class SharpEdges:
 
     def of(self, rows: NDArray[np.bool_] | I64) -> "SharpEdges":
         """Some of them."""
-        columns = (self.middle, self.length, self.angle, self.inward, self.normal, self.weight)
+        columns = (self.middle, self.length, self.angle, self.inward, self.normal, self.weight, self.span)
         return SharpEdges(*(column[rows] for column in columns))
 
     def weighted(self, share: F64) -> "SharpEdges":
@@ -126,7 +131,15 @@ def sharp_edges(corners: F64, metal: NDArray[np.bool_]) -> SharpEdges:
     faces_out = np.concatenate([np.stack([own, -own], axis=1), wedge])
     exterior = np.concatenate([np.full(rim.size, 2.0), 2.0 - opening / np.pi])
     middle = start[edge] + 0.5 * step[edge]
-    return SharpEdges(middle, length[edge], exterior, faces_in, faces_out, np.ones(edge.size))
+    return SharpEdges(
+        middle,
+        length[edge],
+        exterior,
+        faces_in,
+        faces_out,
+        np.ones(edge.size),
+        np.full((edge.size, DIRECTIONS), np.inf),
+    )
 
 
 def _away(face: F64, other: F64) -> F64:
@@ -135,4 +148,4 @@ def _away(face: F64, other: F64) -> F64:
     return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
 
-__all__ = ["SharpEdges", "sharp_edges"]
+__all__ = ["DIRECTIONS", "SharpEdges", "sharp_edges"]

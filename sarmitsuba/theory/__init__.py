@@ -29,7 +29,9 @@ from sarmitsuba.theory.diffraction import (
     fringe_coefficients,
     fringe_strip,
     optics_coefficients,
+    plate_along_its_sheet,
     plate_with_edges,
+    sheet_transition,
     wedge_coefficients,
     wedge_current_series,
 )
@@ -97,7 +99,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
-from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion, slab_shift
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -216,6 +218,7 @@ __all__ = [
     "pair_sum",
     "phase_test",
     "plant_permittivity",
+    "plate_along_its_sheet",
     "plate_amplitude",
     "plate_rcs",
     "plate_with_edges",
@@ -230,10 +233,12 @@ __all__ = [
     "rms_coherence",
     "rolled_dihedral",
     "shared_energy_sigma0",
+    "sheet_transition",
     "single_pulse_snr",
     "slab",
     "slab_delay",
     "slab_insertion",
+    "slab_shift",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import fresnel
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -289,13 +290,80 @@ def plate_with_edges(
     return np.asarray(scale * np.abs(along) ** 2), np.asarray(scale * np.abs(across) ** 2)
 
 
+def sheet_transition(width: float, wavelength: float, grazing: ArrayLike) -> C128:
+    r"""Return the share of a grazing wave, its electric field across a sheet, that the sheet's far rim scatters.
+
+    Behind the near rim the field on the lit side is :math:`2 F(w)` of the incoming one and on the other side
+    :math:`2 F(-w)`, by Sommerfeld's half plane, and at the far rim they work against each other:
+
+    .. math::
+        T = F(w) - F(-w) = \frac{2 e^{j \pi / 4}}{\sqrt\pi} \int_0^w e^{-j t^2} dt, \quad
+        w = \sqrt{2 k a} \sin\tfrac\gamma2
+
+    Edge-on, a thin sheet does not disturb such a wave at all: T = 0.
+
+    Parameters
+    ----------
+    width : a, m, from rim to rim along the wave
+    wavelength : m
+    grazing : angle gamma between wave and sheet, rad
+
+    References
+    ----------
+    Sommerfeld, Optics (1954), section 38.
+    """
+    k = 2.0 * np.pi / wavelength
+    w = np.sqrt(2.0 * k * width) * np.sin(0.5 * np.asarray(grazing, dtype=np.float64))
+    sine, cosine = fresnel(w * np.sqrt(2.0 / np.pi))
+    return np.asarray((1.0 + 1j) * (cosine - 1j * sine))
+
+
+def plate_along_its_sheet(
+    width: float, height: float, wavelength: float, angle: ArrayLike
+) -> tuple[F64, F64]:
+    r"""Return the RCS of a rectangular plate as :func:`plate_with_edges` with waves along the sheet, m^2.
+
+    The far rim's fringe for the field across it is multiplied by :math:`T^2`, for the way there and the way back, see
+    :func:`sheet_transition`: edge-on that rim returns nothing. T goes over into one from 14 degrees off the normal to
+    the normal, by a share :math:`\min(1, 4 \sin\theta)` of its difference.
+
+    Parameters
+    ----------
+    width, height, wavelength, angle : as for :func:`plate_with_edges`, up to pi / 2
+
+    Returns
+    -------
+    sigma_parallel, sigma_perpendicular
+
+    Notes
+    -----
+    Ignores what :func:`plate_with_edges` ignores but its limit towards edge-on. Against the method of moments, for
+    strips of 1.5 to 7.5 wavelengths from 12 degrees off the normal to edge-on, the amplitude across errs by 0.06 to
+    0.09 of the edge-on amplitude along (rms), where the singly diffracted one errs by 0.24 to 0.33.
+    """
+    theta = np.asarray(angle, dtype=np.float64)
+    near, far = 0.5 * np.pi + theta, 0.5 * np.pi - theta
+    x = 2.0 * np.pi / wavelength * width * np.sin(theta)
+    optics = 2.0 * np.sqrt(np.pi) / wavelength * width * np.cos(theta) * np.sinc(x / np.pi)
+    along = 1.0 + (sheet_transition(width, wavelength, far) - 1.0) * np.minimum(4.0 * np.cos(far), 1.0)
+    levels = []
+    # coefficients are of the magnetic field where that lies along the edge: a receiver turned round
+    for i, (sign, share) in enumerate(((1j, np.ones_like(along)), (-1j, along**2))):
+        first, second = (fringe_coefficients(2.0, phi, phi)[i] for phi in (near, far))
+        fringe = sign / np.sqrt(np.pi) * (first * np.exp(1j * x) + second * share * np.exp(-1j * x))
+        levels.append(np.asarray(height**2 * np.abs(optics + fringe) ** 2))
+    return levels[0], levels[1]
+
+
 __all__ = [
     "WedgeFrame",
     "edge_on_rcs",
     "fringe_coefficients",
     "fringe_strip",
     "optics_coefficients",
+    "plate_along_its_sheet",
     "plate_with_edges",
+    "sheet_transition",
     "wedge_coefficients",
     "wedge_current_series",
 ]

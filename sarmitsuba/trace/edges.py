@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.materials.material import Material
-from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace import field
 from sarmitsuba.trace.intersector import intersector
@@ -24,8 +25,12 @@ LONGEST = 2.0
 REACH, REACH_SHARE = 0.02, 0.25
 # corners of the path round an edge that looks for what touches it
 PROBES = 8
+# halvings of the interval in which a sheet ends
+BISECTIONS = 12
 # sine of the angle between wave and edge, and of angles in a wedge, rad: closer than this formulas stay where they are
 LEAST = 1e-3
+# m, stands for a sheet whose width is not known
+FAR = 1e6
 # modulus below which the series of a difference of cotangents is used
 SERIES = 0.2
 
@@ -51,7 +56,49 @@ def edges_of(
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
     edges = sharp_edges(corners, metal).cut(min(LONGEST * wavelength, cell))
-    return edges.of(uncovered(edges, intersector(corners.astype(np.float32)), wavelength))
+    scene = intersector(corners.astype(np.float32))
+    edges = edges.of(uncovered(edges, scene, wavelength))
+    return replace(edges, span=spans(edges, scene, geometry.diameter))
+
+
+def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:
+    """(n, DIRECTIONS) m, how far the sheets of rims reach, see :class:`sarmitsuba.mesh.sharp_edges.SharpEdges`.
+
+    By bisection, with short rays across the sheet's plane: right for sheets without holes on the way.
+
+    Parameters
+    ----------
+    edges : pieces of edges
+    scene : intersection structure of everything that waves meet
+    largest : m, no sheet is wider
+    """
+    out = np.full((edges.n, DIRECTIONS), np.inf)
+    rims = np.flatnonzero(edges.angle == 2.0)
+    if not rims.size:
+        return out
+    rim = edges.of(rims)
+    turn = np.pi * ((np.arange(DIRECTIONS) + 0.5) / DIRECTIONS - 0.5)
+    ways = np.cos(turn)[:, None] * rim.inward[:, None, 0] + np.sin(turn)[:, None] * rim.along[:, None]
+    up = np.broadcast_to(rim.normal[:, None, 0], ways.shape)
+    reach = max(1e-4 * largest, 16.0 * 2.0**-24 * float(np.abs(edges.middle).max()))
+    low, high = np.zeros(ways.shape[:2]), np.full(ways.shape[:2], largest)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        place = rim.middle[:, None] + middle[..., None] * ways - reach * up
+        there = _met(scene, place.reshape(-1, 3), (2.0 * reach * up).reshape(-1, 3)).reshape(middle.shape)
+        low, high = np.where(there, middle, low), np.where(there, high, middle)
+    out[rims] = 0.5 * (low + high)
+    return out
+
+
+def _met(scene: mi.Scene, start: F64, step: F64) -> NDArray[np.bool_]:
+    """(n,) whether straight steps (n, 3) from places (n, 3) meet a triangle."""
+    origin, direction = (
+        [device_array(mi.Float, np.ascontiguousarray(column, dtype=np.float32)) for column in rows.T]
+        for rows in (start, step)
+    )
+    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
+    return np.asarray(scene.ray_test(ray), dtype=bool)
 
 
 def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[np.bool_]:
@@ -74,13 +121,9 @@ def uncovered(edges: SharpEdges, scene: mi.Scene, wavelength: float) -> NDArray[
         np.cos(turn)[..., None] * edges.inward[:, None, 0]
         + np.sin(turn)[..., None] * edges.normal[:, None, 0]
     )
-    path = (edges.middle[:, None] + reach[:, None, None] * rim).astype(np.float32)
+    path = edges.middle[:, None] + reach[:, None, None] * rim
     start, step = path[:, :-1].reshape(-1, 3), np.diff(path, axis=1).reshape(-1, 3)
-    origin, direction = (
-        [device_array(mi.Float, np.ascontiguousarray(column)) for column in rows.T] for rows in (start, step)
-    )
-    ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction), mi.Float(1.0), 0.0, [])
-    met = np.asarray(scene.ray_test(ray)).reshape(edges.n, PROBES - 1)
+    met = _met(scene, start, step).reshape(edges.n, PROBES - 1)
     return np.asarray(~met.any(axis=1))
 
 
@@ -109,9 +152,12 @@ class FringeCurrents(Scatterers):
 
     Notes
     -----
-    Ignores corners, waves between edges (which halve what a thin plate returns edge-on with the field across its
-    edge), the bend of curved edges and the roughness of the metal. Within a thousandth of the forward direction of a
-    grazing wave, where the theory is infinite, the value at that distance is taken.
+    Of waves between edges there are those along a sheet, the electric field across it, from the rim that they meet
+    first to the other and back (:func:`sarmitsuba.theory.sheet_transition`).
+
+    Ignores corners, other waves between edges, the bend of curved edges and the roughness of the metal. Within a
+    thousandth of the forward direction of a grazing wave, where the theory is infinite, the value at that distance is
+    taken.
     """
 
     def __init__(self, edges: SharpEdges) -> None:
@@ -125,6 +171,7 @@ class FringeCurrents(Scatterers):
             np.column_stack([edges.normal[:, 1], np.zeros(edges.n)]),
         ]
         self._table = device_array(mi.Float, np.stack(rows, axis=1).astype(np.float32))
+        self._span = device_array(mi.Float, np.minimum(edges.span, FAR).astype(np.float32))
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
         """See :class:`sarmitsuba.trace.source.Scatterers`."""
@@ -150,8 +197,16 @@ class FringeCurrents(Scatterers):
         """See the class."""
         if self._wedge is None or not self._wedge.sees(came, goes):
             # one wedge for all channels of two ways
-            self._wedge = _Wedge.of(kernel, [self._row(index, i) for i in range(4)], came, goes)
+            rows = [self._row(index, i) for i in range(4)]
+            self._wedge = _Wedge.of(kernel, rows, came, goes, lambda way: self._width(index, way))
         return self._wedge.amplitude(e, q)
+
+    def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
+        """Width of a rim's sheet at an angle off its inward direction, m."""
+        part = mi.Int32((turn / dr.pi + 0.5) * DIRECTIONS)
+        return dr.gather(
+            mi.Float, self._span, index * DIRECTIONS + mi.UInt32(dr.clip(part, 0, DIRECTIONS - 1))
+        )
 
     def _row(self, index: mi.UInt32, i: int) -> mi.Vector4f:
         return dr.gather(mi.Vector4f, self._table, index * 4 + i)
@@ -167,15 +222,23 @@ class _Wedge:
     strips : of both faces, for the path and for the reversed one
     gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a way does
         not lie in the exterior
+    along : what the sheet leaves of waves that graze it to or from the edge, their electric field across it
     """
 
     ways: tuple[Sight, Sight]
     strips: tuple[tuple[_Strip, _Strip], ...]
     gain: mi.Float
+    along: mi.Complex2f
 
     @staticmethod
-    def of(kernel: Kernel, rows: list[mi.Vector4f], came: Sight, goes: Sight) -> _Wedge:
-        """From the rows of the table."""
+    def of(
+        kernel: Kernel,
+        rows: list[mi.Vector4f],
+        came: Sight,
+        goes: Sight,
+        width: Callable[[mi.Float], mi.Float],
+    ) -> _Wedge:
+        """From the rows of the table, and the sheet's width at an angle off the inward direction."""
         n, length = rows[0].w, rows[1].w
         faces = [
             _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
@@ -189,7 +252,10 @@ class _Wedge:
             strips.append((out, into))
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * kernel.constants.wavenumber) * length
         gain = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
-        return _Wedge((came, goes), tuple(strips), dr.select(outside, gain, 0.0))
+        k = kernel.constants.wavenumber
+        there = _along_sheet(faces[0], n, source, k, width)
+        along = there * (there if came is goes else _along_sheet(faces[0], n, observer, k, width))
+        return _Wedge((came, goes), tuple(strips), dr.select(outside, gain, 0.0), along)
 
     def sees(self, came: Sight, goes: Sight) -> bool:
         """Whether these are its ways."""
@@ -199,7 +265,7 @@ class _Wedge:
         """Mean of the path and of the reversed one, m."""
         total = mi.Complex2f(0.0)
         for out, into in self.strips:
-            total += out.current(e, q) + into.current(q, e)
+            total += out.current(e, q, self.along) + into.current(q, e, self.along)
         return mi.Complex2f(-total.imag, total.real) * self.gain
 
 
@@ -271,16 +337,40 @@ class _Strip:
         charge = mu * hard - dr.rcp(n) + lit
         return _Strip(face, outside, to_source, cosine, sine, soft, hard, charge, grazing, lifted)
 
-    def current(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
-        """Its part along q, for an incoming field e."""
+    def current(self, e: field.ComplexVector, q: field.ComplexVector, share: mi.Complex2f) -> mi.Complex2f:
+        """Its part along q, for an incoming field e of whose magnetic part along the edge a share counts."""
         at = dr.squared_norm(self.lifted) > 0.0
         off = field.dot(q, dr.select(at, self.grazing + self.lifted, mi.Vector3f(0.0)))
         q = field.add(q, field.scale(-off, self.grazing))
         h = field.cross_left(-self.to_source, e)
-        e_z, h_z = field.dot(e, self.face.along), field.dot(h, self.face.along)
+        e_z, h_z = field.dot(e, self.face.along), field.dot(h, self.face.along) * share
         along = (e_z * self.soft + h_z * (self.cosine * self.charge)) * dr.rcp(dr.square(self.sine))
         across = h_z * (self.hard / self.sine)
         return along * field.dot(q, self.face.along) + across * field.dot(q, self.face.inward)
+
+
+def _along_sheet(
+    face: _Face, n: mi.Float, to: mi.Vector3f, wavenumber: mi.Float, width: Callable[[mi.Float], mi.Float]
+) -> mi.Complex2f:
+    """T of :func:`sarmitsuba.theory.plate_along_its_sheet`; 1 for wedges, and for what comes from beyond the rim."""
+    across, off = dr.dot(to, face.inward), dr.abs(dr.dot(to, face.normal))
+    part = across * dr.rsqrt(dr.maximum(dr.square(across) + dr.square(off), LEAST**2))
+    a = width(dr.atan2(dr.dot(to, face.along), across))
+    # sin(gamma / 2) from the sine
+    half = off * dr.rsqrt(2.0 + 2.0 * dr.sqrt(dr.maximum(1.0 - dr.square(off), 0.0)))
+    t = _transition(dr.sqrt(2.0 * wavenumber * a) * half)
+    sheet = (n > 2.0 - LEAST) & (part > 0.0) & (a < 0.5 * FAR)
+    return dr.select(sheet, 1.0 + (t - 1.0) * dr.minimum(4.0 * part, 1.0), mi.Complex2f(1.0))
+
+
+def _transition(w: mi.Float) -> mi.Complex2f:
+    """``(2 e^(j pi / 4) / sqrt(pi)) int_0^w e^(-j t^2) dt`` to 0.004: Abramowitz and Stegun 7.3.32 and 7.3.33."""
+    x = w * float(np.sqrt(2.0 / np.pi))
+    f = (1.0 + 0.926 * x) / (2.0 + x * (1.792 + x * 3.104))
+    g = dr.rcp(2.0 + x * (4.142 + x * (3.492 + x * 6.670)))
+    s, c = dr.sincos(dr.square(w))
+    cosine, sine = 0.5 + f * s - g * c, 0.5 - f * c - g * s
+    return mi.Complex2f(cosine + sine, cosine - sine)
 
 
 def _spectra(n: mi.Float, phi: mi.Float, w: mi.Float) -> tuple[mi.Float, mi.Float]:

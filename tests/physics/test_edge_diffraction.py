@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
+from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.edges import LONGEST, FringeCurrents, edges_of
 from sarmitsuba.trace.source import PointSource
 from sarmitsuba.validation import targets
@@ -27,6 +28,7 @@ WAVELENGTH = 0.03
 FREQUENCY = 299792458.0 / WAVELENGTH
 SHIPPED = ("plate_edges", "plate", "dihedral", "trihedral", "trihedral_square", "sphere", "point")
 STRIP, DEPTH = 2.0, 24.0
+BOX = trimesh.creation.box(extents=(0.2, 0.3, 0.4))
 SIDES = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
@@ -82,7 +84,8 @@ class Drawn:
         faces = [wedge.faces for wedge in self.wedges()]
         inward, normal = (np.array([[face[i] for face in pair] for pair in faces]) for i in (0, 1))
         one = np.ones(self.n)
-        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one)
+        span = np.full((self.n, DIRECTIONS), np.inf)
+        edges = SharpEdges(np.zeros((self.n, 3)), length * one, self.angle, inward, normal, one, span)
         constants = SimpleNamespace(wavenumber=mi.Float(2.0 * np.pi / wavelength))
         got = FringeCurrents(edges).amplitude(
             SimpleNamespace(constants=constants),
@@ -157,7 +160,7 @@ def test_finite_on_every_boundary() -> None:
 
 
 def test_edges_of_bodies() -> None:
-    plate, box = targets.plate(0.3, 0.2, triangles=40), trimesh.creation.box(extents=(0.2, 0.3, 0.4))
+    plate, box = targets.plate(0.3, 0.2, triangles=40), BOX
     rims = edges_in(plate)
     assert rims.length.sum() == pytest.approx(1.0) and (rims.angle == 2.0).all()
     assert rims.length.max() <= LONGEST * WAVELENGTH + 1e-12
@@ -196,7 +199,7 @@ def test_covered_edges_are_none() -> None:
 
 @pytest.mark.parametrize("seed", [21, 22])
 def test_plate_over_angle_is_the_closed_form(seed: int) -> None:
-    """Tilted about its longer axis: the rims that the tilt parts, singly diffracted."""
+    """Tilted about its longer axis: the rims that the tilt parts, and waves along the sheet between them."""
     rng = np.random.default_rng(seed)
     width, height = rng.uniform(3.0, 6.0) * WAVELENGTH, rng.uniform(14.0, 20.0) * WAVELENGTH
     angle = rng.uniform(np.radians(5.0), np.radians(89.0), 40)
@@ -205,7 +208,7 @@ def test_plate_over_angle_is_the_closed_form(seed: int) -> None:
         np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1),
         ("HH", "VV"),
     )
-    along, across = theory.plate_with_edges(width, height, WAVELENGTH, angle)
+    along, across = theory.plate_along_its_sheet(width, height, WAVELENGTH, angle)
     for channel, want in (("HH", along), ("VV", across)):
         got = np.abs(result.amplitude[:, 0, result.channels.index(channel)])
         # tol: the other two rims, whose ends return a wavelength of edge where those return the height
@@ -217,9 +220,26 @@ def test_physical_optics_has_nothing_edge_on() -> None:
     look = np.array([[1.0, 0.0, 0.0]])
     alone = monostatic_rcs(plate, targets.PEC, look, FREQUENCY)
     assert np.abs(alone.amplitude).max() < 1e-6
-    got = traced(plate, look).rcs_dbsm("HH")[0]
+    got = traced(plate, look)
     # tol: float32
-    assert got == pytest.approx(10 * np.log10(theory.edge_on_rcs(9 * WAVELENGTH)), abs=1e-3)
+    wanted = 10 * np.log10(theory.edge_on_rcs(9 * WAVELENGTH))
+    assert got.rcs_dbsm("HH")[0] == pytest.approx(wanted, abs=1e-3)
+    # a thin sheet does not disturb a wave that runs along it with its electric field across
+    assert got.rcs_dbsm("VV")[0] < wanted - 60.0
+
+
+def test_width_of_sheets_in_every_direction() -> None:
+    """Of a plate in drawn triangles, from rims seen forwards and sidewards."""
+    plate = targets.plate(0.3, 0.2, triangles=60)
+    edges = edges_in(plate)
+    low = edges.of(np.abs(edges.middle[:, 1] + 0.1) < 1e-9)
+    turn = np.pi * ((np.arange(DIRECTIONS) + 0.5) / DIRECTIONS - 0.5)
+    way = np.cos(turn)[:, None] * low.inward[:, None, 0] + np.sin(turn)[:, None] * low.along[:, None]
+    to_side = (0.15 * np.sign(way[..., 0]) - low.middle[:, None, 0]) / way[..., 0]
+    wanted = np.minimum(to_side, 0.2 / np.maximum(way[..., 1], 1e-9))
+    # tol: halved 12 times from the plate's diagonal
+    assert np.abs(low.span - wanted).max() < 2e-4
+    assert np.isinf(edges_in(targets.geometry([(BOX.vertices, BOX.faces)])).span).all()
 
 
 @pytest.mark.parametrize("seed", [31, 32])
@@ -336,3 +356,22 @@ def test_the_plan_says_what_edges_add() -> None:
     decision = low.decision("edge_diffraction")
     assert decision is not None and not decision.on and decision.error_db > -40.0
     assert "between metal" in decision.why
+
+
+@pytest.mark.parametrize("seed", [51])
+def test_sweeps_have_edges_by_themselves(seed: int) -> None:
+    """A turntable's plate from drawn aspects, by the plan's own decision; off it is physical optics."""
+    rng = np.random.default_rng(seed)
+    elevation = rng.uniform(np.radians(3.0), np.radians(60.0), 15)
+    size = (5.0, 60.0)
+    upright = targets.parallelogram([0, 0, 0], [size[0] * WAVELENGTH, 0, 0], [0, size[1] * WAVELENGTH, 0])
+    radar = RadarDescription(center_frequency=FREQUENCY)
+    scene = build_scene([SceneMesh(*upright, "pec", "plate")], radar=radar)
+    result = rcs_sweep(scene, Aspects(np.zeros(15), elevation), channels=("HH", "VV"))
+    closed = theory.plate_along_its_sheet(
+        size[0] * WAVELENGTH, size[1] * WAVELENGTH, WAVELENGTH, 0.5 * np.pi - elevation
+    )
+    for channel, want in zip(("HH", "VV"), closed, strict=True):
+        got = 10.0 ** (result.dbsm(channel) / 20.0)
+        # tol: the rims across, a wavelength of 60; Fresnel's integral to 0.004
+        assert np.abs(got - np.sqrt(want)).max() < 0.04 * np.sqrt(theory.edge_on_rcs(size[1] * WAVELENGTH))

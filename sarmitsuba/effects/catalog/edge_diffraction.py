@@ -31,8 +31,8 @@ class EdgeDiffraction(Effect):
 
     to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
-    where nothing is rough, what the metal's own facets return: as mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves bounce
-    more than once, else by physical optics from the antenna's places.
+    where nothing is rough, what the metal's own facets return: as mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves
+    bounce more than once, else by physical optics from the antenna's places.
 
     Off, but on request, where waves may bounce from metal to metal: what mirrors send to edges, and edges to mirrors,
     is then as strong as what is followed, and only the ground below an edge counts as a mirror.

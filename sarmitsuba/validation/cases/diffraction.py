@@ -22,6 +22,8 @@ HEIGHT = {"L": 40.0, "C": 50.0, "X": 63.0, "Ka": 75.0}
 # angles between the sides of prisms, deg: edges of N = 1.5, of 5/3 and of 11/6
 PRISMS = {"square edges": (90.0, 90.0), "edges of 60 deg": (60.0, 60.0), "edges of 30 deg": (30.0, 75.0)}
 EDGE_FLOOR, PRISM_FLOOR = 25.0, 35.0
+# up to where the multiply diffracted plate holds, deg off the normal
+ROSS_UP_TO = 60.0
 
 
 def edge_plate(quick: bool = False) -> Case:
@@ -34,40 +36,42 @@ def edge_plate(quick: bool = False) -> Case:
         angle = np.radians(degrees)
         look = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
         result = _with_edges(targets.plate(width, height), look, band)
-        single = theory.plate_with_edges(width, height, lam, angle)
-        for channel, want in zip(("HH", "VV"), single, strict=True):
+        closed = theory.plate_along_its_sheet(width, height, lam, angle)
+        for channel, want in zip(("HH", "VV"), closed, strict=True):
             comparisons.append(
                 Comparison(
                     f"{band}, {WIDTH[band]:g} wavelengths, {channel}",
                     degrees,
-                    db_from_power(want),
+                    db_from_power(np.maximum(want, 1e-30)),
                     result.rcs_dbsm(channel),
-                    tolerance=0.1,
-                    reason="the two rims that the tilt does not part, a wavelength of edge each",
+                    tolerance=0.2,
+                    reason="the two rims that the tilt does not part, a wavelength of edge each; a rational "
+                    "approximation of Fresnel's integral",
                     floor=EDGE_FLOOR,
                     canonical=True,
-                    shown=-1,
+                    shown=-1 if channel == "HH" else None,
                 )
             )
         both = [np.abs(result.amplitude[:, 0, i]) for i in (0, 1)]
-        double = theory.plate_with_edges(width, height, lam, angle[degrees <= 60.0], order=2)
-        off = [np.sqrt(w) - a[degrees <= 60.0] for w, a in zip(double, both, strict=True)]
-        edge_on = float(np.sqrt(theory.edge_on_rcs(height)))
-        notes.append(
-            f"{band}: HH {np.abs(off[0]).max() / edge_on:.2f}, VV {np.abs(off[1]).max() / edge_on:.2f}"
-        )
+        here = degrees <= ROSS_UP_TO
+        ross = theory.plate_with_edges(width, height, lam, angle[here], order=2)
+        off = [np.abs(np.sqrt(w) - a[here]).max() for w, a in zip(ross, both, strict=True)]
+        share = np.array(off) / float(np.sqrt(theory.edge_on_rcs(height)))
+        notes.append(f"{band}: HH {share[0]:.2f}, VV {share[1]:.2f}")
     return Case(
         name="edge_plate",
         topic="canonical",
         title="Plate towards edge-on: physical optics and fringe currents",
-        formula="(b^2 / pi) |cos(k a sin t) -+ j sin(k a sin t) / sin t|^2, HH and VV; b^2 / pi edge-on",
-        source="Ross, IEEE TAP 14 (1966), singly diffracted; Knott, Shaeffer and Tuley, Radar Cross Section (1993)",
+        formula="(b^2 / pi) |cos(k a sin t) - j sin(k a sin t) / sin t|^2 in HH, b^2 / pi edge-on; in VV the far "
+        "rim's fringe times T^2, T = F(w) - F(-w), w = sqrt(2 k a) sin(g / 2), g = 90 deg - t",
+        source="Ross, IEEE TAP 14 (1966), singly diffracted; Knott, Shaeffer and Tuley, Radar Cross Section (1993); "
+        "Sommerfeld, Optics (1954)",
         x_label="angle off the normal (deg)",
         y_label="RCS (dBsm)",
         comparisons=tuple(comparisons),
         note="Physical optics alone falls without bound, to nothing edge-on, the same in HH and VV. Off Ross's "
-        "multiply diffracted plate, up to 60 degrees, in shares of the edge-on amplitude (waves between the rims, "
-        f"which the simulator ignores): {'; '.join(notes)}.",
+        f"multiply diffracted plate, up to {ROSS_UP_TO:g} degrees, in shares of the edge-on amplitude (waves between "
+        f"the rims that the simulator ignores): {'; '.join(notes)}.",
     )
 
 
@@ -76,9 +80,9 @@ def edge_wedges(quick: bool = False) -> Case:
     band, comparisons = "X", []
     lam = wavelength(band)
     side, height = 7.3 * lam, 250.0 * lam
-    for name, (apex, base) in PRISMS.items():
+    for name, (apex, base) in list(PRISMS.items())[:: 2 if quick else 1]:
         corners = _square(side) if base == apex == 90.0 else _isosceles(side, apex)
-        n = 40 if quick else 160
+        n = 24 if quick else 160
         azimuth = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False) + 0.013
         result = _with_edges(_prism(corners, height), targets.from_azimuth(azimuth), band)
         exact = _keller(corners, height, lam, azimuth)
