@@ -212,7 +212,10 @@ def medium_of(
     """
     stays, days = change_of(values, given, where)
     preset, cloud = string_value(values, "preset"), [n for n in _CLOUD if n in given]
-    parts = _constituents(values)
+    try:
+        parts = _constituents(values)
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from None
     if preset:
         whole = CANOPIES[preset].denser(float_value(values, "relative_density"))
         parts = (*whole.constituents, *parts)

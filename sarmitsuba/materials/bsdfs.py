@@ -73,7 +73,7 @@ def radar_material(
     _check_law(law, values, given, where)
     _check_texture(values, law, where)
     ratio = float_value(values, "cross_polar_ratio_db")
-    stays, days = change_of(values, given, where)
+    stays, days = change_of(values, given, where, law.temporal_coherence)
     surface = Material(
         name,
         rms_height=float_value(values, "rms_height"),

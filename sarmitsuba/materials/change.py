@@ -47,15 +47,20 @@ def coherence_after(days: float, stays: float, decay_days: float) -> float:
     return stays + (1.0 - stays) * left
 
 
-def change_of(values: Mapping[str, Value | None], given: frozenset[str], where: str) -> tuple[float, float]:
+def change_of(
+    values: Mapping[str, Value | None], given: frozenset[str], where: str, usual: float = 1.0
+) -> tuple[float, float]:
     """Coherence that stays and time constant (days) of validated parameters.
+
+    ``usual`` : coherence where none is given
 
     Raises
     ------
     SceneError
         A time constant of nothing.
     """
-    stays, days = float_value(values, "temporal_coherence"), float_value(values, "decorrelation_days")
+    stays = float_value(values, "temporal_coherence") if "temporal_coherence" in given else usual
+    days = float_value(values, "decorrelation_days")
     if "decorrelation_days" in given and stays == 1.0:
         raise SceneError(
             f"{where}: decorrelation_days = {days:g} days has no effect with temporal_coherence = 1; give the "

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import hankel1, jv, jve
 
+from sarmitsuba.errors import SceneError
+
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
@@ -62,10 +64,18 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
     ka : circumference over wavelength, up to ``largest_ka``
     permittivity : relative, eps' - j eps''; None is a perfect conductor
 
+    Raises
+    ------
+    SceneError : the rod is too thick
+
     Notes
     -----
     Ignores magnetic rods, layers (insulation, bark, ice) and roughness.
     """
+    if ka > largest_ka(permittivity):
+        raise SceneError(
+            f"a radar_wire is {ka:.0f} wavelengths around, above the bound {largest_ka(permittivity):g}; make it a mesh"
+        )
     dense = ka if permittivity is not None else min(ka, LAST_CREEPING)
     psi = np.linspace(0.0, 0.5 * np.pi, TILTS + int(TILTS_PER_KA * dense + TILTS_BEYOND * (ka - dense)))
     orders = int(np.ceil(ka + 4.05 * ka ** (1.0 / 3.0))) + 3

@@ -112,6 +112,7 @@ class DiffuseLaw(ABC):
         mirrors one direction into the other, times that facet's Fresnel coefficients over those at normal incidence.
         ``spectrum``: `spectrum` times the polarisation factors of first-order perturbation theory
     scatters : False for the law that returns nothing
+    temporal_coherence : between passes, of a material that says nothing of it
     blocks_as_vacuum : a material of permittivity 1 with this law still blocks rays; False: it is empty space
     """
 
@@ -122,6 +123,7 @@ class DiffuseLaw(ABC):
     parameters: ClassVar[tuple[Param, ...]] = ()
     bistatic: ClassVar[Bistatic] = "mean"
     scatters: ClassVar[bool] = True
+    temporal_coherence: ClassVar[float] = 1.0
     blocks_as_vacuum: ClassVar[bool] = True
 
     @abstractmethod

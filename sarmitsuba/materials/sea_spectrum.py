@@ -74,7 +74,7 @@ class SeaState:
 
     Notes
     -----
-    Waves against the wind are as high as those with it (an instant's spectrum is symmetric). Ignores swell, currents,
+    Waves against the wind are as high as those with it (an instant's spectrum is symmetric). Ignores swell, drift,
     the bottom (deep water), slicks and breaking. Below 2 to 3 m/s the short waves of the spectrum vanish. A sea younger
     than the spectrum was fitted to (some 100 m of fetch) has its wave age, so that its waves are too high.
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.errors import SceneError
+
 F64 = NDArray[np.float64]
 
 
@@ -18,6 +20,10 @@ class LineTarget:
     start, end : (3,) float64, m, scene frame
     radius : m
     permittivity : relative, eps' - j eps''; None is a perfect conductor
+
+    Raises
+    ------
+    SceneError : it has no length, or no thickness
     """
 
     name: str
@@ -25,6 +31,16 @@ class LineTarget:
     end: F64
     radius: float
     permittivity: complex | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.ends).all() and self.length > 0.0):
+            raise SceneError(
+                f'radar_wire "{self.name}": its ends are no two finite points; give start and end apart'
+            )
+        if not 0.0 < self.radius < np.inf:
+            raise SceneError(
+                f'radar_wire "{self.name}": radius = {self.radius:g} m is not above 0 m; give a radius'
+            )
 
     @property
     def ends(self) -> F64:

@@ -223,7 +223,8 @@ class Imager:
             amplitude = amplitude * seen
             if panes is not None:
                 way = way_through(there, radar, position, np.broadcast_to(grid.position, position.shape))
-                distance = distance + way.extra
+                leg = leg - way.shift
+                distance = np.linalg.norm(leg, axis=1)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         rate = -np.einsum("ni,ni->n", leg, velocity) / distance
         plane = spread_points(grid, distance, rate, amplitude, radar.waveform.wavelength)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sources import most_bounces
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,11 @@ class LayerPlan:
     def of(scene: Scene, plan: EffectsPlan) -> "LayerPlan":
         """Layers that the settings ask for; ``scene`` as the effects plan leaves it."""
         settings = scene.settings
+        # scatterers beside the mesh return over the ground whatever rays do
+        depth = max(plan.max_depth, most_bounces(scene) if scene.has_sources else 1)
         return LayerPlan(
             channels=scene.radar.channels,
-            orders=tuple(range(1, plan.max_depth + 1)) if settings.keep_orders else (0,),
+            orders=tuple(range(1, depth + 1)) if settings.keep_orders else (0,),
             subsets=(1, 2) if settings.keep_subsets else (0,),
         )
 

@@ -22,12 +22,19 @@ class PaneWay:
 
     Parameters
     ----------
-    extra : (n,) float64, m, by which a pulse finds the point farther off
+    shift : (n, 3) float64, m, of the antenna as the point sees it
+    to_antenna : (n, 3) unit vectors
     linear : of each linear channel, (n,) complex128: what it has of an ideal point of unit RCS
     """
 
-    extra: F64
+    shift: F64
+    to_antenna: F64
     linear: dict[str, NDArray[np.complex128]]
+
+    @property
+    def extra(self) -> F64:
+        """(n,) m, by which a pulse finds the point farther off."""
+        return np.asarray(np.einsum("ni,ni->n", self.shift, self.to_antenna))
 
     @staticmethod
     def of(
@@ -55,7 +62,7 @@ class PaneWay:
         start, to = mi.Vector3f(*origin), mi.Vector3f(*direction)
         h, v = field.polarisation_basis(-to, mi.Vector3f(*up))
         none = dr.zeros(mi.Vector3f)
-        vectors, extra = along(
+        vectors, shift = along(
             trace_scene,
             dr.opaque(mi.Float, 2.0 * np.pi / wavelength),
             dr.opaque(mi.Float, trace_scene.clearance),
@@ -68,7 +75,8 @@ class PaneWay:
         rows = [np.asarray(re, np.float64).T + 1j * np.asarray(im, np.float64).T for re, im in vectors]
         basis = dict(zip(RECEIVED, rows, strict=True))
         return PaneWay(
-            np.asarray(extra, np.float64) + np.zeros(len(position)),
+            np.asarray(shift, np.float64).T + np.zeros(position.shape),
+            leg / distance[:, None],
             {a + b: np.einsum("ni,ni->n", basis[a], basis[b]) for a in RECEIVED for b in RECEIVED},
         )
 
@@ -76,7 +84,8 @@ class PaneWay:
     def joined(ways: Sequence["PaneWay"]) -> "PaneWay":
         """Ways of one after the other."""
         return PaneWay(
-            np.concatenate([way.extra for way in ways]),
+            np.concatenate([way.shift for way in ways]),
+            np.concatenate([way.to_antenna for way in ways]),
             {name: np.concatenate([way.linear[name] for way in ways]) for name in ways[0].linear},
         )
 

@@ -99,7 +99,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
-from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion
+from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion, slab_shift
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -117,7 +117,9 @@ from sarmitsuba.theory.synthetic_aperture import (
     half_power_width,
 )
 from sarmitsuba.theory.vegetation import (
+    crown_ground_sigma0,
     cylinder_at_broadside,
+    isotropic_between,
     isotropic_orientation,
     layer_transmission,
     plant_permittivity,
@@ -170,6 +172,7 @@ __all__ = [
     "coherent_loss",
     "corner_line",
     "critical_baseline",
+    "crown_ground_sigma0",
     "cylinder_at_broadside",
     "cylinder_rcs",
     "cylinder_series",
@@ -194,6 +197,7 @@ __all__ = [
     "interferometric_phase_cdf",
     "interferometric_phase_pdf",
     "interferometric_phase_sigma",
+    "isotropic_between",
     "isotropic_orientation",
     "jitter_noise",
     "jittered_response",
@@ -234,6 +238,7 @@ __all__ = [
     "slab",
     "slab_delay",
     "slab_insertion",
+    "slab_shift",
     "slant_offset",
     "slope_phase_ramp",
     "small_perturbation_sigma0",

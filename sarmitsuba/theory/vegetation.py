@@ -112,6 +112,58 @@ def isotropic_orientation(across: complex, along: complex) -> tuple[float, float
     )
 
 
+def isotropic_between(across: complex, along: complex, cosine: float) -> float:
+    r"""Mean power of small uniaxial scatterers in all orientations alike between two polarisations.
+
+    With :math:`\langle (\mathbf q \cdot \mathbf n)^2 (\mathbf e \cdot \mathbf n)^2 \rangle = (1 + 2 c^2) / 15`,
+
+    .. math:: \langle |\mathbf q \cdot A \mathbf e|^2 \rangle
+        = \left(|a|^2 + \tfrac23 \Re(a^* \Delta)\right) c^2 + \tfrac1{15} |\Delta|^2 (1 + 2 c^2)
+
+    Parameters
+    ----------
+    across, along : amplitudes across and along the axis
+    cosine : c, of the angle between sent and received polarisation
+    """
+    delta = along - across
+    common = abs(across) ** 2 + 2.0 / 3.0 * (across.conjugate() * delta).real
+    return float(common * cosine**2 + abs(delta) ** 2 * (1.0 + 2.0 * cosine**2) / 15.0)
+
+
+def crown_ground_sigma0(
+    sigma_v: ArrayLike, kappa: ArrayLike, depth: ArrayLike, theta: ArrayLike, reflection: complex | ArrayLike
+) -> tuple[F64, F64]:
+    r"""Backscatter coefficients of a layer by way of level smooth ground: once, and on both ways.
+
+    Every scatterer's way over the ground crosses the layer down and up in all, wherever it is, and both ways round add
+    in phase:
+
+    .. math::
+        \sigma^0_1 = 4 \sigma_v d |\Gamma|^2 e^{-2 \kappa d / \cos\theta}, \quad
+        \sigma^0_2 = \frac{\sigma_v \cos\theta}{2 \kappa} |\Gamma|^4 e^{-2 \kappa d / \cos\theta}
+            \left(1 - e^{-2 \kappa d / \cos\theta}\right)
+
+    Parameters
+    ----------
+    sigma_v : m^2/m^3, of the ways over the ground
+    kappa, depth, theta : as for the water cloud
+    reflection : Fresnel coefficient of the ground
+
+    References
+    ----------
+    Ulaby, Sarabandi et al. 1990, Michigan microwave canopy scattering model, Int. J. Remote Sensing 11, its terms of
+    crown-ground and ground-crown-ground.
+    """
+    strength = np.abs(reflection) ** 2
+    once = 4.0 * np.asarray(sigma_v) * np.asarray(depth) * strength * layer_transmission(kappa, depth, theta)
+    twice = (
+        water_cloud_sigma0(sigma_v, kappa, depth, theta)
+        * strength**2
+        * layer_transmission(kappa, depth, theta)
+    )
+    return np.asarray(once), np.asarray(twice)
+
+
 def sphere_cloud(
     radius: float, permittivity: complex, density: float, wavelength: float
 ) -> tuple[float, float]:
@@ -247,7 +299,9 @@ def way_through_box(origin: F64, direction: F64, length: ArrayLike, low: F64, hi
 
 
 __all__ = [
+    "crown_ground_sigma0",
     "cylinder_at_broadside",
+    "isotropic_between",
     "isotropic_orientation",
     "layer_transmission",
     "plant_permittivity",

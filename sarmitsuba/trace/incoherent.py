@@ -258,7 +258,9 @@ class DiffuseReturns:
 def _tilted(water: Water, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
     """The hit with the normal of the water among the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
-    return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(hit.p), material, now))
+    # waves run on water that moves as a whole, as in a current
+    place = hit.p if hit.movement is None else hit.p - hit.movement.shift
+    return replace(hit, normal=water.tilted(hit.normal, mi.Vector3f(place), material, now))
 
 
 def close_diffuse(

@@ -46,8 +46,8 @@ def through(
     distance: mi.Float,
     active: mi.Bool,
     vectors: tuple[ComplexVector, ...],
-) -> tuple[tuple[ComplexVector, ...], mi.Float]:
-    """Complex vectors at the start of a straight way, from those at its end, and its extra length; see `along`."""
+) -> tuple[tuple[ComplexVector, ...], mi.Vector3f]:
+    """Complex vectors at the start of a straight way, from those at its end, and its end's shift; see `along`."""
     constants = kernel.constants
     return along(
         kernel.scene,
@@ -70,8 +70,10 @@ def along(
     distance: mi.Float,
     active: mi.Bool,
     vectors: tuple[ComplexVector, ...],
-) -> tuple[tuple[ComplexVector, ...], mi.Float]:
-    """Complex vectors at the start of a straight way through panes, from those at its end, and its extra length, m.
+) -> tuple[tuple[ComplexVector, ...], mi.Vector3f]:
+    """Complex vectors at the start of a straight way through panes, from those at its end, and the end's shift, m.
+
+    Seen through panes the end of the way is by the shift elsewhere: farther by the delay, and aside.
 
     Parameters
     ----------
@@ -88,13 +90,13 @@ def along(
     towards = -direction
 
     def some_left(
-        left: mi.Float, active: mi.Bool, extra: mi.Float, vectors: tuple[ComplexVector, ...]
+        left: mi.Float, active: mi.Bool, shift: mi.Vector3f, vectors: tuple[ComplexVector, ...]
     ) -> mi.Bool:
         return active
 
     def next_pane(
-        left: mi.Float, active: mi.Bool, extra: mi.Float, vectors: tuple[ComplexVector, ...]
-    ) -> tuple[mi.Float, mi.Bool, mi.Float, tuple[ComplexVector, ...]]:
+        left: mi.Float, active: mi.Bool, shift: mi.Vector3f, vectors: tuple[ComplexVector, ...]
+    ) -> tuple[mi.Float, mi.Bool, mi.Vector3f, tuple[ComplexVector, ...]]:
         query = mi.Ray3f(start + direction * left, towards, left, 0.0, [])
         met = slabs.panes.ray_intersect_preliminary(query, coherent=False, active=active)
         active = active & met.is_valid()
@@ -115,18 +117,30 @@ def along(
         cosine = dr.maximum(-dr.dot(n, towards), 1e-7)
         step = met.t + _past(slabs, face, behind, active, clearance) / cosine
         left = dr.select(active, left - step, left)
-        extra = extra + dr.select(active, factors.extra / wavenumber, 0.0)
-        return left, active & (left > 0.0), extra, vectors
+        shift = shift + dr.select(active, _shift(factors, towards, n) / wavenumber, 0.0)
+        return left, active & (left > 0.0), shift, vectors
 
-    _, _, extra, vectors = dr.while_loop(
-        (length, active, mi.Float(0.0), vectors),
+    _, _, shift, vectors = dr.while_loop(
+        (length, active, dr.zeros(mi.Vector3f), vectors),
         some_left,
         next_pane,
-        labels=("left", "active", "extra", "vectors"),
+        labels=("left", "active", "shift", "vectors"),
         label="panes",
         mode="symbolic",
     )
-    return vectors, extra
+    return vectors, shift
+
+
+def _shift(factors: SlabFactors, d: mi.Vector3f, n: mi.Vector3f) -> mi.Vector3f:
+    r"""Where a slab puts the source of a wave along ``d``, times the wavenumber, rad.
+
+    .. math:: k \mathbf w = -k \Delta L\, \mathbf d - \frac{\partial \phi}{\partial \cos\theta}
+              (\mathbf n + \cos\theta\, \mathbf d)
+
+    with phase :math:`\phi` of T and the normal facing the wave: the path from there to any point near the ray, and
+    its change as the point or the antenna moves, are those through the slab.
+    """
+    return -d * factors.extra - (n - d * dr.dot(d, n)) * factors.aside
 
 
 def slab_factors(
@@ -146,16 +160,18 @@ def slab_factors(
 def home(
     kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, vectors: tuple[ComplexVector, ...]
 ) -> tuple[Lane, Hit, tuple[ComplexVector, ...]]:
-    """The way from a hit to the antenna through panes: the antenna as far off as a pulse finds it, vectors here."""
+    """The way from a hit to the antenna through panes: the antenna where it is seen, vectors here."""
     active = hit.sees
     if ray.crossed is not None and not kernel.bistatic:
         # what came straight from the antenna through no pane goes home through none
         active = active & (~hit.first | (ray.crossed > 0))
     way = mi.Float(hit.length_back)
-    vectors, extra = through(kernel, hit.departure, hit.to_antenna, way, active, vectors)
-    step = hit.to_antenna64 * mi.Float64(extra)
+    vectors, shift = through(kernel, hit.departure, hit.to_antenna, way, active, vectors)
+    step = mi.Vector3d(shift)
     lane = replace(lane, antenna=lane.antenna + step, transmitter=lane.transmitter + step)
-    return lane, replace(hit, length_back=hit.length_back + mi.Float64(extra)), vectors
+    leg = lane.antenna - hit.p
+    length = dr.norm(leg)
+    return lane, replace(hit, length_back=length, to_antenna64=leg / length), vectors
 
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
@@ -202,18 +218,19 @@ def branched(
     goes = hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_PANES)
     d, n = hit.direction, hit.normal
     factors = slab_factors(hit.properties, hit.slab, d, n, hit.behind)
-    extra = mi.Float64(factors.extra / kernel.constants.wavenumber)
-    step = hit.direction64 * extra
+    step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
+    along_ray = dr.dot(step, hit.direction64)
+    aside = mi.Vector3f(step - hit.direction64 * along_ray)
     beyond = d * (_past(slabs, hit.face, hit.behind, goes, clearance) / dr.maximum(-dr.dot(d, n), 1e-7))
     spread, receiver = before.spread, before.virtual_receiver
     gone = replace(
         before,
         active=goes,
         hits=before.hits,
-        origin=mi.Vector3f(hit.p) + beyond,
-        virtual_antenna=before.virtual_antenna - step,
-        virtual_receiver=None if receiver is None else receiver - step,
-        spread=None if spread is None else replace(spread, start=spread.start + extra),
+        origin=mi.Vector3f(hit.p) + beyond + aside,
+        virtual_antenna=before.virtual_antenna + step,
+        virtual_receiver=None if receiver is None else receiver + step,
+        spread=None if spread is None else replace(spread, start=spread.start - along_ray),
         fields=_behind(before.fields, d, n, factors),
         crossed=before.crossed + 1,
     )

@@ -140,6 +140,7 @@ class SlabFactors:
     t_te, t_tm : of the field behind it over that of the same wave without it, less the phase of ``extra``
     extra : rad, wavenumber times the group delay's path beyond that through air, of TE and TM by their shares of the
         power that goes through
+    aside : rad, change of the phase of T over the cosine of incidence, which moves waves sideways; shared out alike
     """
 
     r_te: mi.Complex2f
@@ -147,6 +148,7 @@ class SlabFactors:
     t_te: mi.Complex2f
     t_tm: mi.Complex2f
     extra: mi.Float
+    aside: mi.Float
 
 
 def slab(
@@ -160,7 +162,8 @@ def slab(
         R_{TE} D &= -\chi \tfrac{j \sin\delta}{q} - y (\cos\delta \mp \tfrac{j \sin\delta}{q} c)
 
     and TM alike with :math:`c^2 + q^2 \to q^2 / \varepsilon + \varepsilon c^2`. The upper sign has the sheet on the
-    far face. The delay is the derivative of the phase of T by the wavenumber, at a fixed permittivity.
+    far face. The delay is the derivative of the phase of T by the wavenumber, at a fixed permittivity; the wave's way
+    sideways, :math:`\partial P / \partial \theta` of its phase path P, that by the angle.
 
     Parameters
     ----------
@@ -173,8 +176,7 @@ def slab(
     Notes
     -----
     Ignores what a carrier's factors do not tell: reflections within a slab that a pulse could tell apart, rough faces,
-    magnetic materials. A wave's sideways shift needs no care: it is in the phase of T over angle, and what it adds to
-    the length of a path to a near point is below ``k d^2 / 2 R``.
+    magnetic materials, and what TE and TM have apart in delay and shift.
     """
     c, y = cos_theta, sheet
     eps = chi + 1.0
@@ -194,11 +196,18 @@ def slab(
 
     inner, outer = q * q / eps, eps * (c * c)
     one, cos = mi.Complex2f(1.0), mi.Complex2f(c)
-    te = _Line(c * c + q * q, -chi, mi.Complex2f(y), one, cos)
+    slope = 2.0 * cosine + 4.0 * c * sine_q + y * sine_q
+    te = _Line(c * c + q * q, -chi, mi.Complex2f(y), one, cos, slope)
     contrast = chi * ((1.0 - (eps + 1.0) * (c * c)) / eps)
-    tm = _Line(inner + outer, contrast, mi.Complex2f(y * c), cos, inner)
+    slope = 2.0 * cosine + 2.0 * c * (1.0 / eps + eps) * sine_q
+    slope += y * (2.0 * c * cosine + (inner + 2.0 * c * c / eps) * sine_q)
+    tm = _Line(inner + outer, contrast, mi.Complex2f(y * c), cos, inner, slope)
+    # by the cosine, as `slope` is where these two stay as they are
+    turn = c / q * thickness
+    twice_c = mi.Complex2f(0.0, 2.0) * once * turn
+    cosine_c, sine_q_c = -0.5 * twice_c, (twice_c - twice * c / (q * q)) / (2.0 * q)
     side = dr.select(sheet_first, 1.0, -1.0)
-    r, t, rates = [], [], []
+    r, t, rates, asides = [], [], [], []
     for line in (te, tm):
         total = line.total(c, cosine, sine_q)
         r.append(
@@ -208,23 +217,28 @@ def slab(
         t.append(2.0 * c / total)
         # by the wavenumber: d ln T = -j dk d q (1 + 2 exp(-2j delta) D' / D), D' by 1 - exp(-2j delta)
         rates.append((delta * (1.0 + 2.0 * once * (line.total(c, mi.Complex2f(-0.5), 0.5 / q) / total))).real)
+        change = (line.slope + line.total(c, cosine_c, sine_q_c)) / total
+        asides.append(thickness - turn.real - change.imag)
     power = [dr.maximum(dr.squared_norm(x), 1e-30) for x in t]
-    extra = (rates[0] * power[0] + rates[1] * power[1]) / (power[0] + power[1]) - thickness * c
+    share = power[0] / (power[0] + power[1])
+    extra = dr.lerp(rates[1], rates[0], share) - thickness * c
+    aside = dr.lerp(asides[1], asides[0], share)
     # the slab in the place of as much air, and the delay's share of the phase, which is the length's
     s, c = dr.sincos(thickness * c + extra - delta.real)
     phase = mi.Complex2f(c, s) * dr.exp(delta.imag)
-    return SlabFactors(r[0], -r[1], t[0] * phase, t[1] * phase, extra)
+    return SlabFactors(r[0], -r[1], t[0] * phase, t[1] * phase, extra, aside)
 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """One polarisation of :func:`slab`: the factors of its two quotients."""
+    """One polarisation of :func:`slab`: the factors of its two quotients, and the change of D over c beside them."""
 
     both: mi.Complex2f
     contrast: mi.Complex2f
     sheet: mi.Complex2f
     direct: mi.Complex2f
     across: mi.Complex2f
+    slope: mi.Complex2f
 
     def total(self, c: mi.Float, cosine: mi.Complex2f, sine_q: mi.Complex2f) -> mi.Complex2f:
         """D, linear in the cosine and in the sine over q."""

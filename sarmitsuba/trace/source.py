@@ -237,9 +237,13 @@ class PointSource:
         seen = free_way(kernel, start, to, mi.Float(length))
         none = dr.zeros(mi.Vector3f)
         h, v = field.polarisation_basis(-to, kernel.constants.up)
-        (h_here, v_here), extra = _passed(kernel, start, to, mi.Float(length), seen, ((h, none), (v, none)))
+        (h_here, v_here), shift = _passed(kernel, start, to, mi.Float(length), seen, ((h, none), (v, none)))
+        if shift is not None:  # as it sees the antenna
+            leg = leg + shift
+            length = dr.norm(leg)
+            to64 = leg / length
         rate = dr.dot(to64, velocity)
-        return Sight(to64, to, -to, length + extra, rate, seen, h_here, v_here, over_ground=False)
+        return Sight(to64, to, -to, length, rate, seen, h_here, v_here, over_ground=False)
 
     def _over_ground(
         self,
@@ -293,7 +297,9 @@ class PointSource:
             kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * found.properties.z * cosine))
             fields = tuple((re * kept, im * kept) for re, im in fields)
         fields, second = _passed(kernel, start, to, mi.Float(length - way), seen, fields)
-        length = length + first + second
+        for way_to, shift in ((to_antenna, first), (to, second)):
+            if shift is not None:  # farther; aside it changes nothing but the range rate
+                length = length + dr.dot(mi.Vector3d(way_to), shift)
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
         return Sight(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
@@ -380,13 +386,13 @@ def _passed(
     distance: mi.Float,
     active: mi.Bool,
     vectors: tuple[field.ComplexVector, ...],
-) -> tuple[tuple[field.ComplexVector, ...], mi.Float64]:
-    """Vectors at the start of a way from those at its end, through all that stands there, and its extra length, m."""
+) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3d | None]:
+    """Vectors at the start of a way from those at its end, through all that stands there, and the end's shift, m."""
     vectors = passed(kernel.scene.passages, start, direction, distance, active, vectors)
     if not kernel.transmits:
-        return vectors, mi.Float64(0.0)
-    vectors, extra = through(kernel, start, direction, distance, active, vectors)
-    return vectors, mi.Float64(extra)
+        return vectors, None
+    vectors, shift = through(kernel, start, direction, distance, active, vectors)
+    return vectors, mi.Vector3d(shift)
 
 
 def both_gains(

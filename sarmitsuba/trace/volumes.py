@@ -36,7 +36,7 @@ RANKS = 8
 # how often a way whose surfaces do not pair up is tried again, a little beside
 _TRIES = 3
 # values of one row of the table of scattering amplitudes, a power of two for the gathers
-_ROW = 8
+_ROW = 16
 
 
 @dataclass  # not frozen: a loop's state, which Dr.Jit writes to
@@ -238,14 +238,14 @@ class VolumeScatterers(Scatterers):
     key : (n,) uint32, hash
     weight : (n,) float32, root of the volume that it stands for, m^(3/2)
     medium : (n,) uint32
-    table : (8 NODES n_media,) float32, see `VolumeMedium.factors`
+    table : (16 NODES n_media,) float32, back and over the ground, see `Covariance.factors`
     change : (2 n_media,) float32: coherence that stays between passes and time constant (days) of what does not; None
         where all media stay as they are
 
     Notes
     -----
-    Ignores, off the way back, how the scattering of pieces goes with the angle between both ways: what returns over the
-    ground takes the matrix of backscatter.
+    The covariances are those of backscatter and of the way by level ground; two antennas apart, or ground that slopes,
+    take them at the mean of both angles.
     """
 
     n: int
@@ -272,8 +272,9 @@ class VolumeScatterers(Scatterers):
         """See the class above."""
         key = dr.gather(mi.UInt32, self.key, index)
         node, share = _node(0.5 * (dr.abs(came.to_antenna.z) + dr.abs(goes.to_antenna.z)))
-        row = (dr.gather(mi.UInt32, self.medium, index) * NODES + node) * 2
-        four = [dr.gather(mi.Vector4f, self.table, row + i) for i in range(4)]
+        row = (dr.gather(mi.UInt32, self.medium, index) * NODES + node) * 4
+        first = 2 if came.over_ground != goes.over_ground else 0
+        four = [dr.gather(mi.Vector4f, self.table, row + (first + i)) for i in (0, 1, 4, 5)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
         drawn = gaussian
         if kernel.flags.temporal and self.change is not None:
@@ -351,8 +352,10 @@ def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) ->
     weight = np.sqrt(content / np.maximum(np.bincount(body, minlength=len(volumes)), 1))[body]
     rows = np.zeros((len(media), NODES, _ROW), dtype=np.float32)
     for row, medium in zip(rows, media, strict=True):
-        first, second, mixed, cross = medium.factors
-        row[:, :6] = np.stack([first, second, cross, 0.0 * first, mixed.real, mixed.imag], axis=1)
+        for start, returned in ((0, medium.back), (_ROW // 2, medium.over_ground)):
+            first, second, mixed, cross = returned.factors
+            columns = [first, second, cross, 0.0 * first, mixed.real, mixed.imag]
+            row[:, start : start + 6] = np.stack(columns, axis=1)
     return VolumeScatterers(
         n=len(place),
         place=vector_rows(place),

@@ -29,11 +29,12 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import tracing
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
+from sarmitsuba.trace.slabs import slab
 from sarmitsuba.trace.source import PointSource, Scatterers, Sight, Source
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
-from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab
+from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab, room
 
 COSINE = np.cos(np.radians(np.concatenate([np.linspace(0.0, 89.0, 179), [89.5, 89.9, 89.99]])))
 PANE = Material("pane", permittivity=GLASS, thickness=0.006)
@@ -71,6 +72,48 @@ def test_energy_of_drawn_walls(seed: int) -> None:
         )
         assert np.abs(total - 1.0).max() < 1e-4  # asked for; float32 leaves 1e-6
         assert (less < 1.0 + 1e-5).all() and (coat < 1.0 + 1e-5).all()  # tol: float32
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_delay_and_shift_of_drawn_walls(seed: int) -> None:
+    """How far a pulse falls behind in a wall and how far it is moved sideways, against differences of phases."""
+    ensure_backend()
+    rng = np.random.default_rng([seed, 4])
+    eps = complex(rng.uniform(1.5, 10.0), -(10.0 ** rng.uniform(-3.0, -0.5)))
+    thickness, resistance = float(10.0 ** rng.uniform(-3.0, -0.7)), float(10.0 ** rng.uniform(1.5, 4.0))
+    cosine = np.cos(np.radians(np.linspace(1.0, 85.0, 85))).astype(np.float32)
+    wave = slab(
+        mi.Float(cosine),
+        mi.Complex2f(eps - 1.0),
+        mi.Float(2.0 * np.pi / X_WAVELENGTH * thickness),
+        mi.Float(376.730313 / resistance),
+        mi.Bool(False),
+    )
+    exact = cosine.astype(np.float64)
+    wall = (exact, eps, thickness, X_WAVELENGTH, resistance)
+    te, tm = (np.abs(t) ** 2 for t in theory.slab_insertion(*wall))
+    sine = np.sqrt(1.0 - exact**2)
+    for got, (a, b) in (
+        (np.asarray(wave.extra, np.float64), theory.slab_delay(*wall)),
+        (np.asarray(wave.aside, np.float64) * sine, theory.slab_shift(*wall)),
+    ):
+        want = (te * a + tm * b) / (te + tm)
+        assert (
+            np.abs(got * X_WAVELENGTH / (2.0 * np.pi) - want).max() < 5e-5
+        )  # tol: float32 phases of up to 100 rad
+
+
+@pytest.mark.slow
+def test_blocks_of_pulses_see_what_every_pulse_sees_through_a_wall() -> None:
+    """The phase of a thick wall turns with the line of sight: as its way sideways says, from the key pulse on."""
+    for eps, thickness in ((3.91 - 0.06j, 0.12), (2.73 - 0.02j, 0.3)):
+        scene = room(
+            135.0, 54.0, np.radians(30.0), 2.0, Material("wall", permittivity=eps, thickness=thickness)
+        )
+        each = simulate(scene.replace(method="raw"), seed=1).data
+        blocks = simulate(scene, seed=1).data
+        assert np.linalg.norm(blocks - each) < 10 ** (-35 / 20) * np.linalg.norm(each)
+        # tol: -38 dB, and -23 dB without the way sideways
 
 
 def test_limits_in_the_kernel() -> None:
@@ -364,7 +407,7 @@ def test_an_ideal_point_shows_through_a_pane(method: str) -> None:
 
 
 @pytest.mark.slow
-def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_same_room() -> None:
+def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_sameroom() -> None:
     """Posed pulse by pulse, and received by an antenna apart: the room of every other kernel."""
     shapes = [
         SceneMesh(wall(0.0, -4.0, 8.0, 0.0, 4.0), FACES, GLAZED, "pane"),

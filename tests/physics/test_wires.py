@@ -245,6 +245,46 @@ def test_a_raster_says_that_it_has_no_rods() -> None:
         render(wire_scene(wire, **COARSE), method="raster")
 
 
+def test_rods_made_in_python_are_checked() -> None:
+    with pytest.raises(SceneError, match="no two finite points"):
+        LineTarget("rod", np.zeros(3), np.zeros(3), 0.01)
+    with pytest.raises(SceneError, match="radius = 0 m"):
+        LineTarget("rod", np.zeros(3), np.ones(3), 0.0)
+    with pytest.raises(SceneError, match="above the bound 200"):
+        cylinder_table(300.0, None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_heaps_of_drawn_rods_are_the_same_from_shared_and_from_every_pulse(seed: int) -> None:
+    """Drawn headings, squints, distances and beams; conductors and wood, over concrete."""
+    ensure_backend()
+    rng = np.random.default_rng([17, 9, seed])
+    lines = []
+    for number in range(6):
+        foot = rng.uniform([-6.0, -6.0, 0.0], [6.0, 6.0, 2.0])
+        axis = unit(rng) * [1.0, 1.0, 0.0] + [0.0, 0.0, rng.uniform()]
+        end, radius = (
+            foot + rng.uniform(0.5, 5.0) * axis / np.linalg.norm(axis),
+            10.0 ** rng.uniform(-4.0, -1.7),
+        )
+        lines.append(LineTarget("rod", foot, end, radius, None if number % 2 else 3.0 - 0.3j))
+    beam = {"pattern": "gaussian", "antenna_length": 1.0, "elevation_beamwidth_deg": 15.0} if seed % 2 else {}
+    scene = wire_scene(
+        *lines,
+        meshes=(SceneMesh(GROUND, FACES, "concrete", "ground"),),
+        slant_range=rng.uniform(300.0, 5e3),
+        look_angle_deg=rng.uniform(20.0, 60.0),
+        heading_deg=rng.uniform(0.0, 360.0),
+        squint_angle_deg=rng.uniform(-15.0, 15.0),
+        polarisation="HH,HV,VV",
+        **beam,
+    )
+    shared, every = (simulate(scene.replace(method=method), seed=1).data for method in ("hybrid", "raw"))
+    # tol: what blocks of pulses may err by, docs/accuracy.md
+    assert np.linalg.norm(shared - every) < 10 ** (-30 / 20) * np.linalg.norm(every)
+
+
 @pytest.mark.slow
 def test_a_cable_across_the_flight_is_dark() -> None:
     """66 dB below one along it, which glints."""

@@ -97,6 +97,14 @@ def test_contradictions_are_refused(given: dict, text: str) -> None:
         build(**given)
 
 
+def test_water_keeps_no_coherence_unless_told() -> None:
+    sea = {"permittivity_real": 60.0, "permittivity_imag": 35.0, "diffuse_law": "sea"}
+    assert build(**sea).temporal_coherence == 0.0
+    assert build(**sea, decorrelation_days=1e-6).coherence_after(1.0) == 0.0
+    assert build(**sea, temporal_coherence=0.3).temporal_coherence == 0.3
+    assert build(permittivity_real=4.0, diffuse_law="lambert").temporal_coherence == 1.0
+
+
 def test_sionna_scattering_shares_the_power() -> None:
     values = RADIO_MATERIAL.read({"relative_permittivity": 4.0, "scattering_coefficient": 0.6}, WHERE)
     material, _ = sionna_material("m", "radio-material", values, frozenset(values), X_BAND)

@@ -10,9 +10,9 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.vegetation import canopy, pieces
 from sarmitsuba.materials.vegetation.canopy import CANOPIES, Canopy, Constituent, Orientation
-from sarmitsuba.materials.vegetation.medium import NODES, water_cloud
+from sarmitsuba.materials.vegetation.medium import NODES, node_cosines, water_cloud
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.pieces import Leaf, Stick
+from sarmitsuba.materials.vegetation.pieces import Leaf, OverGround, Stick
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.scene.scene import Scene
 
@@ -93,11 +93,55 @@ def test_means_over_all_directions_alike(tilt: float) -> None:
     eps = plant_permittivity(moisture, frequency)
     at = stick.backscatter(np.array([0.0, 0.5 * np.pi]), SPEED_OF_LIGHT / frequency, eps)
     hh, hv, product = theory.isotropic_orientation(complex(at[1][1]), complex(at[0][1]))
-    assert medium.power == pytest.approx(
+    assert medium.back.power == pytest.approx(
         np.tile([hh, hh, hv], (NODES, 1)), rel=2e-3
     )  # tol: (k l)^2 / 10 and sums
-    assert medium.product == pytest.approx(np.full(NODES, product), rel=2e-3)
+    assert medium.back.product == pytest.approx(np.full(NODES, product), rel=2e-3)
     assert np.ptp(medium.extinction) < 1e-3 * medium.extinction.max()
+
+
+@pytest.mark.parametrize("node", [6, 8, 12])
+def test_means_over_the_ground(node: int) -> None:
+    """Small sticks in all directions alike: V of the way in and of the way out are twice the grazing angle apart."""
+    stick, frequency, moisture = Stick(1e-4, 4e-3), 1.3e9, 0.6
+    medium = Canopy("test", "", (Constituent(stick, 1.0, moisture),)).medium(frequency)
+    at = stick.backscatter(
+        np.array([0.0, 0.5 * np.pi]), SPEED_OF_LIGHT / frequency, plant_permittivity(moisture, frequency)
+    )
+    apart = 1.0 - 2.0 * node_cosines()[node] ** 2
+    wanted = [theory.isotropic_between(complex(at[1][1]), complex(at[0][1]), c) for c in (1.0, apart, 0.0)]
+    assert medium.over_ground.power[node] == pytest.approx(wanted, rel=5e-3)  # tol: (k l)^2 / 10 and sums
+
+
+def test_a_thin_stick_over_the_ground_is_the_same_by_both_approximations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(5)
+    axis = rng.normal(size=(3, 40))
+    axis /= np.linalg.norm(axis, axis=0)
+    stick, wavelength, eps = Stick(2e-4, 0.02), 0.05, 15.0 - 5.0j
+    view = OverGround(0.6, *axis)
+    thin = np.stack(stick.over_ground(view, wavelength, eps))
+    monkeypatch.setattr(pieces, "THIN", 0.0)
+    series = np.stack(stick.over_ground(view, wavelength, eps))
+    powers = [np.mean(np.abs(s) ** 2, axis=1) for s in (thin, series)]
+    # tol: a stick of half a wave does not keep to the cone; levels of the mean, dB
+    assert np.abs(10.0 * np.log10(powers[1] / powers[0])).max() < 1.0
+
+
+def test_stalks_return_over_the_ground() -> None:
+    """Upright long stalks mirror towards the ground and hardly backwards: of a dihedral, by the closed form."""
+    stalk = Stick(0.01, 0.2)
+    medium = Canopy("test", "", (Constituent(stalk, 1.0, 0.7, Orientation(0.0, 2.0)),)).medium(5e9)
+    back, ground = medium.back.power[10], medium.over_ground.power[10]
+    assert ground[0] > 20.0 * back[0]
+    wavelength, angle = SPEED_OF_LIGHT / 5e9, np.arccos(node_cosines()[10])
+    series = pieces.cylinder_series(
+        np.array([angle]), 2.0 * np.pi / wavelength * 0.01, plant_permittivity(0.7, 5e9), np.pi
+    )
+    assert ground[0] == pytest.approx(
+        4.0 * 0.2**2 / np.pi * abs(series[1][0]) ** 2, rel=0.15
+    )  # tol: tilts of two degrees
 
 
 def test_upright_sticks_tell_v_from_h() -> None:
@@ -117,13 +161,13 @@ def test_presets_follow_the_bands(name: str) -> None:
     taken = [float(medium.at(0.77)[0].mean()) for medium in media]
     assert taken[0] < taken[1] < taken[2]
     for medium in media:
-        first, second, mixed, cross = medium.factors
-        hh, vv, hv = medium.power.T
-        assert (np.abs(medium.product) ** 2 <= hh * vv * (1.0 + 1e-9)).all()
+        first, second, mixed, cross = medium.back.factors
+        hh, vv, hv = medium.back.power.T
+        assert (np.abs(medium.back.product) ** 2 <= hh * vv * (1.0 + 1e-9)).all()
         assert np.abs(mixed) ** 2 + second**2 == pytest.approx(vv)
-        assert first * mixed == pytest.approx(np.conj(medium.product)) and cross**2 == pytest.approx(hv)
+        assert first * mixed == pytest.approx(np.conj(medium.back.product)) and cross**2 == pytest.approx(hv)
         # gamma0 of a deep crown: no more than that of scatterers that absorb nothing, -1 dB
-        assert (medium.power[:, :2] / (2.0 * medium.extinction)).max() < 0.8
+        assert (medium.back.power[:, :2] / (2.0 * medium.extinction)).max() < 0.8
 
 
 def cube(
@@ -162,11 +206,11 @@ def test_plants_by_their_own_figures() -> None:
     medium = scene(SceneVolume(*cube(), {**figures, **sticks, **tilted})).volumes[0].medium
     parts = CANOPIES["hedge"].constituents
     wanted = Canopy("some", "", (parts[0], parts[2])).medium(9.65e9)
-    assert medium.power == pytest.approx(wanted.power) and medium.extinction == pytest.approx(
+    assert medium.back.power == pytest.approx(wanted.back.power) and medium.extinction == pytest.approx(
         wanted.extinction
     )
     twice = scene(SceneVolume(*cube(), {"preset": "hedge", "relative_density": 2.0})).volumes[0].medium
-    assert twice.power == pytest.approx(2.0 * CANOPIES["hedge"].medium(9.65e9).power)
+    assert twice.back.power == pytest.approx(2.0 * CANOPIES["hedge"].medium(9.65e9).back.power)
 
 
 def test_inward_meshes_are_turned() -> None:
@@ -188,6 +232,7 @@ def test_inward_meshes_are_turned() -> None:
             {"sigma_v_h_db": -10.0, "leaf_density": 9.0},
             "leaf_density and sigma_v_h_db describe",
         ),
+        (slice(0, 12), {"leaf_density": 9.0, "leaf_spread_deg": 1.0}, "below the bound 2 deg"),
         (slice(0, 12), {"sigma_v_h_db": -10.0, "extinction_h": -1.0}, "below the bound 0 1/m"),
     ],
 )
@@ -243,7 +288,7 @@ def test_wrong_shapes_are_refused(tmp_path: Path, shape: str, words: str) -> Non
 
 
 def test_a_cloud_without_returns_has_no_root_of_nothing() -> None:
-    first, second, mixed, cross = water_cloud("dark", (0.0, 0.0), (1.0, 1.0), 0.0).factors
+    first, second, mixed, cross = water_cloud("dark", (0.0, 0.0), (1.0, 1.0), 0.0).back.factors
     assert not np.concatenate([first, second, np.abs(mixed), cross]).any()
 
 

@@ -138,6 +138,7 @@ class Sea(DiffuseLaw):
 
     name = "sea"
     title = "water under wind: Bragg waves tilted by longer ones, mirroring facets; moving"
+    temporal_coherence = 0.0  # it is another sea within seconds
     parameters = (
         Param("wind_speed", "float", 5.0, "wind speed at 10 m", "m/s", 0.5, 40.0),
         Param(

@@ -1,20 +1,24 @@
 """A mix of leaves, needles and branches as one medium: the mean over sizes and orientations."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.materials.vegetation.medium import NODES, VolumeMedium, node_cosines
+from sarmitsuba.errors import SceneError
+from sarmitsuba.materials.vegetation.medium import NODES, Covariance, VolumeMedium, node_cosines
 from sarmitsuba.materials.vegetation.permittivity import plant_permittivity
-from sarmitsuba.materials.vegetation.pieces import Piece
+from sarmitsuba.materials.vegetation.pieces import OverGround, Piece
 from sarmitsuba.registry import Registry
 
 F64 = NDArray[np.float64]
 
 # turns of an axis about the wave, and angles from it beside those that the lobes of long pieces need
-_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
+_LEAST_TURNS, _LEAST_ANGLES, _ANGLES_PER_LOBE = 24, 96, 6.0
+# deg, below which the sums over orientations would miss axes
+LEAST_SPREAD = 2.0
 
 
 @dataclass(frozen=True)
@@ -27,10 +31,21 @@ class Orientation:
     ----------
     tilt_deg : of a stick, or of a leaf's normal, where they are densest
     spread_deg : standard deviation; inf: all directions alike
+
+    Raises
+    ------
+    SceneError : the spread is below ``LEAST_SPREAD``
     """
 
     tilt_deg: float = 0.0
     spread_deg: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not self.spread_deg >= LEAST_SPREAD:
+            raise SceneError(
+                f"orientation: spread_deg = {self.spread_deg:g} deg is below the bound {LEAST_SPREAD:g} deg; "
+                "give more, or none for all directions alike"
+            )
 
     def density(self, cosine: F64) -> F64:
         """Relative density per solid angle at cosines of the tilt, of any shape."""
@@ -87,14 +102,15 @@ class Canopy:
 
     def medium(self, frequency: float) -> VolumeMedium:
         """The medium at a frequency, Hz."""
-        extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
-        product = np.zeros(NODES, dtype=np.complex128)
-        for part in self.constituents:
-            mean = _mean(part, frequency)
-            extinction += part.density * mean.extinction
-            power += part.density * mean.power
-            product += part.density * mean.product
-        return VolumeMedium(self.name, extinction, power, product)
+        means = [_mean(part, frequency) for part in self.constituents]
+        density = [part.density for part in self.constituents]
+        extinction = np.zeros((NODES, 2))
+        for number, mean in zip(density, means, strict=True):
+            extinction += number * mean.extinction
+        back = _summed(density, [mean.back for mean in means])
+        return VolumeMedium(
+            self.name, extinction, back, _summed(density, [mean.over_ground for mean in means])
+        )
 
 
 CANOPIES: Registry[Canopy] = Registry("vegetation", "sarmitsuba.materials.vegetation.presets")
@@ -118,7 +134,8 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     cosine = (np.arange(steps) + 0.5) / steps
     beta = np.arccos(cosine)
     # of the half circle: the other has the same tilts and powers
-    turn = ((np.arange(_TURNS) + 0.5) / _TURNS - 0.5) * np.pi
+    turns = max(_LEAST_TURNS, round(400.0 / part.orientation.spread_deg))
+    turn = ((np.arange(turns) + 0.5) / turns - 0.5) * np.pi
     c2, s2 = np.cos(turn) ** 2, np.sin(turn) ** 2
     parallel, across = (s[:, None] for s in part.piece.backscatter(beta, wavelength, permittivity))
     taken = part.piece.extinction(beta, wavelength, permittivity)
@@ -127,7 +144,7 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
     powers = [np.abs(hh) ** 2, np.abs(vv) ** 2, hv]
     lost = [taken[0][:, None] * c2 + taken[1][:, None] * s2, taken[0][:, None] * s2 + taken[1][:, None] * c2]
     product = hh * np.conj(vv)
-    cell = 2.0 * np.pi / (steps * _TURNS * part.orientation.total)
+    cell = 2.0 * np.pi / (steps * turns * part.orientation.total)
     extinction, power = np.zeros((NODES, 2)), np.zeros((NODES, 3))
     mean = np.zeros(NODES, dtype=np.complex128)
     for i, along in enumerate(node_cosines()):
@@ -140,7 +157,42 @@ def _mean(part: Constituent, frequency: float) -> VolumeMedium:
         extinction[i] = [np.sum(x * weight) for x in lost]
         power[i] = [np.sum(x * weight) for x in powers]
         mean[i] = np.sum(product * weight)
-    return VolumeMedium("", extinction, power, mean)
+    ground = _mean_over_ground(part, wavelength, permittivity, cosine, turn, cell)
+    return VolumeMedium("", extinction, Covariance(power, mean), ground)
+
+
+def _mean_over_ground(
+    part: Constituent, wavelength: float, permittivity: complex, cosine: F64, turn: F64, cell: float
+) -> Covariance:
+    """Mean return of one piece over level ground, m^2; axes by their angle from the level line across the radar's view.
+
+    That line is what both directions differ along: a long piece returns from within a lobe about square to it.
+    """
+    sine = np.sqrt(1.0 - cosine**2)[:, None]
+    x, y, z = np.broadcast_arrays(cosine[:, None], sine * np.cos(turn), sine * np.sin(turn))
+    weight = part.orientation.density(z) * cell
+    nodes = node_cosines()
+    # of every second node; at nadir and at the horizon ways over the ground mean nothing
+    picked = nodes[::2]
+    power, product = np.zeros((picked.size, 3)), np.zeros(picked.size, dtype=np.complex128)
+    for i, along in enumerate(np.clip(picked, 0.02, 0.999)):
+        hh, vv, vh, hv = part.piece.over_ground(OverGround(float(along), x, y, z), wavelength, permittivity)
+        cross = 0.5 * (np.abs(vh) ** 2 + np.abs(hv) ** 2)
+        power[i] = [np.sum(p * weight) for p in (np.abs(hh) ** 2, np.abs(vv) ** 2, cross)]
+        product[i] = np.sum(hh * np.conj(vv) * weight)
+    return Covariance(
+        np.stack([np.interp(nodes, picked, column) for column in power.T], axis=1),
+        np.interp(nodes, picked, product.real) + 1j * np.interp(nodes, picked, product.imag),
+    )
+
+
+def _summed(density: Sequence[float], parts: Sequence[Covariance]) -> Covariance:
+    """Sum of the returns of pieces, so many of each."""
+    power, product = np.zeros((NODES, 3)), np.zeros(NODES, dtype=np.complex128)
+    for number, part in zip(density, parts, strict=True):
+        power += number * part.power
+        product += number * part.product
+    return Covariance(power, product)
 
 
 __all__ = ["CANOPIES", "Canopy", "Constituent", "Orientation"]

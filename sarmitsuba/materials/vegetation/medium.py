@@ -20,34 +20,17 @@ def node_cosines() -> F64:
 
 
 @dataclass(frozen=True, eq=False)
-class VolumeMedium:
-    """Tables over the cosine between the wave and the vertical, see `node_cosines`.
+class Covariance:
+    """Mean polarimetric powers of a return, tables over the cosine between the wave and the vertical.
 
     Parameters
     ----------
-    name : unique in a scene
-    extinction : (NODES, 2) 1/m, of the power of H and of V
-    power : (NODES, 3) m^2/m^3, mean backscatter cross sections HH, VV and HV
+    power : (NODES, 3) m^2/m^3, mean cross sections HH, VV and HV
     product : (NODES,) m^2/m^3, mean of the amplitude HH times the conjugate of VV
-    temporal_coherence : of the return between two passes long apart, 0 ... 1; 1: nothing changes
-    decorrelation_days : time constant of its decay to that; 0: at once
-
-    Notes
-    -----
-    Ignores delay (plants slow a wave by less than 1e-3), which way the azimuth is (leaves and branches have none), and
-    multiple scattering. H and V do not mix on the way.
     """
 
-    name: str
-    extinction: F64
     power: F64
     product: C128
-    temporal_coherence: float = 1.0
-    decorrelation_days: float = 0.0
-
-    def coherence_after(self, days: float) -> float:
-        """Coherence of the return between passes so many days apart."""
-        return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
 
     @property
     def factors(self) -> tuple[F64, F64, C128, F64]:
@@ -61,12 +44,43 @@ class VolumeMedium:
         second: F64 = np.sqrt(np.maximum(vv - np.abs(mixed) ** 2, 0.0))
         return first, second, np.asarray(mixed), np.asarray(np.sqrt(hv))
 
+
+@dataclass(frozen=True, eq=False)
+class VolumeMedium:
+    """Tables over the cosine between the wave and the vertical, see `node_cosines`.
+
+    Parameters
+    ----------
+    name : unique in a scene
+    extinction : (NODES, 2) 1/m, of the power of H and of V
+    back : of what goes back the way it came
+    over_ground : of what comes straight and goes over level ground, or the other way round
+    temporal_coherence : of the return between two passes long apart, 0 ... 1; 1: nothing changes
+    decorrelation_days : time constant of its decay to that; 0: at once
+
+    Notes
+    -----
+    Ignores delay (plants slow a wave by less than 1e-3), which way the azimuth is (leaves and branches have none), and
+    multiple scattering. H and V do not mix on the way.
+    """
+
+    name: str
+    extinction: F64
+    back: Covariance
+    over_ground: Covariance
+    temporal_coherence: float = 1.0
+    decorrelation_days: float = 0.0
+
+    def coherence_after(self, days: float) -> float:
+        """Coherence of the return between passes so many days apart."""
+        return coherence_after(days, self.temporal_coherence, self.decorrelation_days)
+
     def at(self, cosine: float) -> tuple[F64, F64]:
         """Extinctions (2,) 1/m and powers (3,) m^2/m^3 at a cosine, between the nodes as the kernel takes them."""
         nodes = node_cosines()
         return tuple(
             np.array([np.interp(cosine, nodes, column) for column in table.T])
-            for table in (self.extinction, self.power)
+            for table in (self.extinction, self.back.power)
         )  # type: ignore[return-value]
 
 
@@ -76,7 +90,7 @@ def water_cloud(
     extinction: tuple[float, float],
     cross_ratio: float,
 ) -> VolumeMedium:
-    r"""Medium that is the same in every direction: a cloud with given figures.
+    r"""Medium that is the same in every direction, over the ground as backwards: a cloud with given figures.
 
     H and V are correlated as in a cloud of scatterers turned at random about the line of sight,
     :math:`\langle HH \, VV^* \rangle = \sqrt{\sigma_H \sigma_V} (1 - 2 x)`.
@@ -93,12 +107,12 @@ def water_cloud(
     Attema & Ulaby 1978, Radio Science 13, 357-364.
     """
     mean = float(np.sqrt(sigma_v[0] * sigma_v[1]))
-    return VolumeMedium(
-        name,
-        np.tile(np.asarray(extinction, dtype=np.float64), (NODES, 1)),
+    returned = Covariance(
         np.tile([*sigma_v, mean * cross_ratio], (NODES, 1)),
         np.full(NODES, mean * (1.0 - 2.0 * cross_ratio), dtype=np.complex128),
     )
+    taken = np.tile(np.asarray(extinction, dtype=np.float64), (NODES, 1))
+    return VolumeMedium(name, taken, returned, returned)
 
 
-__all__ = ["NODES", "VolumeMedium", "node_cosines", "water_cloud"]
+__all__ = ["NODES", "Covariance", "VolumeMedium", "node_cosines", "water_cloud"]

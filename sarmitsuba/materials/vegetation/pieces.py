@@ -11,6 +11,7 @@ that the optical theorem reads
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,56 @@ _TILTS, _TURNS = 24, 48
 _NODES = 96
 
 
+@dataclass(frozen=True, eq=False)
+class OverGround:
+    """A wave that comes straight and goes by way of level ground, or the other way round, past axes (...,).
+
+    Parameters
+    ----------
+    cosine : between the wave and the vertical; it comes downwards along i and goes downwards along s, turned about
+    x, y, z : components of the axes' unit vectors: x in the plane of both ways, z upwards
+    """
+
+    cosine: float
+    x: F64
+    y: F64
+    z: F64
+
+    @property
+    def sine(self) -> float:
+        """Between the wave and the vertical."""
+        return float(np.sqrt(1.0 - self.cosine**2))
+
+    @property
+    def along(self) -> tuple[F64, F64]:
+        """Cosines between the axes and both directions."""
+        return self.sine * self.x - self.cosine * self.z, -self.sine * self.x - self.cosine * self.z
+
+    @property
+    def turned(self) -> float:
+        """Cosine between both directions."""
+        return self.cosine**2 - self.sine**2
+
+    @property
+    def axis_on_field(self) -> tuple[F64, F64, F64]:
+        """Parts of the axes along H, which is the same on both ways, V of the way in and V of the way out."""
+        return -self.y, self.cosine * self.x + self.sine * self.z, -self.cosine * self.x + self.sine * self.z
+
+    def dyad(self, across: C128, along: C128) -> "Channels":
+        """Amplitudes of a body with these responses across and along its axis."""
+        h, v, out = self.axis_on_field
+        change = along - across
+        return (
+            across + change * h * h,
+            -self.turned * across + change * v * out,
+            change * h * v,
+            change * h * out,
+        )
+
+
+Channels = tuple[C128, C128, C128, C128]
+
+
 class Piece(ABC):
     """A scatterer with an axis.
 
@@ -47,6 +98,10 @@ class Piece(ABC):
     @abstractmethod
     def backscatter(self, angle: F64, wavelength: float, permittivity: complex) -> Pair:
         """S in backscatter, (n,) complex each, parallel and across, at angles (n,) rad from the axis, 0 to pi."""
+
+    @abstractmethod
+    def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
+        """S of a return over the ground: HH, VV, and from V to H and from H to V, each (...,) complex, m."""
 
     @abstractmethod
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
@@ -104,6 +159,17 @@ class Leaf(Piece):
         tangential, across, normal = self._response(angle, k, permittivity)
         parallel = tangential * np.cos(angle) ** 2 + normal * np.sin(angle) ** 2
         return gain * parallel, gain * across
+
+    def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
+        """See the class; the sheet's current is that of the mean of both angles."""
+        k = 2.0 * np.pi / wavelength
+        came, goes = view.along
+        tangential, across, normal = self._response(
+            np.arccos(0.5 * (np.abs(came) + np.abs(goes))), k, permittivity
+        )
+        q = k * self.radius * np.sqrt(np.maximum(2.0 - 2.0 * view.turned - (came - goes) ** 2, 0.0))
+        gain = k**2 / np.sqrt(4.0 * np.pi) * np.where(q > 1e-6, 2.0 * j1(q) / np.where(q > 1e-6, q, 1.0), 1.0)
+        return view.dyad(gain * 0.5 * (tangential + across), gain * normal)
 
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
         """See the class."""
@@ -191,6 +257,29 @@ class Stick(Piece):
         # the series' unit vector across turns with the scattered wave
         return gain * parallel, -gain * perpendicular
 
+    def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
+        """See the class; on the cone between both angles, without what couples both parts off broadside."""
+        k = 2.0 * np.pi / wavelength
+        came, goes = view.along
+        form = np.sinc(0.5 * k * self.length * (came - goes) / np.pi)
+        if self._is_thin(k, permittivity):
+            along, across = self._static(k, permittivity)
+            gain = k**2 / np.sqrt(4.0 * np.pi) * form
+            return view.dyad(across * gain, along * gain)
+        s_in, s_out = (np.sqrt(np.maximum(1.0 - c**2, _END_ON**2)) for c in (came, goes))
+        turn = np.arccos(np.clip((view.turned - came * goes) / (s_in * s_out), -1.0, 1.0))
+        cone = np.arcsin(np.minimum(np.sqrt(s_in * s_out), 1.0))
+        parallel, perpendicular = _series(cone, k * self.radius, permittivity, turn)
+        gain = 2.0 * self.length / np.sqrt(np.pi) * form / (s_in * s_out)
+        h, v, out = view.axis_on_field
+        # unit vectors in the plane of axis and wave, and across it, on H and V of both ways
+        return (
+            gain * (parallel * h * h - perpendicular * v * out),
+            gain * (parallel * v * out - perpendicular * h * h),
+            gain * (parallel * v * h + perpendicular * h * out),
+            gain * (parallel * h * out + perpendicular * v * h),
+        )
+
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
         """See the class."""
         k = 2.0 * np.pi / wavelength
@@ -264,6 +353,18 @@ def cylinder_series(angle: F64, size: float, permittivity: complex, turn: float)
     size : k a
     permittivity : ``eps' - j eps''``
     turn : rad, azimuth of the scattered wave on its cone; 0 forward, pi back
+    """
+    weight = np.cos(np.arange(_orders(size)) * turn)
+    parallel, across = cylinder_coefficients(angle, size, permittivity)
+    return parallel @ weight, across @ weight
+
+
+def _orders(size: float) -> int:
+    return int(size + 4.0 * np.cbrt(size) + 4.0)
+
+
+def cylinder_coefficients(angle: F64, size: float, permittivity: complex) -> Pair:
+    r"""Coefficients (n, orders) of :math:`T = \sum_n c_n \cos n \phi`, parallel and across; see `cylinder_series`.
 
     References
     ----------
@@ -274,8 +375,8 @@ def cylinder_series(angle: F64, size: float, permittivity: complex, turn: float)
     angle = np.clip(angle, _END_ON, np.pi - _END_ON)
     cosine, xi = np.cos(angle), size * np.sin(angle)
     eta = size * np.sqrt(m2 - cosine**2 + 0j)
-    parallel, across = np.zeros(angle.shape, complex), np.zeros(angle.shape, complex)
-    for n in range(int(size + 4.0 * np.cbrt(size) + 4.0)):
+    parallel, across = [], []
+    for n in range(_orders(size)):
         j_out, j_in, h = jv(n, xi), jv(n, eta), hankel1(n, xi)
         slope_out, slope_in, slope_h = (
             (jv(n - 1, xi) - jv(n + 1, xi)) / 2.0,
@@ -288,23 +389,26 @@ def cylinder_series(angle: F64, size: float, permittivity: complex, turn: float)
         v = xi * (m2 * xi * slope_in * h - eta * j_in * slope_h)
         w = 1j * xi * (eta * j_in * slope_h - xi * slope_in * h)
         a = 1j * xi * (xi * slope_in * j_out - eta * j_in * slope_out)
-        bottom = w * v + 1j * d**2
-        weight = (1.0 if n == 0 else 2.0) * np.cos(n * turn)
-        parallel += weight * (w * b + 1j * d * c) / bottom
-        across -= weight * (a * v - 1j * c * d) / bottom
-    return np.conj(1j * parallel), np.conj(1j * across)
+        scale = (1.0 if n == 0 else 2.0) / (w * v + 1j * d**2)
+        parallel.append(scale * (w * b + 1j * d * c))
+        across.append(-scale * (a * v - 1j * c * d))
+    return np.conj(1j * np.stack(parallel, axis=-1)), np.conj(1j * np.stack(across, axis=-1))
 
 
-def _series(angle: F64, size: float, permittivity: complex, turn: float) -> Pair:
-    """`cylinder_series`, between nodes where there are many angles: it bends slowly, unlike the lobes of a piece."""
-    if angle.size <= _NODES:
-        return cylinder_series(angle, size, permittivity, turn)
-    nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
+def _series(angle: F64, size: float, permittivity: complex, turn: float | F64) -> Pair:
+    """`cylinder_series` at angles (...,) and as many turns, between nodes: it bends slowly, unlike a piece's lobes."""
     folded = np.minimum(angle, np.pi - angle)
-    first, second = (
-        CubicSpline(nodes, values)(folded) for values in cylinder_series(nodes, size, permittivity, turn)
-    )
+    weight = np.cos(np.multiply.outer(turn, np.arange(_orders(size))))
+    first, second = (np.sum(spline(folded) * weight, axis=-1) for spline in _splines(size, permittivity))
     return first, second
 
 
-__all__ = ["Leaf", "Piece", "Stick", "cylinder_series"]
+@lru_cache(maxsize=16)
+def _splines(size: float, permittivity: complex) -> tuple[CubicSpline, CubicSpline]:
+    """Coefficients between nodes: a pure function that every angle of a piece asks for."""
+    nodes = np.linspace(0.0, 0.5 * np.pi, _NODES)
+    first, second = (CubicSpline(nodes, table) for table in cylinder_coefficients(nodes, size, permittivity))
+    return first, second
+
+
+__all__ = ["Leaf", "OverGround", "Piece", "Stick", "cylinder_coefficients", "cylinder_series"]

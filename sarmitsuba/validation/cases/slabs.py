@@ -284,7 +284,7 @@ def corner_behind_pane(quick: bool = False) -> Case:
         for _ in range(1 if quick else 4):
             heading, look = rng.uniform(125.0, 145.0), rng.uniform(48.0, 60.0)
             turn, far = np.radians(rng.uniform(15.0, 45.0)), rng.uniform(1.5, 3.0)
-            own, other = (_room(heading, look, turn, far, m) for m in (material, None))
+            own, other = (room(heading, look, turn, far, m) for m in (material, None))
             sight = other.radar.track.center_position
             sight = sight / np.linalg.norm(sight)
             along = np.array([sight[0], sight[1], 0.0]) / np.hypot(*sight[:2])
@@ -345,7 +345,7 @@ def _delay(cosine: float, wall: tuple[complex, float, float]) -> float:
     return sum(p * x for p, x in zip(power, paths, strict=True)) / sum(power)
 
 
-def _room(heading: float, look: float, turn: float, far: float, pane: Material | None) -> Scene:
+def room(heading: float, look: float, turn: float, far: float, pane: Material | None) -> Scene:
     """A trihedral that opens towards the radar, with an upright pane before it or without."""
     corner = targets.trihedral(0.6, "triangular")
     meshes, materials, numbers = [(corner.vertices, corner.faces)], list(targets.PEC), [0]
@@ -392,5 +392,6 @@ __all__ = [
     "kernel_slab",
     "pane_before_plate",
     "pane_cavity",
+    "room",
     "slab_kernel",
 ]
