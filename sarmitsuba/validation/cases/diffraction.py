@@ -80,9 +80,9 @@ def edge_wedges(quick: bool = False) -> Case:
     band, comparisons = "X", []
     lam = wavelength(band)
     side, height = 7.3 * lam, 250.0 * lam
-    for name, (apex, base) in PRISMS.items():
+    for name, (apex, base) in list(PRISMS.items())[:: 2 if quick else 1]:
         corners = _square(side) if base == apex == 90.0 else _isosceles(side, apex)
-        n = 40 if quick else 160
+        n = 24 if quick else 160
         azimuth = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False) + 0.013
         result = _with_edges(_prism(corners, height), targets.from_azimuth(azimuth), band)
         exact = _keller(corners, height, lam, azimuth)
