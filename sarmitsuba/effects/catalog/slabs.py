@@ -35,7 +35,7 @@ class Slabs(Effect):
         if not decided["fresnel"].on:
             return Assessment(False, "every surface is a perfect conductor", -np.inf)
         error = max(_error_db(m, context.scene.radar.waveform.wavelength) for m in slabs)
-        what = names([f"{m.name}, {length(m.thickness)}" for m in slabs])
+        what = names([f"{m.name} ({length(m.thickness)})" for m in slabs])
         if error <= context.tolerance_db and not context.seen_through:
             return Assessment(False, f"{what}: within {error:.0f} dB of a half space", error)
         return Assessment(True, f"{what}: reflects otherwise than a half space", error)
