@@ -39,7 +39,9 @@ class Slabs(Effect):
         what = names([f"{m.name} ({length(m.thickness)})" for m in slabs])
         if error <= context.tolerance_db and not context.seen_through:
             return Assessment(False, f"{what}: within {error:.0f} dB of a half space", error)
-        return Assessment(True, f"{what}: reflects otherwise than a half space", error)
+        return Assessment(
+            True, f"{what}: a half space would be off by {round(error)} dB of the incident field", error
+        )
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
