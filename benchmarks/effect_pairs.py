@@ -85,7 +85,8 @@ def pair_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         "",
         "### Effects of certain scenes",
         "",
-        "As planned, and with the effect switched off, in turn; processor seconds of simulating. Slabs without transmission.",
+        "As planned, and with the effect switched off, in turn; processor seconds of simulating. "
+        "Slabs without transmission.",
         "",
         "| effect | scene | on | off | of the run it takes |",
         "|---|---|---|---|---|",
