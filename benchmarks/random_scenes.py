@@ -104,6 +104,8 @@ class Draw:
         spacing = f'<float name="ray_spacing" value="{self.ray_spacing!r}"/>' if self.ray_spacing else ""
         if self.method:
             spacing += f'<string name="method" value="{self.method}"/>'
+        # the references are physical optics, and facets lit by one another
+        spacing += '<string name="edge_diffraction" value="off"/>'
         text = ['<scene version="3.0.0">', f'<integrator type="sar_path">{spacing}</integrator>']
         text.append('<sensor type="sar_antenna">')
         for name in ("mode", "look_side", "polarisation", "pattern"):

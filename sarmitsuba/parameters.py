@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -231,7 +231,7 @@ class ParamTable:
         return {p.name: p.default for p in self.rows}
 
     def read(
-        self, given: Mapping[str, object], where: str, *, python: bool = False
+        self, given: Mapping[str, object], where: str, *, python: bool = False, nested: Sequence[str] = ()
     ) -> dict[str, Value | None]:
         """Validate what a file gives and fill in defaults.
 
@@ -240,6 +240,7 @@ class ParamTable:
         given : name to value as the XML parser typed it
         where : start of every error, for example ``scene.xml: sensor "radar"``
         python : errors give examples in Python, not in XML
+        nested : names of elements that may be nested, one of which an unknown name may mean
 
         Returns
         -------
@@ -250,21 +251,21 @@ class ParamTable:
         ``self.error`` with one line on an unknown name, a wrong type or a value out of bounds
         """
         for name in given:
-            self.check_name(name, where)
+            self.check_name(name, where, nested)
         rows = tuple(replace(p, python=True) for p in self.rows) if python else self.rows
         return {
             p.name: p.convert(given[p.name], where, self.error) if p.name in given else p.default
             for p in rows
         }
 
-    def check_name(self, name: str, where: str) -> None:
+    def check_name(self, name: str, where: str, nested: Sequence[str] = ()) -> None:
         """Raise unless ``name`` is a parameter."""
         if name in self.names:
             return
         if name in self.hints:
             raise self.error(f'{where}: unknown parameter "{one_line(name)}"; {self.hints[name]}')
         known = ", ".join(self.names) if len(self.names) <= MOST_NAMED else f"those of {PAGE}"
-        guess = did_you_mean(name, self.names) or f"; {self.plugin} knows {known}"
+        guess = did_you_mean(name, (*nested, *self.names)) or f"; {self.plugin} knows {known}"
         raise self.error(f'{where}: unknown parameter "{one_line(name)}"{guess}')
 
     def markdown(self) -> str:

@@ -177,7 +177,7 @@ def forest() -> str:
     """A stand of spruces and limes with a ride between."""
     trees = grove(SPRUCE, (-12, -17), (12, -3), 5.0, 1) + grove(LIME, (-12, 4), (12, 17), 6.2, 2)
     head = f"""<!--
-Forest stand
+Forest stand of spruces and limes
 {len(trees)} trees on soil, spruces in the south and limes in leaf in the north, a ride between, 44 m x 40 m. L band,
 or another by -D center_frequency=5.4e9 or 9.65e9; cells of 0.6 m, 8 km, looking east at 40 deg. To look for: at L
 band a bright dot for every trunk, from ground and trunk together, seen through the crowns; at X band the crowns
@@ -243,7 +243,7 @@ def street_trees() -> str:
         for i, y in enumerate((-19, -10, 1, 10, 19))
     ]
     head = """<!--
-Street with trees
+Street with trees and a hedge
 Two houses along a street of 20 m, ten trees in leaf beside the kerbs, a hedge and parked cars, 48 m x 48 m. X band,
 or another by -D center_frequency=1.27e9 or 5.4e9; cells of 0.6 m, 8 km, look angle 40 deg, 14 deg off the street. To
 look for: crowns laid over to the west with their shadows on asphalt and houses; the facade behind them dimmed at X

@@ -70,7 +70,8 @@ class Effect(ABC):
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
     off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
     rank : position in the plan; an effect may look at the decisions of those before it
-    cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`
+    cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`; where
+        only some scenes have it, of such a scene
     kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
         fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
     """

@@ -120,9 +120,13 @@ class EffectsPlan:
         return scene
 
     def summary(self) -> str:
-        """One line: bounces and the effects that are on and off."""
+        """One line: bounces, and the effects that are on and off, as far as off makes a difference or was asked for."""
         on = [d.name for d in self.decisions if d.on and d.value is None]
-        off = [d.name for d in self.decisions if not d.on and d.value is None]
+        off = [
+            d.name
+            for d in self.decisions
+            if not d.on and d.value is None and (d.source == "user" or d.error_db != -np.inf)
+        ]
         values = [f"{d.name} {d.value}" for d in self.decisions if d.value is not None]
         head = ", ".join(values) or f"max_depth {self.max_depth}"
         return f"{head}; on: {', '.join(on) or 'none'}; off: {', '.join(off) or 'none'}"

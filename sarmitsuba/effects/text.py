@@ -13,7 +13,9 @@ def length(metres: float) -> str:
     """A length with a unit that suits it."""
     if metres < 1e-3:
         return f"{1e6 * metres:.0f} um"
-    return f"{1e3 * metres:.3g} mm" if metres < 1.0 else f"{metres:.3g} m"
+    return (
+        f"{1e3 * metres:.3g} mm" if metres < 1.0 else f"{float(f'{metres:.3g}'):g} m"
+    )  # 1140 m, not 1.14e+03
 
 
 __all__ = ["length", "names"]

@@ -48,7 +48,7 @@ class Overrides:
     ) -> tuple[dict[str, Value | None], frozenset[str]]:
         """Return validated parameters of an element and the names that are given, less children to ``skip``."""
         given = self.given(element, table, skip)
-        return table.read(given, element.where), frozenset(given)
+        return table.read(given, element.where, nested=skip), frozenset(given)
 
 
 def split_parameters(

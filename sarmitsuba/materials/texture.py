@@ -226,8 +226,8 @@ def check_texture(shape: float, length: float, where: str) -> None:
         raise SceneError(f"{where}: {given} is given without {missing}; give both, or none")
     if shape > 0.0 and not LEAST_SHAPE <= shape <= GREATEST_SHAPE:
         raise SceneError(
-            f"{where}: texture_shape = {shape:g} is not between {LEAST_SHAPE:g} and {GREATEST_SHAPE:g}; leave the "
-            "texture out for a larger one"
+            f"{where}: texture_shape = {shape:g} is not between {LEAST_SHAPE:g} and {GREATEST_SHAPE:g}; give one "
+            "of these, or leave the texture out for an even surface"
         )
 
 

@@ -5,8 +5,8 @@ persistent diffuse scatterers it falls on close as well. A path behind mirrors i
 mirrored through its chain ("unfolded"), which is carried in float64 and mirrored exactly in each facet's plane:
 lengths depend on where a ray hits, never on the rounding of how it got there.
 
-What this does not do: edge and surface-wave diffraction, and diffuse-to-diffuse bounces, which are
-:mod:`sarmitsuba.trace.diffuse_pairs`.
+What this does not do: what no ray of a lattice finds (rods, crowns, edges of metal, pairs of diffuse scatterers), which
+:mod:`sarmitsuba.trace.source` launches by itself, and diffraction beyond the edges of metal.
 """
 
 from __future__ import annotations

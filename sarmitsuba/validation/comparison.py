@@ -18,6 +18,7 @@ TOPICS = {
     "rough": "Rough surfaces",
     "geometry": "Geometry of the image",
     "radiometry": "Radiometry end to end",
+    "vegetation": "Vegetation",
     "modes": "Radar modes",
     "orbits": "Orbits",
     "antenna": "Antenna, ambiguities and pulse timing",

@@ -47,6 +47,7 @@ def test_recommendation_is_checked_and_can_be_rendered(
     assert (tmp_path / "image" / "image.h5").exists()
 
 
+@pytest.mark.slow
 def test_what_the_study_switches_off_the_line_to_render_does(tmp_path: Path) -> None:
     out = tmp_path / "cost"
     words = ["range_film.image_extent_azimuth=20", "range_film.image_extent_range=20"]

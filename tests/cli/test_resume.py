@@ -118,7 +118,7 @@ def same(a: RawData, b: RawData) -> None:
     [
         (1, {"key_pulse_interval": 16}),
         (2, {"keep_orders": True, "keep_subsets": True, "effects": {"noise": "on"}}),
-        (3, {"method": "raw", "keep_subsets": True}),
+        pytest.param(3, {"method": "raw", "keep_subsets": True}, marks=pytest.mark.slow),
     ],
 )
 def test_a_stop_at_a_drawn_launch_loses_the_block_in_work_and_no_bit(

@@ -58,7 +58,8 @@ def test_estimate_follows_the_truth(name: str) -> None:
     assert found[1] < found[0] - 2.0
 
 
-@pytest.mark.parametrize("name", ["tower", pytest.param("buildings16", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tower", "buildings16"])
 def test_finished_passes_state_their_error(name: str) -> None:
     """The stated error is the true one within its own uncertainty, and what it is at most holds.
 

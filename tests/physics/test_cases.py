@@ -11,8 +11,10 @@ from sarmitsuba.validation.run import run_case, select
 
 # images of a minute and more
 SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
-# of seconds, and a second look at what tests of their own hold: test_importing, test_orbit_targets, test_moving
-SLOW |= {"imported_city", "orbit_points", "moving_smear"}
+# of seconds, and a second look at what tests of their own hold: test_importing, test_orbit_targets, test_moving,
+# test_bistatic_simulation, test_reciprocity
+SLOW |= {"imported_city", "orbit_points", "moving_smear", "moving_displacement", "along_track_phase"}
+SLOW |= {"cross_polar_reciprocity"}
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:
@@ -59,7 +61,8 @@ def test_the_summary_counts_what_it_says() -> None:
 
 
 def test_cases_are_chosen_by_name_and_topic() -> None:
-    assert {e.name for e in select(["plate"], ["statistics"])} == {"plate", "speckle", "correlation", "looks"}
+    clutter = {"speckle", "correlation", "looks", "k_distribution", "gamma_texture"}
+    assert {e.name for e in select(["plate"], ["statistics"])} == {"plate", *clutter}
     assert len(select()) == len(CASES.names)
     with pytest.raises(OutputError, match="no case 'plat'"):
         select(["plat"])

@@ -125,7 +125,7 @@ def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("tower",),
+        pytest.param(("tower",), marks=pytest.mark.slow),
         pytest.param(("urban_block", "--method", "image"), marks=pytest.mark.slow),
         ("sphere", "--method", "raster"),
     ],
@@ -173,7 +173,7 @@ print(parse_focuser(name).making_bytes(radar, grid, 1), peak_memory() - held)
     [
         ("backprojection", "ground"),
         ("omega_k", "slant"),
-        ("polar_format", "ground"),
+        pytest.param("polar_format", "ground", marks=pytest.mark.slow),
         pytest.param("range_doppler", "ground", marks=pytest.mark.slow),
         pytest.param("chirp_scaling", "ground", marks=pytest.mark.slow),
     ],

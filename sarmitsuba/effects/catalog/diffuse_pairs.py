@@ -25,7 +25,7 @@ class DiffusePairs(Effect):
     off_when = "no surface sees another, or the pilot finds too little of it to change a level"
     off_means = "no draw of pairs, no launch of theirs"
     rank = 65
-    cost = 0.18
+    cost = 0.4
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse_pairs": "pairs of diffuse scatterers, a launch of their own beside that of the rays",
     }

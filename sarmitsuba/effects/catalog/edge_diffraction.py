@@ -20,6 +20,8 @@ F64 = NDArray[np.float64]
 
 # antenna positions and edges that the estimate looks at, spread over all
 POSITIONS, EDGES = 9, 2000
+# metal faces whose edges are looked for while planning: a quarter of a second
+MOST_FACES = 100_000
 
 
 class EdgeDiffraction(Effect):
@@ -44,7 +46,7 @@ class EdgeDiffraction(Effect):
     off_when = "no sharp metal edge, what the strongest adds lies below the tolerance, or metal faces metal"
     off_means = "physical optics alone: the same in HH and VV, nothing from a thin plate seen edge-on"
     rank = 105
-    cost = 0.24  # of plate_edges: 13 ms a launch, whose rays take little
+    cost = 0.21
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "edge_diffraction": "a launch of its own: one lane for each piece of an edge and pulse",
     }
@@ -58,7 +60,12 @@ class EdgeDiffraction(Effect):
             return Assessment(False, "method raster has no coherent return", -np.inf)
         if not decided["coherent"].on:
             return Assessment(False, "nothing coherent", -np.inf)
-        edges = _edges(context)
+        found = _Metal.of(context)
+        if found.metal.sum() > MOST_FACES:
+            return Assessment(
+                False, f"{found.metal.sum()} metal faces are too many to look for edges", float("nan")
+            )
+        edges = _edges(found)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         strongest, longest = _strongest(edges, context), float(edges.length.max())
@@ -95,9 +102,8 @@ class _Metal:
         return _Metal(np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64), metal)
 
 
-def _edges(context: SceneContext) -> SharpEdges:
+def _edges(found: _Metal) -> SharpEdges:
     """Sharp metal edges of a scene, thinned where there are many; those that something touches among them."""
-    found = _Metal.of(context)
     edges = sharp_edges(found.corners, found.metal)
     return edges.of(np.unique(np.linspace(0, edges.n - 1, min(edges.n, EDGES)).astype(np.int64)))
 

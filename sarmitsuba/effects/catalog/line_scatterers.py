@@ -7,6 +7,7 @@ import numpy as np
 
 from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.effects.text import length
 from sarmitsuba.scene.scene import Scene
 
 
@@ -19,7 +20,7 @@ class LineScatterers(Effect):
     off_when = "the scene has no `radar_wire`"
     off_means = "no rod returns anything"
     rank = 136
-    cost = 0.28
+    cost = 0.34
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
@@ -31,7 +32,7 @@ class LineScatterers(Effect):
         glint = max(2.0 * np.pi * line.radius * line.length**2 / wavelength for line in lines)
         what = "1 rod" if len(lines) == 1 else f"{len(lines)} rods"
         total = sum(line.length for line in lines)
-        why = f"{what}, {total:.3g} m in all, glints up to about {10.0 * np.log10(glint):.0f} dBsm"
+        why = f"{what}, {length(total)} in all, glints up to about {10.0 * np.log10(glint):.0f} dBsm"
         return Assessment(True, why, 0.0)
 
     def without(self, scene: Scene) -> Scene:

@@ -23,6 +23,7 @@ class Slabs(Effect):
     off_when = "no material has a thickness, or all are as good as half spaces"
     off_means = "Fresnel coefficients of half spaces"
     rank = 32
+    cost = 0.49
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "slabs": "reflection coefficients of slabs, coated or not, at faces that are some",
     }
@@ -35,10 +36,12 @@ class Slabs(Effect):
         if not decided["fresnel"].on:
             return Assessment(False, "every surface is a perfect conductor", -np.inf)
         error = max(_error_db(m, context.scene.radar.waveform.wavelength) for m in slabs)
-        what = names([f"{m.name}, {length(m.thickness)}" for m in slabs])
+        what = names([f"{m.name} ({length(m.thickness)})" for m in slabs])
         if error <= context.tolerance_db and not context.seen_through:
             return Assessment(False, f"{what}: within {error:.0f} dB of a half space", error)
-        return Assessment(True, f"{what}: reflects otherwise than a half space", error)
+        return Assessment(
+            True, f"{what}: a half space would be off by {round(error)} dB of the incident field", error
+        )
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -80,7 +80,7 @@ class Explanation:
         )
         lines.append(
             "if not: error of the image, relative to its clutter or peak, if the effect were switched the other way; "
-            "cost: the effect's share of the time of a run with everything on"
+            "cost: the effect's share of the time of a run that calls for it"
         )
         if plan.pilot:
             p = plan.pilot
@@ -121,7 +121,7 @@ def _prediction_text(prediction: Prediction) -> str:
 def _error(value_db: float) -> str:
     if np.isnan(value_db):
         return "?"
-    return f"{value_db:.0f} dB" if value_db > -200.0 else "none"
+    return f"{round(value_db)} dB" if value_db > -200.0 else "none"  # never -0
 
 
 def _cost(share: float) -> str:

@@ -1,0 +1,44 @@
+"""Every command line in the documentation is one that the program takes."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from sarmitsuba.cli import build_parser
+from sarmitsuba.loader.library import list_scenes
+from sarmitsuba.validation.cases import CASES
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(ROOT.glob("docs/*.md"))
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Words of the lines that run the program, but for those with names of extensions or of the shell."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = re.findall(r"^(?:    )?python -m sarmitsuba (.*)$", text, re.MULTILINE)
+    words = [shlex.split(line, comments=True) for line in lines]
+    return [w for w in words if "--extension" not in w and not any(c in word for word in w for c in "$|<")]
+
+
+def test_documented_commands_are_taken(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = build_parser()
+    shipped = {entry.name for entry in list_scenes()}
+    cases = {entry.name for entry in CASES}
+    found = [(page.name, words) for page in PAGES for words in commands(page)]
+    assert len(found) > 80
+    wrong = []
+    for page, words in found:
+        try:
+            args = parser.parse_args(words)
+        except SystemExit:
+            wrong.append(f"{page}: {shlex.join(words)}: {capsys.readouterr().err.strip()}")
+            continue
+        scene = str(getattr(args, "scene", ""))
+        if re.fullmatch(r"[a-z0-9_]+", scene) and scene not in shipped:
+            wrong.append(f"{page}: no scene {scene}")
+        wrong += [
+            f"{page}: no case {case}" for case in getattr(args, "case", None) or () if case not in cases
+        ]
+    assert not wrong, "\n".join(wrong)
