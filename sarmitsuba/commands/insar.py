@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 NAME = "insar"
 # between two passes, where none are given
 DAYS = 1.0
+MOST_DAYS = 1e5  # of pass_days, too
 HELP = "render two passes over a scene, or one with two receivers, and make their interferogram"
 
 
@@ -57,6 +58,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if args.one_pass and args.days is not None:
         raise DataError(
             f"insar: --days {args.days:g} with --one-pass, whose two images are of one time; leave one out"
+        )
+    if args.days is not None and not 0.0 <= args.days <= MOST_DAYS:
+        raise DataError(
+            f"insar: --days {args.days:g} is not between 0 and {MOST_DAYS:g} days; give the time between the passes"
         )
     out = Path(args.output)
     scene = scene_of(args)

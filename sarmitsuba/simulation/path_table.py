@@ -1,5 +1,6 @@
 """A table of the single paths behind a pulse's echo or a pixel: where they hit, how long they are, what they return."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
@@ -194,6 +195,12 @@ class PathTracer:
         self._run = Run(replace(scene, settings=settings), plan=plan)
         self._tracer: Tracer | None = None
         self._rays: Rays | None = None
+        if self._run.plan.flags.transmission:
+            text = (
+                f"{scene.name}: tables of paths leave out paths through panes; "
+                "give transmission=off to the integrator for echoes without them too"
+            )
+            warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.sampling is not None:
             self._tracer = self._run.tracer(self._run.sampling)
             self._rays = self._run.rays(self._run.sampling, pass_index)

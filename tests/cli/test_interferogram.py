@@ -72,3 +72,6 @@ def test_what_makes_no_pair_is_one_line(pair: Path, tmp_path: Path, capsys: Any)
     assert "--no-focus and --page belong to render" in capsys.readouterr().err
     assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--one-pass", "--days", "3"]) == 2
     assert "--days 3 with --one-pass, whose two images are of one time" in capsys.readouterr().err
+    assert cli.main(["insar", "point", "-o", str(tmp_path / "x"), "--days", "nan"]) == 2
+    assert "--days nan is not between 0 and 100000 days" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()

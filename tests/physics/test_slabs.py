@@ -21,12 +21,13 @@ from sarmitsuba import (
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaWarning, SceneError
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import tracing
+from sarmitsuba.simulation.path_table import PathTracer
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.trace import field
 from sarmitsuba.trace.slabs import slab
@@ -426,3 +427,9 @@ def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_sameroom() -> N
     assert np.linalg.norm(both - rest) < 1e-2 * np.linalg.norm(
         rest
     )  # tol: the way home of first hits is retraced
+
+
+def test_tables_of_paths_say_what_they_leave_out() -> None:
+    scene = load_scene("glass_house")
+    with pytest.warns(SarmitsubaWarning, match="leave out paths through panes"):
+        PathTracer(scene)
