@@ -120,12 +120,6 @@ def assemble(
         _check_size(f'{label}: volume "{volume.name}"', volume.vertices)
     positions = np.array([p.position for p in points]).reshape(-1, 3)
     places = np.concatenate([positions, line_ends(tuple(lines)), *(v.vertices for v in volumes)])
-    if volumes and points:
-        warn_once(
-            doubts,
-            f'{label}: ideal points such as "{points[0].name}" are seen as if no volume stood before them; take a '
-            "meshed corner to have its attenuation",
-        )
     offset = _offset(geometry, places)
     geometry = replace(geometry, vertices=geometry.vertices - offset)
     moved = tuple(replace(p, position=p.position - offset) for p in points)

@@ -18,7 +18,7 @@ from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
-from sarmitsuba.simulation.pane_points import panes_of
+from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import visible, way_through
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
@@ -216,13 +216,14 @@ class Imager:
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
-        panes, way = panes_of(self.run.trace_scene, self.run.plan.flags, len(radar.tracks)), None
+        flags, way = self.run.plan.flags, None
         if self.run.trace_scene is not None:
             there = self.run.trace_scene.at(self.look.time)
-            seen = visible(there, position, leg, distance, through_panes=panes is not None)
+            seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
             amplitude = amplitude * seen
-            if panes is not None:
-                way = way_through(there, radar, position, np.broadcast_to(grid.position, position.shape))
+            if in_the_way(there, flags) is not None:
+                antenna = np.broadcast_to(grid.position, position.shape)
+                way = way_through(there, flags, radar, position, antenna)
                 leg = leg - way.shift
                 distance = np.linalg.norm(leg, axis=1)
         out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
@@ -234,7 +235,7 @@ class Imager:
             if way is None:
                 out[i] = plane * np.complex64(isotropic_response(layer.channel))
             else:
-                shown = amplitude * way.channel(layer.channel)
+                shown = amplitude * way.channel(way, layer.channel)
                 out[i] = spread_points(grid, distance, rate, shown, radar.waveform.wavelength)
         return out
 

@@ -15,7 +15,8 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.points import point_history, point_returns, sightlines
+from sarmitsuba.simulation.point_ways import in_the_way
+from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
@@ -348,10 +349,19 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     """Paths of the ideal points that a pulse sees."""
     scene, pick = run.scene, slice(pulse, pulse + 1)
     channels = scene.radar.channels
+    flags = run.plan.flags
+    hindered = in_the_way(run.trace_scene, flags)
+    response = np.array([isotropic_response(channel) for channel in channels])
+    sights = sightlines(scene, flags, run.trace_scene, pick) if scene.points else ()
     rows = []
-    for point in scene.points:
-        distance, amplitude = point_returns(scene, run.plan.flags, point, pick)
-        amplitude = amplitude * sightlines([point], run.trace_scene, scene.radar.tracks, pick)[0]
+    for point, (sees,) in zip(scene.points, sights, strict=True):
+        distance, amplitude = point_returns(scene, flags, point, pick)
+        shown = response
+        ways = ways_of(scene, flags, hindered, point, pick)
+        if ways is not None:
+            distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
+            shown = np.array([ways[0].channel(ways[1], channel)[0] for channel in channels])
+        amplitude = amplitude * sees
         position = point.position_at(scene.radar.track.time[pulse])
         rate = float(point_history(scene.radar, point, pick)[1][0])
         outside = gate is not None and (
@@ -359,9 +369,8 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
             or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]
         )
         if amplitude[0] > 0.0 and not outside:
-            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase), position))
+            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase) * shown, position))
     n = len(rows)
-    response = np.array([isotropic_response(channel) for channel in channels])
     none = np.full((n, 1), -1, dtype=np.int32)
     return replace(
         _empty(scene),
@@ -370,9 +379,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
         order=np.ones(n, dtype=np.int32),
         length=2.0 * np.array([row[0] for row in rows], dtype=np.float64),
         range_rate=np.array([row[1] for row in rows], dtype=np.float64),
-        amplitude=np.array([row[2] * response for row in rows], dtype=np.complex128).reshape(
-            n, response.size
-        ),
+        amplitude=np.array([row[2] for row in rows], dtype=np.complex128).reshape(n, response.size),
         points=np.array([row[3] for row in rows], dtype=np.float64).reshape(n, 1, 3),
         face=none,
         shape=none,

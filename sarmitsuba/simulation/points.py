@@ -13,10 +13,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pane_points import PaneWay, panes_of
+from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
 from sarmitsuba.simulation.tracing import polarisation_up
 from sarmitsuba.trace.geometry import TraceScene
 
@@ -59,11 +58,11 @@ def add_points(
     radar = scene.radar
     track, window = radar.track, radar.window
     wavelength = radar.waveform.wavelength
-    panes = panes_of(trace_scene, flags, len(radar.tracks))
+    hindered = in_the_way(trace_scene, flags)
     factors = {  # both ray subsets see the whole point
         i: np.complex64(isotropic_response(layer.channel) * SUBSET_SHARES[layer.subset])
         for i, layer in enumerate(layers)
-        if layer.order in (0, 1) and (isotropic_response(layer.channel) or panes is not None)
+        if layer.order in (0, 1) and (isotropic_response(layer.channel) or hindered is not None)
     }
     sample = np.arange(window.n_samples) * window.sample_spacing
     moving = InPulse.of(radar, slice(None))
@@ -71,15 +70,14 @@ def add_points(
     step = max(1, _BATCH // window.n_samples)
     for start in range(0, track.n_pulses, step):
         pick = slice(start, start + step)
-        seen = sightlines(scene.points, trace_scene, radar.tracks, pick, through_panes=panes is not None)
+        seen = sightlines(scene, flags, trace_scene, pick)
         for point, sight in zip(scene.points, seen, strict=True):
             distance, amplitude = point_returns(scene, flags, point, pick)
             amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
-            way = None
-            if panes is not None:
-                way = _through_panes(panes, scene, point, pick)
-                distance = distance + way.extra
+            ways = ways_of(scene, flags, hindered, point, pick)
+            if ways is not None:
+                distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
             place = distance
             if moving is not None:
                 rate = point_history(radar, point, pick)[1]
@@ -89,35 +87,55 @@ def add_points(
             echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
             profile = (echo * np.sinc(offset)).astype(np.complex64)
             for i, factor in factors.items():
-                if way is not None:
-                    share = way.channel(layers[i].channel) * SUBSET_SHARES[layers[i].subset]
+                if ways is not None:
+                    share = ways[0].channel(ways[1], layers[i].channel) * SUBSET_SHARES[layers[i].subset]
                     data[i, pick] += profile * share.astype(np.complex64)[:, None]
                 else:
                     data[i, pick] += profile * factor
     return added
 
 
-def _through_panes(trace_scene: TraceScene, scene: Scene, point: PointTarget, pick: slice) -> PaneWay:
-    """The ways between a point and the antenna in the pulses ``pick``, of a scene with panes."""
+def ways_of(
+    scene: Scene, flags: KernelFlags, hindered: TraceScene | None, point: PointTarget, pick: slice
+) -> tuple[PointWay, PointWay] | None:
+    """The ways of a point's waves out and home in the pulses ``pick``; None where nothing stands in them.
+
+    Parameters
+    ----------
+    hindered : the scene where something may, see :func:`in_the_way`
+    """
+    if hindered is None:
+        return None
     radar = scene.radar
-    time, antenna = radar.track.time[pick], radar.track.position[pick]
+    time = radar.track.time[pick]
     position = point.position_at(time)
-    if trace_scene.movers is None:
-        return way_through(trace_scene, radar, position, antenna)
-    ways = zip(time, position, antenna, strict=True)
-    return PaneWay.joined(
-        [way_through(trace_scene.at(float(t)), radar, p[None], a[None]) for t, p, a in ways]
-    )
+    both = []
+    for track in radar.tracks:
+        antenna = track.position[pick]
+        if hindered.movers is None:
+            both.append(way_through(hindered, flags, radar, position, antenna))
+            continue
+        each = zip(time, position, antenna, strict=True)
+        both.append(
+            PointWay.joined(
+                [way_through(hindered.at(float(t)), flags, radar, p[None], a[None]) for t, p, a in each]
+            )
+        )
+    return both[0], both[-1]
 
 
 def way_through(
-    trace_scene: TraceScene, radar: Radar, position: NDArray[np.float64], antenna: NDArray[np.float64]
-) -> PaneWay:
-    """Ways from points to one antenna, both (n, 3) m, through panes."""
+    trace_scene: TraceScene,
+    flags: KernelFlags,
+    radar: Radar,
+    position: NDArray[np.float64],
+    antenna: NDArray[np.float64],
+) -> PointWay:
+    """Ways from points to one antenna, both (n, 3) m, through panes and volumes."""
     leg = antenna - position
     start = off_surfaces(trace_scene, position, leg / np.linalg.norm(leg, axis=1)[:, None])
     up = polarisation_up(radar, position[len(position) // 2], radar.track.center_position)
-    return PaneWay.of(trace_scene, radar.waveform.wavelength, start, antenna, up)
+    return PointWay.of(trace_scene, flags, radar.waveform.wavelength, start, antenna, up)
 
 
 def point_returns(
@@ -164,19 +182,16 @@ def point_history(
 
 
 def sightlines(
-    points: Sequence[PointTarget],
-    trace_scene: TraceScene | None,
-    tracks: Sequence[Track],
-    pick: slice,
-    *,
-    through_panes: bool = False,
+    scene: Scene, flags: KernelFlags, trace_scene: TraceScene | None, pick: slice
 ) -> NDArray[np.float64]:
-    """1 where a point sees every antenna at a pulse of ``pick``, else 0: (n_points, n) float64; see `visible`."""
+    """1 where a point sees every antenna in the pulses ``pick``, else 0: (n_points, n); see `visible`."""
+    points, tracks = scene.points, scene.radar.tracks
     time = tracks[0].time[pick]
     position = np.array([point.position_at(time) for point in points])
     seen = np.ones(position.shape[:2])
     if trace_scene is None:
         return seen
+    through_panes = panes_pass(trace_scene, flags)
     for track in tracks:
         leg = position - track.position[pick]
         distance = np.linalg.norm(leg, axis=2)
@@ -291,4 +306,5 @@ __all__ = [
     "touched_facets",
     "visible",
     "way_through",
+    "ways_of",
 ]

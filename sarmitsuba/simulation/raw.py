@@ -158,7 +158,7 @@ def _trace(
 
 def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex64]) -> list[str]:
     """Raise where nothing came back; warn where much was dropped and return the warning's text."""
-    if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.lines:
+    if scene.geometry.n_faces and stats.hits == 0 and not scene.points and not scene.has_sources:
         raise RadarError(
             f"{scene.name}: none of {stats.rays} rays hits the scene; check that the image footprint "
             f"(image_center_x, image_center_y, image extents) lies on the geometry"

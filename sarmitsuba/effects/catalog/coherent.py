@@ -38,7 +38,7 @@ class Coherent(Effect):
         if not context.materials:
             return Assessment(False, "no mesh", -np.inf)
         scene = context.scene
-        more = scene.points or scene.lines
+        more = scene.points or scene.has_sources
         if scene.settings.effects.get(self.name) == "off" and not decided["diffuse"].on and not more:
             raise SceneError(
                 f"{scene.name}: coherent = off leaves nothing that returns, because diffuse is off "
