@@ -73,7 +73,7 @@ def check_used(
     overrides: Overrides,
     label: str,
     texts: Sequence[str],
-    ids: set[str],
+    ids: Mapping[str, str],
     plugins: set[str],
 ) -> None:
     """Raise when a parameter given by name has no effect anywhere.
@@ -83,7 +83,7 @@ def check_used(
     plain, overrides : as from `split_parameters`
     label : start of every error
     texts : of scene and radar file; none for a scene that is no file
-    ids : of all elements
+    ids : of all elements, with their plugins
     plugins : names of the tables
     """
     text = "\n".join(texts)
@@ -102,11 +102,13 @@ def check_used(
                 "(parameters of plugins are given as plugin.name)"
             )
     for prefix, name, value in overrides.entries:
-        if prefix not in ids | plugins:
-            guess = (
-                did_you_mean(prefix, ids | plugins) or f"; give one of {', '.join(sorted(plugins))}, or an id"
-            )
-            raise SceneError(f'{label}: -D {prefix}.{name}={value}: no plugin or id "{prefix}"{guess}')
+        takes = plugins | {key for key, plugin in ids.items() if plugin in plugins}
+        if prefix not in takes:
+            what = f'no plugin or id "{prefix}"'
+            if prefix in ids:
+                what = f'"{prefix}" is a {ids[prefix]}, whose values only the file changes'
+            guess = did_you_mean(prefix, takes) or f"; give one of {', '.join(sorted(plugins))}, or an id"
+            raise SceneError(f"{label}: -D {prefix}.{name}={value}: {what}{guess}")
 
 
 __all__ = ["Overrides", "check_used", "split_parameters"]

@@ -123,6 +123,7 @@ def test_one_line_says_what_and_where(tmp_path: Path, old: str, new: str, messag
         ({"rang": "5"}, 'parameter "rang" = 5 is not used; the file has none'),
         ({"sar_path.max_dept": "5"}, 'unknown parameter "max_dept"; did you mean "max_depth"?'),
         ({"sarpath.max_depth": "5"}, 'no plugin or id "sarpath"; did you mean "sar_path"?'),
+        ({"roof.scale": "5"}, '-D roof.scale=5: "roof" is a rectangle, whose values only the file changes'),
         ({"radar.prf": "fast"}, '-D radar.prf=fast: prf = "fast" is not of type float'),
         ({"filename": "a"}, 'parameter "filename": this name is reserved'),
     ],
