@@ -33,7 +33,7 @@ def seen_through(scene: Scene, antenna: NDArray[np.float64]) -> tuple[Material, 
         return ()
     hidden = np.array([m.invisible for m in scene.materials])[geometry.face_material]
     corners = geometry.vertices[np.unique(geometry.faces[~hidden])]
-    others = np.concatenate([corners, *(p.position[None] for p in scene.points)])
+    others = np.concatenate([corners, scene.places])
     return tuple(
         scene.materials[i]
         for i in slabs

@@ -69,7 +69,8 @@ class PointWay:
         none, shift = dr.zeros(mi.Vector3f), dr.zeros(mi.Vector3f)
         active = dr.full(mi.Bool, True, len(position))
         vectors = passed(trace_scene.passages, start, to, far, active, ((h, none), (v, none)))
-        if panes_pass(trace_scene, flags):
+        if trace_scene.slabs is not None and panes_pass(trace_scene, flags):
+            trace_scene.slabs.prepare()
             vectors, shift = along(
                 trace_scene,
                 dr.opaque(mi.Float, 2.0 * np.pi / wavelength),

@@ -5,6 +5,7 @@ from the target to the radar. Phase is referred to the middle of everything that
 """
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +28,8 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.points import visible
+from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
+from sarmitsuba.simulation.points import off_surfaces, visible
 from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
@@ -177,8 +179,9 @@ def rcs_sweep(
         first = tracing.amplitudes(aspects, 0)
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
         errors = tracing.errors(aspects, amplitude, checked) if checked else errors
-    for i, channel in enumerate(channels):
-        amplitude[:, 0, i] += isotropic_response(channel) * _points(scene, aspects.directions)
+    points = _points(scene, flags, channels, aspects)
+    for i in range(len(channels)):
+        amplitude[:, 0, i] += points[:, i]
     return RcsSweep(
         aspects,
         frequency,
@@ -215,17 +218,7 @@ class _Tracing:
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
-        steep = np.sign(aspects.elevation) * (np.cos(aspects.elevation) < STEEP)
-        parts = []
-        for side in (0.0, 1.0, -1.0):
-            pick = np.flatnonzero(steep == side)
-            if not pick.size:
-                continue
-            azimuth = float(aspects.azimuth[pick[0]])
-            up = (0.0, 0.0, 1.0)
-            if side:
-                up = (-side * float(np.cos(azimuth)), -side * float(np.sin(azimuth)), 0.0)
-            parts.append((pick, self._traced(aspects.directions[pick], up, draw)))
+        parts = [(pick, self._traced(aspects.directions[pick], up, draw)) for pick, up in _uprights(aspects)]
         first = parts[0][1]
         amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
         for pick, part in parts:
@@ -289,6 +282,7 @@ def _effects(
         noise_temperature=0.0,
         recorded=None,
         receiver=None,
+        receiver_pointing=None,
     )
     settings = dataclasses.replace(scene.settings, method="hybrid")
     plan = plan_effects(dataclasses.replace(scene, radar=radar, settings=settings))
@@ -312,24 +306,49 @@ def target_middle(scene: Scene) -> tuple[F64, float]:
     return center, float(np.linalg.norm(outline - center, axis=1).max())
 
 
-def _points(scene: Scene, look: F64) -> C128:
-    """Amplitudes (n,) of the ideal points, hidden where a mesh stands before them."""
+def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:
+    """Aspects that have one vertical reference of the polarisation: their numbers, and the reference."""
+    steep = np.sign(aspects.elevation) * (np.cos(aspects.elevation) < STEEP)
+    for side in (0.0, 1.0, -1.0):
+        pick = np.flatnonzero(steep == side)
+        if not pick.size:
+            continue
+        azimuth = float(aspects.azimuth[pick[0]])
+        up = (0.0, 0.0, 1.0)
+        if side:
+            up = (-side * float(np.cos(azimuth)), -side * float(np.sin(azimuth)), 0.0)
+        yield pick, up
+
+
+def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects: Aspects) -> C128:
+    """Amplitudes (n, n_channels) of the ideal points, hidden where a mesh stands before them that is no pane."""
+    look = aspects.directions
     center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength
-    total = np.zeros(look.shape[0], dtype=np.complex128)
-    if not scene.points:
-        return total
+    total = np.zeros((look.shape[0], len(channels)), dtype=np.complex128)
     trace_scene = None
-    if scene.geometry.n_faces:
+    if scene.points and scene.geometry.n_faces:
         trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
+    hindered = in_the_way(trace_scene, flags)
     far = max(FAR * radius, 1.0)
     for point in scene.points:
         phase = 4.0 * np.pi / wavelength * (look @ (point.position - center)) + point.phase
         seen = np.ones(look.shape[0])
         if trace_scene is not None:
             leg = point.position - (center + far * look)
-            seen = visible(trace_scene, point.position, leg, np.linalg.norm(leg, axis=1))
-        total += np.sqrt(point.rcs) * seen * np.exp(1j * phase)
+            through = panes_pass(trace_scene, flags)
+            distance = np.linalg.norm(leg, axis=1)
+            seen = visible(trace_scene, point.position, leg, distance, through_panes=through)
+        value = np.sqrt(point.rcs) * seen * np.exp(1j * phase)
+        if hindered is None:
+            total += value[:, None] * [isotropic_response(channel) for channel in channels]
+            continue
+        for pick, up in _uprights(aspects):
+            here = np.broadcast_to(point.position, (pick.size, 3))
+            start = off_surfaces(hindered, here, look[pick])
+            way = PointWay.of(hindered, flags, wavelength, start, center + far * look[pick], up)
+            value[pick] *= np.exp(-4j * np.pi / wavelength * way.extra)
+            total[pick] += value[pick, None] * np.stack([way.channel(way, c) for c in channels], axis=1)
     return total
 
 

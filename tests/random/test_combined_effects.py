@@ -10,10 +10,13 @@ import pytest
 from matplotlib.image import imsave
 
 import sarmitsuba
+from sarmitsuba import theory
+from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.path_table import POINT
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
 DB = 10.0 * np.log10(np.e)
 
@@ -188,6 +191,55 @@ def test_a_cloud_before_an_ideal_point_takes_what_it_takes_from_all(tmp_path: Pa
 
 
 ALL = tuple(FEATURES)
+
+
+BESIDE = {
+    "rod": bsdf("radar_wire", "steel")
+    + '<shape type="cylinder" id="rod"><point name="p0" x="4" y="0" z="0"/><point name="p1" x="4" y="0" z="2"/>'
+    + '<float name="radius" value="0.01"/><ref id="steel"/></shape>',
+    "crown": bsdf("radar_volume", "leaves", preset="hedge")
+    + shape("cube", "leaves", place(4.0, 0.0, 2.0), "hedge"),
+    "point": bsdf("point_scatterer", "ideal") + shape("sphere", "ideal", place(4.0, 0.0, 1.0), "ideal_point"),
+}
+GLASS = bsdf("radar_material", "glass", material="glass", thickness=0.006)
+FRONT = GLASS + shape(
+    "rectangle", "glass", place(0.0, 0.0, 1.5, 3.0, 3.0, 1.0, '<rotate y="1" angle="-90"/>'), "pane"
+)
+
+
+@pytest.mark.parametrize("behind", ["", *BESIDE])
+def test_whatever_stands_behind_a_pane_calls_for_transmission(tmp_path: Path, behind: str) -> None:
+    radar = drawn_radar(np.random.default_rng(8), heading_deg=0.0, look_side="right")
+    scene = loaded(tmp_path, FRONT + BESIDE.get(behind, ""), radar)
+    materials = seen_through(scene, scene.radar.track.position)
+    assert [m.name for m in materials] == (["glass"] if behind else [])
+
+
+def test_an_ideal_point_behind_a_pane_has_the_pane_in_its_radar_cross_section(tmp_path: Path) -> None:
+    radar = drawn_radar(np.random.default_rng(8), heading_deg=0.0, look_side="right", polarisation="HH,VV")
+    free, paned = (
+        loaded(tmp_path, UNDER + BESIDE["point"] + front, radar, max_depth=1) for front in ("", FRONT)
+    )
+    aspects = Aspects(azimuth=np.radians([180.0]), elevation=np.radians([20.0]))
+    away, there = (
+        rcs_sweep(scene, aspects, checked=0).result.amplitude.sum(axis=1)[0] for scene in (free, paned)
+    )
+    only = rcs_sweep(loaded(tmp_path, UNDER + FRONT, radar, max_depth=1), aspects, checked=0)
+    point = there - only.result.amplitude.sum(axis=1)[0]
+    glass = next(m for m in paned.materials if m.name == "glass")
+    factors = theory.slab_insertion(
+        np.cos(np.radians(20.0)), glass.permittivity, 0.006, paned.radar.waveform.wavelength
+    )
+    # tol: float32 phases; H is TE at an upright pane, V is TM
+    np.testing.assert_allclose(np.abs(point / away), np.abs(np.squeeze(factors)) ** 2, rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_a_point_behind_a_pane_while_something_moves(tmp_path: Path) -> None:
+    car = UNDER.replace('<ref id="tar"/>', '<string name="velocity" value="0.5 1 0"/><ref id="tar"/>')
+    radar = drawn_radar(np.random.default_rng(8), heading_deg=0.0, look_side="right", prf=60.0)
+    scene = loaded(tmp_path, car + BESIDE["point"] + FRONT, radar, max_depth=1)
+    assert np.isfinite(sarmitsuba.simulate(scene).data).all()
 
 
 def chosen(seed: int) -> tuple[str, ...]:
