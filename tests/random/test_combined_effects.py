@@ -237,7 +237,7 @@ def test_an_ideal_point_behind_a_pane_has_the_pane_in_its_radar_cross_section(tm
 @pytest.mark.slow
 def test_a_point_behind_a_pane_while_something_moves(tmp_path: Path) -> None:
     car = UNDER.replace('<ref id="tar"/>', '<string name="velocity" value="0.5 1 0"/><ref id="tar"/>')
-    radar = drawn_radar(np.random.default_rng(8), heading_deg=0.0, look_side="right", prf=60.0)
+    radar = drawn_radar(np.random.default_rng(8), heading_deg=0.0, look_side="right", prf=130.0)
     scene = loaded(tmp_path, car + BESIDE["point"] + FRONT, radar, max_depth=1)
     assert np.isfinite(sarmitsuba.simulate(scene).data).all()
 
