@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 # topics in the order of the page, with their headings
+# Kolmogorov's critical distance at 99.9 %, times the square root of the number of samples
+CONFIDENCE, CRITICAL_DISTANCE = 0.999, 1.9495
+
 TOPICS = {
     "canonical": "Canonical radar cross sections",
     "materials": "Materials",
@@ -174,4 +177,4 @@ def summarise(cases: Sequence[Case]) -> Summary:
     )
 
 
-__all__ = ["TOPICS", "Case", "Comparison", "Summary", "summarise"]
+__all__ = ["CONFIDENCE", "CRITICAL_DISTANCE", "TOPICS", "Case", "Comparison", "Summary", "summarise"]

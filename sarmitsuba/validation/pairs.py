@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba import theory
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
@@ -18,6 +19,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.chain import Parameter, make_scene, unwarned
+from sarmitsuba.validation.comparison import CRITICAL_DISTANCE, Comparison
 
 F64 = NDArray[np.float64]
 ROUGH = Material(
@@ -191,4 +193,27 @@ def _noisy(raw: RawData, temperature: float) -> RawData:
     return add_noise(replace(raw, radar=replace(raw.radar, noise_temperature=temperature)))
 
 
-__all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "Setting", "pair_of"]
+def phase_law(label: str, away: F64, gamma: float, looks: float) -> Comparison:
+    """Phases less their mean (rad), of blocks of so many independent looks, against their distribution.
+
+    Parameters
+    ----------
+    label : of the comparison, which tells coherence or noise
+    away : any shape, rad
+    gamma, looks : coherence and independent looks of each
+    """
+    sample = np.sort(away.ravel())
+    level = np.linspace(-2.0, 2.0, 81)
+    return Comparison(
+        label,
+        level,
+        theory.interferometric_phase_cdf(level, gamma, looks),
+        np.searchsorted(sample, level) / sample.size,
+        tolerance=float(CRITICAL_DISTANCE / np.sqrt(sample.size)),
+        reason="Kolmogorov's critical distance at 99.9 %",
+        unit="",
+        shown=45,
+    )
+
+
+__all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "Setting", "pair_of", "phase_law"]

@@ -26,11 +26,9 @@ from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import ground_scene, unwarned
-from sarmitsuba.validation.comparison import Case, Comparison
+from sarmitsuba.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison
 
 F64 = NDArray[np.float64]
-# Kolmogorov's distribution at 99.9 %
-CONFIDENCE, CRITICAL = 0.999, 1.9495
 LEVEL_DB = -10.0
 # resolution cell and correlation length of the focused image, m; its pixels are a cell apart
 CELL, LENGTH = 1.0, 6.0
@@ -132,7 +130,7 @@ def _k_image(shape: float, left: float, intensity: F64, independent: F64) -> lis
     test = kstest(independent, lambda x: theory.k_cdf(x, 1.0, left))
     level = np.linspace(0.05, 6.0, 60)
     empirical = np.searchsorted(np.sort(independent), level) / independent.size
-    limit = CRITICAL / np.sqrt(independent.size) + 0.25 * error
+    limit = CRITICAL_DISTANCE / np.sqrt(independent.size) + 0.25 * error
     out = [
         Comparison(
             f"mean level, nu = {shape:g}",
@@ -215,7 +213,7 @@ def gamma_texture(quick: bool = False) -> Case:
                 np.zeros(1),
                 np.zeros(1),
                 np.array([test.statistic]),
-                tolerance=float(CRITICAL / np.sqrt(n)),
+                tolerance=float(CRITICAL_DISTANCE / np.sqrt(n)),
                 reason=f"critical distance at {100 * CONFIDENCE:g} %; p = {test.pvalue:.3f}",
                 unit="",
             )

@@ -10,14 +10,12 @@ from sarmitsuba import theory
 from sarmitsuba.interferometry import height_map
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.pairs import WAVELENGTH, Pair, Setting, pair_of
+from sarmitsuba.validation.pairs import WAVELENGTH, Pair, Setting, pair_of, phase_law
 
 F64 = NDArray[np.float64]
 TOPIC = "interferometry"
 # edge of level ground, and of the image on it, resolution cells in slant range
 GROUND_CELLS, IMAGE_CELLS = 110.0, 80.0
-# Kolmogorov's critical distance at 99.9 %, times the square root of the number of samples
-CRITICAL = 1.9495
 
 
 @cache
@@ -90,20 +88,9 @@ def interferometric_phase(quick: bool = False) -> Case:
             error.append((1.0 - gamma**2) / np.sqrt(2.0 * whole.independent_looks))
             if seed > 0 and ratio not in (0.2, 1.0):
                 continue
-            away = np.sort(np.angle(both.values * np.exp(-1j * np.angle(both.values.sum()))).ravel())
-            level = np.linspace(-2.0, 2.0, 81)
-            comparisons.append(
-                Comparison(
-                    f"noise / signal {ratio:g}, {both.independent_looks:.1f} looks, {away.size} blocks, seed {seed}",
-                    level,
-                    theory.interferometric_phase_cdf(level, gamma, both.independent_looks),
-                    np.searchsorted(away, level) / away.size,
-                    tolerance=float(CRITICAL / np.sqrt(away.size)),
-                    reason="Kolmogorov's critical distance at 99.9 %",
-                    unit="",
-                    shown=45,
-                )
-            )
+            away = np.angle(both.values * np.exp(-1j * np.angle(both.values.sum())))
+            label = f"noise / signal {ratio:g}, {both.independent_looks:.1f} looks, {away.size} blocks, seed {seed}"
+            comparisons.append(phase_law(label, away, gamma, both.independent_looks))
     comparisons.append(
         Comparison(
             "coherence against (1 - B / B_crit) / (1 + noise / signal)",

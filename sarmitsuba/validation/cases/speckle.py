@@ -14,13 +14,11 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.chain import ground_scene
-from sarmitsuba.validation.comparison import Case, Comparison
+from sarmitsuba.validation.comparison import CONFIDENCE, CRITICAL_DISTANCE, Case, Comparison
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 LEVEL_DB = -10.0
-# Kolmogorov's distribution at 99.9 %: true speckle is rejected once in a thousand seeds
-CONFIDENCE, CRITICAL = 0.999, 1.9495
 # cells per axis: 0.88^2 of their square are kept, 1.1e5 in the full run
 CELLS_QUICK, CELLS = 360.0, 400.0
 SEED = 5
@@ -85,7 +83,7 @@ def distributions(quick: bool = False) -> Case:
     }
     comparisons = []
     for name, test in tests.items():
-        limit = CRITICAL / np.sqrt(test.n_samples)
+        limit = CRITICAL_DISTANCE / np.sqrt(test.n_samples)
         comparisons.append(
             Comparison(
                 f"K-S distance, {name}, n = {test.n_samples}",
@@ -106,7 +104,7 @@ def distributions(quick: bool = False) -> Case:
             level,
             theory.speckle_cdf(level, 1.0),
             empirical,
-            tolerance=float(CRITICAL / np.sqrt(x.size)),
+            tolerance=float(CRITICAL_DISTANCE / np.sqrt(x.size)),
             reason="as above",
             unit="",
             shown=int(np.argmin(np.abs(level - np.log(2.0)))),
@@ -216,7 +214,7 @@ def looks(quick: bool = False) -> Case:
         limit.append(4.0 * count * np.sqrt(2.0 * (1.0 + 1.0 / count) / n + 4.0 / (count * n)))
         test = theory.intensity_test(independent, looks=float(count))
         distance.append(test.statistic * np.sqrt(n))
-        critical.append(CRITICAL)
+        critical.append(CRITICAL_DISTANCE)
     number = np.asarray([float(a * b) for a, b in counts])
     return Case(
         name="looks",
@@ -242,7 +240,7 @@ def looks(quick: bool = False) -> Case:
                 number,
                 np.zeros(number.size),
                 np.asarray(distance),
-                tolerance=CRITICAL,
+                tolerance=CRITICAL_DISTANCE,
                 reason=f"critical value at {100 * CONFIDENCE:g} %",
                 unit="",
                 shown=2,

@@ -9,14 +9,12 @@ from sarmitsuba import theory
 from sarmitsuba.interferometry import Interferogram
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of
+from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of, phase_law
 
 F64 = NDArray[np.float64]
 TOPIC = "interferometry"
 # edges of level ground and of the image on it, resolution cells in slant range
 GROUND_CELLS, IMAGE_CELLS = 90.0, 64.0
-# Kolmogorov's critical distance at 99.9 %, times the square root of the number of samples
-CRITICAL = 1.9495
 # scatterers in a resolution cell of level ground, at least: each of them changes as a whole
 SCATTERERS = 2.0
 
@@ -124,20 +122,8 @@ def temporal_statistics(quick: bool = False) -> Case:
     for seed, gamma in enumerate((0.3, 0.7) if quick else (0.15, 0.3, 0.5, 0.7, 0.9)):
         pair = changed_pair(Setting.drawn(seed + 80, cell=1.0), gamma, 0.0, 1.0)
         both = pair.interferogram((4, 4))
-        away = np.sort(both.phase.ravel())
-        level = np.linspace(-2.0, 2.0, 81)
-        phases.append(
-            Comparison(
-                f"phase: coherence {gamma:g}, {both.independent_looks:.1f} looks, {away.size} blocks",
-                level,
-                theory.interferometric_phase_cdf(level, gamma, both.independent_looks),
-                np.searchsorted(away, level) / away.size,
-                tolerance=float(CRITICAL / np.sqrt(away.size)),
-                reason="Kolmogorov's critical distance at 99.9 %",
-                unit="",
-                shown=45,
-            )
-        )
+        label = f"phase: coherence {gamma:g}, {both.independent_looks:.1f} looks, {both.phase.size} blocks"
+        phases.append(phase_law(label, both.phase, gamma, both.independent_looks))
         for looks in ((4, 4), (6, 6), (10, 10)):
             blocks = pair.interferogram(looks)
             want.append(theory.expected_coherence(gamma, blocks.independent_looks))
