@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
-from sarmitsuba.loader.elements import Element
+from sarmitsuba.loader.elements import Element, is_file
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
@@ -289,11 +289,7 @@ def _file(texture: Element) -> Path:
     path = map_file(texture)
     if path is None:
         raise SceneError(f'{texture.where}: no bitmap is named; give <string name="filename" value=.../>')
-    try:
-        found = path.is_file()
-    except OSError:  # longer than the system takes
-        found = False
-    if not found:
+    if not is_file(path):
         raise SceneError(
             f'{texture.where}: bitmap "{one_line(path.name)}" not found in {texture.folder}; check filename'
         )

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.attributes import corner_values
-from sarmitsuba.loader.elements import Element, Opaque, Property
+from sarmitsuba.loader.elements import Element, Opaque, Property, is_file
 from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
@@ -207,11 +207,7 @@ def mesh_path(element: Element) -> Path:
     if not isinstance(name, str) or not name:
         raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
     path = element.folder / name
-    try:
-        found = path.is_file()
-    except OSError:  # longer than the system takes
-        found = False
-    if not found:
+    if not is_file(path):
         raise SceneError(
             f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}; check filename'
         )
