@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -31,6 +32,7 @@ from sarmitsuba.radar.radar import Radar
 _FIXED = 1e-9
 
 
+@exclusive
 def focus(
     raw: RawData,
     grid: ImageGrid | None = None,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
@@ -131,6 +132,7 @@ class PathTable:
 _NAMES = ("channels", "mesh_names", "material_names")
 
 
+@exclusive
 def trace_paths(
     scene: Scene,
     pulses: int | Sequence[int] | None = None,

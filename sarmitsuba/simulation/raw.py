@@ -14,6 +14,7 @@ from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
@@ -32,6 +33,7 @@ from sarmitsuba.timing import Clock
 LOST_POWER = 0.05
 
 
+@exclusive
 def simulate(
     scene: Scene,
     *,
@@ -94,6 +96,7 @@ def simulate(
             run.finished.close()
 
 
+@exclusive
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
     """Range-compressed echoes of a run that was made ready; see :func:`simulate`."""
     scene, plan = run.scene, run.plan

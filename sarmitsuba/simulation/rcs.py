@@ -11,6 +11,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.materials.material import Material
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
@@ -55,6 +56,7 @@ class RcsResult:
             return np.asarray(10.0 * np.log10(total))
 
 
+@exclusive
 def monostatic_rcs(
     geometry: Geometry,
     materials: tuple[Material, ...],

@@ -17,6 +17,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.progress import Progress, silent
@@ -128,6 +129,7 @@ class RcsSweep:
             return np.asarray(20.0 * np.log10(np.abs(picked)))
 
 
+@exclusive
 def rcs_sweep(
     scene: Scene,
     aspects: Aspects,

@@ -36,6 +36,7 @@ FLOORS = (
         "backend",
         "constants",
         "errors",
+        "exclusive",
         "extensions",
         "kernel_cache",
         "memory",
