@@ -10,6 +10,7 @@ from sarmitsuba.errors import OutputError
 from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.io.locking import sole_writer
+from sarmitsuba.regular_files import read_text
 
 MANIFEST = ".sarmitsuba.json"
 _ON_THE_WAY = (
@@ -37,7 +38,7 @@ class OutputFolder:
         self.mark = ""
         self._bytes: dict[str, int] = {}
         try:
-            record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            record = json.loads(read_text(path / MANIFEST, errors="strict"))
             self._bytes = {str(name): int(size) for name, size in record["files"].items()}
             self.mark = str(record["mark"])
         except FileNotFoundError:

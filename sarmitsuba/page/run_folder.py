@@ -12,6 +12,7 @@ from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
 from sarmitsuba.io.encoding import Json
+from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 
 RECORD = "parameters.json"
@@ -84,7 +85,7 @@ def read_run(path: Path) -> RunFolder:
 def _record(folder: Path) -> dict[str, Json]:
     path = folder / RECORD
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(read_text(path, errors="strict"))
     except (OSError, ValueError) as error:
         raise DataError(f"{folder}: {RECORD} cannot be read; give a folder that `render` wrote") from error
     if not isinstance(facts, dict):

@@ -43,6 +43,7 @@ FLOORS = (
         "parameters",
         "progress",
         "registry",
+        "regular_files",
         "samples",
         "timing",
         "units",
