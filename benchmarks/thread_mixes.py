@@ -1,8 +1,8 @@
 """Public functions called from two to four threads at once, in drawn mixes: bits against those of one thread.
 
 Every mix draws its threads, and for each thread what it calls: ``simulate``, ``focus`` by drawn focusers,
-``trace_paths``, ``monostatic_rcs``, ``write_image`` and ``read_image``; half of the scenes are shared by all threads, half
-loaded by the thread. One mix in ``FRESH`` runs in a process of its own where nothing has been imported, so that
+``trace_paths``, ``monostatic_rcs``, ``write_image`` and ``read_image``; half of the scenes are shared by all threads,
+half loaded by the thread. One mix in ``FRESH`` runs in a process of its own where nothing has been imported, so that
 registries, back end and plugins are first used by all threads together.
 """
 

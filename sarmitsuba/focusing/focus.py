@@ -22,11 +22,13 @@ from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.image.validity import check_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.validity import check_radar
 
 # footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
 _FIXED = 1e-9
@@ -80,6 +82,9 @@ def focus(
     ResourceError
         The image does not fit into memory.
     """
+    check_radar(raw.radar)
+    if grid is not None:
+        check_grid(grid)
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
     raw = range_compress(raw, method=compression)

@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from sarmitsuba.errors import OutputError
 
@@ -25,12 +26,26 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     # the suffix stays: some writers choose the format by it
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
+        # whoever could write into the folder might have laid a link there, and writers would follow it
+        temporary.unlink(missing_ok=True)
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
         raise OutputError(f"{target}: cannot write: {reason_of(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def open_own(path: Path) -> BinaryIO:
+    """Open a file for reading and writing, made if need be, unless it is a link that somebody may have laid there.
+
+    Raises
+    ------
+    OSError
+        As the operating system has it; ``ELOOP`` for a link.
+    """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    return os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0)
 
 
 def make_folder(folder: Path | str) -> Path:
@@ -53,4 +68,4 @@ def reason_of(error: OSError) -> str:
     return " ".join(text.split())
 
 
-__all__ = ["atomic_path", "make_folder", "reason_of"]
+__all__ = ["atomic_path", "make_folder", "open_own", "reason_of"]

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sarmitsuba.io.atomic import open_own
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer, WriteableBuffer
 
@@ -23,7 +25,8 @@ class GuardedFile(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.error: OSError | None = None
-        self._file = open(path, "w+b", buffering=0)
+        self._file = open_own(path)
+        self._file.truncate(0)
 
     def write(self, data: "ReadableBuffer") -> int:
         """Write all of ``data``; drop it once the disk has refused."""

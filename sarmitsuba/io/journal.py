@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import OutputError
-from sarmitsuba.io.atomic import reason_of
+from sarmitsuba.io.atomic import open_own, reason_of
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
@@ -51,7 +51,7 @@ class Journal:
         self.labels: list[dict[str, Any]] = []
         self._payloads: list[tuple[int, int]] = []  # offset and bytes
         try:
-            self._file: BinaryIO = open(self.path, "r+b" if self.path.exists() else "w+b", buffering=0)
+            self._file: BinaryIO = open_own(self.path)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write: {reason_of(error)}") from error
         head = self._file.read(len(MAGIC))

@@ -118,8 +118,8 @@ def _exists(path: Path) -> bool:
 def _references(path: Path) -> Sequence[tuple[str, str]]:
     """Tag and name of every element that names a file or a folder in its attributes.
 
-    These are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which Mitsuba's parser
-    opens while it reads; files that a ``<string>`` names are checked later, by their use.
+    These are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which Mitsuba's
+    parser opens while it reads; files that a ``<string>`` names are checked later, by their use.
 
     What is not well-formed is left to the parser, whose messages are better, as long as it cannot refer to a file: that
     one is lenient, and might see references where a strict one stops.

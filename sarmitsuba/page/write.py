@@ -115,7 +115,8 @@ def _policy(scripts: Iterable[str]) -> str:
     Modules are data URLs, which no browser of today checks by hash when they are imported.
     """
     hashes = " ".join(
-        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts
+        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+        for script in scripts
     )
     return f"{_POLICY}; script-src {hashes} data:"
 
