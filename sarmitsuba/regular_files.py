@@ -57,9 +57,10 @@ def check_regular(path: Path | str, most: int = LARGEST) -> int:
 def read_bytes(path: Path | str, most: int = LARGEST) -> bytes:
     """Content of an ordinary file; raises as :func:`open_regular`."""
     with os.fdopen(open_regular(path, most), "rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise OSError(errno.EFBIG, f"grew past {most / 1e6:.4g} MB while it was read")
+        size = os.fstat(file.fileno()).st_size
+        content = file.read(size + 1)
+    if len(content) > size:
+        raise OSError(errno.EBUSY, "grew while it was read; try again")
     return content
 
 

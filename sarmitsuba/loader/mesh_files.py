@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.isolated import survive
 from sarmitsuba.mesh.ply import read_ply
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
@@ -182,9 +183,13 @@ def _load(path: Path) -> "trimesh.Scene":
     """A mesh file of any other kind, with the buffers that it names if they lie beside it."""
     import trimesh
 
-    content = BytesIO(read_bytes(path))
-    kind = path.suffix.lower().removeprefix(".")
-    return trimesh.load_scene(content, file_type=kind, resolver=_Beside(path.parent), process=False)
+    kind, beside = path.suffix.lower().removeprefix("."), _Beside(path.parent)
+
+    def load() -> "trimesh.Scene":
+        return trimesh.load_scene(BytesIO(read_bytes(path)), file_type=kind, resolver=beside, process=False)
+
+    survive(path, load)
+    return load()
 
 
 @contextmanager
@@ -194,6 +199,8 @@ def _reading(path: Path, where: str) -> Iterator[None]:
         yield
     except SceneError:
         raise
+    except DataError as error:
+        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error}") from None
     except OSError as error:
         raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror or error}") from error
     except _READER_ERRORS as error:

@@ -38,6 +38,7 @@ FLOORS = (
         "errors",
         "exclusive",
         "extensions",
+        "isolated",
         "kernel_cache",
         "memory",
         "parameters",

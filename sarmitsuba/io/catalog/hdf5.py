@@ -30,7 +30,7 @@ from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
-from sarmitsuba.io.isolated import survive
+from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
