@@ -81,8 +81,11 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
         most = _writable_bytes() + memory
         resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
         read()
-    except MemoryError:
-        status = _OUT_OF_MEMORY
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None:  # readers word it anew
+            status = _OUT_OF_MEMORY if isinstance(cause, MemoryError) else status
+            cause = cause.__cause__ or cause.__context__
     finally:
         # whatever was raised, and nothing of the parent's is flushed or closed twice
         os._exit(status)
