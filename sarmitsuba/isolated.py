@@ -70,10 +70,16 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
     """Body of the child; does not return."""
     import resource
 
-    status = 0
     try:
         faulthandler.disable()
-        for number in (signal.SIGXCPU, signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGINT):
+        for number in (
+            signal.SIGXCPU,
+            signal.SIGSEGV,
+            signal.SIGBUS,
+            signal.SIGABRT,
+            signal.SIGINT,
+            signal.SIGTERM,
+        ):
             signal.signal(number, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
@@ -81,14 +87,18 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
         most = _writable_bytes() + memory
         resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
         read()
-    except Exception as error:
-        cause: BaseException | None = error
-        while cause is not None:  # readers word it anew
-            status = _OUT_OF_MEMORY if isinstance(cause, MemoryError) else status
-            cause = cause.__cause__ or cause.__context__
     finally:
         # whatever was raised, and nothing of the parent's is flushed or closed twice
-        os._exit(status)
+        os._exit(_OUT_OF_MEMORY if _of_memory(sys.exc_info()[1]) else 0)
+
+
+def _of_memory(error: BaseException | None) -> bool:
+    """Whether an error began as one of memory, however it is worded by now."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _writable_bytes() -> int:

@@ -4,10 +4,12 @@ import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from sarmitsuba.errors import OutputError
+from sarmitsuba.unfinished import removed_if_stopped
 
 
 @contextmanager
@@ -28,8 +30,9 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     try:
         # whoever could write into the folder might have laid a link there, and writers would follow it
         temporary.unlink(missing_ok=True)
-        yield temporary
-        os.replace(temporary, target)
+        with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
+            yield temporary
+            os.replace(temporary, target)
     except OSError as error:
         raise OutputError(f"{target}: cannot write: {reason_of(error)}") from error
     finally:

@@ -47,6 +47,7 @@ FLOORS = (
         "regular_files",
         "samples",
         "timing",
+        "unfinished",
         "units",
         "version",
     ),
