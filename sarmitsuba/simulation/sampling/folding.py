@@ -75,11 +75,12 @@ def _of_points(scene: Scene, speed: float) -> list[str]:
     radar, found = scene.radar, []
     bright = sorted(scene.points, key=lambda point: -point.rcs)[:_MOST_POINTS]
     for point in bright:
+        history = point_history(radar, point, slice(None))
         ghosts = [
             ghost
             for order in range(-_ORDERS, _ORDERS + 1)
             if order
-            for ghost in _ghost(scene, point, order, speed)
+            for ghost in _ghost(scene, point, history, order, speed)
         ]
         strongest = max(ghosts, key=lambda ghost: ghost.power, default=None)
         if strongest is not None and strongest.power > _LEAST * point.rcs:
@@ -97,11 +98,12 @@ def _of_points(scene: Scene, speed: float) -> list[str]:
     ]
 
 
-def _ghost(scene: Scene, point: PointTarget, order: int, speed: float) -> list[_Ghost]:
-    """The ghost of an order, where the image holds it."""
+def _ghost(
+    scene: Scene, point: PointTarget, history: tuple[F64, F64], order: int, speed: float
+) -> list[_Ghost]:
+    """The ghost of an order, where the image holds it; ``history`` is the point's slant range (m) and its rate."""
     radar, track, image = scene.radar, scene.radar.track, scene.image
-    every = slice(None)
-    distance, rate = point_history(radar, point, every)
+    distance, rate = history
     step = order * radar.waveform.wavelength * track.prf / (2.0 * speed)
     sine, boresight = -rate / speed, radar.pointing.boresight @ track.along
     own = np.isfinite(radar.half_aperture)
