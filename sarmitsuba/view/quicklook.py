@@ -64,7 +64,7 @@ def quicklook(
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
-    axes.set_title("\n".join(line for line in lines if line), fontsize=9)
+    axes.set_title("\n".join(line for line in lines if line), fontsize=9, parse_math=False)
     return figure
 
 
@@ -162,7 +162,9 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
         axes = _axes(figure, left, bottom, width, height)
         picture = _draw(axes, display, image, options)
-        axes.set_title(f"{options.channel}, {order} bounce{'s' if order > 1 else ''}", fontsize=9)
+        axes.set_title(
+            f"{options.channel}, {order} bounce{'s' if order > 1 else ''}", fontsize=9, parse_math=False
+        )
         if i % columns:
             axes.set_ylabel("")
     _arrows(figure, str(image.metadata.get("look_side", "")))

@@ -159,7 +159,7 @@ def layered(radar: RadarDescription, extent: float, half: float, **changes: obje
     ],
 )
 def test_a_cropped_image_of_volumes_and_wires_is_the_whole_ones_middle(seed: int, method: str) -> None:
-    """The same scatterers in both: level and phase agree where 2.0 dB were off."""
+    """The same scatterers in both: level and phase agree; folded, the level is off by decibels."""
     radar, _, _, rng = drawn(seed)
     if method == "image":
         radar = replace(radar, squint_angle_deg=0.0)  # one look stands for one aperture
@@ -176,8 +176,8 @@ def test_a_cropped_image_of_volumes_and_wires_is_the_whole_ones_middle(seed: int
     coherence = np.abs(np.vdot(cropped, whole)) / np.sqrt(
         (np.abs(cropped) ** 2).sum() * (np.abs(whole) ** 2).sum()
     )
-    assert abs(level) < 0.1, level  # tol: pulses of another prf, side lobes of what is beside
-    assert coherence > 0.995, coherence  # tol: the same
+    # tol: side lobes of what is beside, which the whole image has; over some 50 cells
+    assert abs(level) < 0.2 and coherence > 0.995, (level, coherence)
 
 
 def test_a_mover_beside_the_image_stays_where_its_range_rate_shows_it_in_it() -> None:
