@@ -22,6 +22,8 @@ from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sampling.folding import check_folding
+from sarmitsuba.simulation.sampling.launch_window import launch_windows
 
 F64 = NDArray[np.float64]
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
@@ -227,6 +229,35 @@ def test_a_ghost_that_a_low_prf_leaves_is_named_with_its_level(seed: int) -> Non
     apart = float(text.split("in the image, ")[1].split(" m along")[0])
     at = azimuth[np.unravel_index(power.argmax(), power.shape)[0]] - azimuth[row]
     assert apart == pytest.approx(at, abs=4.0)  # tol: the ghost is a few cells wide
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_ground_lit_for_a_mover_beside_the_image_is_said_to_fold(seed: int) -> None:
+    radar, along, across, _ = drawn(seed)
+    radar = replace(radar, squint_angle_deg=0.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    ground = SceneMesh(300.0 * square, faces, "concrete", "ground")
+    look = np.radians(radar.look_angle_deg)
+    for shift, said in ((90.0, True), (0.0, False)):
+        speed = shift * radar.speed / (radar.slant_range * np.sin(look))
+        car = SceneMesh(
+            square + shift * along + [0.0, 0.0, 1.0],
+            faces,
+            "metal",
+            "car",
+            motion=Motion(velocity=tuple(speed * across + 0.01 * along)),
+        )
+        scene = build_scene([ground, car], radar=radar, film=film(60.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            notes = check_folding(scene, launch_windows(scene))
+        assert len(notes) == said
+        if said:
+            assert '("car")' in notes[0]
+            prf = float(notes[0].split("raise prf to ")[1].split(" Hz")[0])
+            raised = build_scene([ground, car], radar=replace(radar, prf=1.01 * prf), film=film(60.0))
+            assert check_folding(raised, launch_windows(raised)) == []
 
 
 def test_an_image_beside_all_points_is_refused() -> None:

@@ -164,11 +164,7 @@ def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, b
     half = 0.5 * image.extent_azimuth
     if not windows or apart < 2.0 * half or track.prf >= beam:
         return []
-    corners = np.concatenate([window.box[:, :2] for window in windows])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    ends = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    along = (ends - _middle(scene)[:2]) @ track.along[:2]
-    farthest = float(np.abs(along).max())
+    farthest = max(window.reach for window in windows)
     if not scene.geometry.moves or farthest + half <= apart:
         return []
     names = [

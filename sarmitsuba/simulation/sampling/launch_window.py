@@ -63,6 +63,7 @@ class LaunchWindow:
     half_x, half_y : m, half extents of the window in the plane
     taper : m, fade-out beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
+    reach : m, how far along the track from the image's middle surfaces are lit at full weight
     """
 
     pulses: tuple[int, int]
@@ -73,6 +74,7 @@ class LaunchWindow:
     half_y: float
     taper: float
     incidence: float
+    reach: float
 
     @property
     def area(self) -> float:
@@ -140,6 +142,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
         cut = False
 
     b_low, b_high = bounds
+    reach = float(np.abs(bounds[:, 0]).max())
     corners = np.array(
         [
             [x, y, z]
@@ -162,7 +165,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
     every = np.concatenate([corners, found @ axes + middle])
     box = np.stack([every.min(axis=0), every.max(axis=0)])
-    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence)
+    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence, reach)
 
 
 def _lit_mesh(
