@@ -79,8 +79,10 @@ class Run:
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
-        points, left_out = lit_points(self.scene)
-        self.scene = replace(self.scene, points=points)
+        left_out = ""
+        if self.scene.points:
+            points, left_out = lit_points(self.scene)
+            self.scene = replace(self.scene, points=points)
         if self.sampling is not None and not self.scene.same_shapes(scene):
             # what moved was stopped, or something left out
             if self.scene.traced:
