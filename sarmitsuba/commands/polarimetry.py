@@ -5,7 +5,6 @@ and in their plane. Of RH, RV (LH, LV): the m-chi and m-delta composites. See do
 """
 
 import argparse
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import image_file
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from sarmitsuba.view.quicklook import Drawing
 
 NAME = "polarimetry"
 HELP = "Pauli colours, entropy, anisotropy, alpha of quad-pol images; m-chi, m-delta of compact ones"
@@ -71,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     image = read_image(source)
     report = polarimetry_report(image, tuple(args.looks) if args.looks else None)
     console.say(report.as_table())
-    figures: dict[str, Callable[[], Figure]] = {}
+    figures: dict[str, Drawing] = {}
     if report.decomposition is not None:
         # colours need no looks to mean something: as sharp as the image is
         block = tuple(args.looks) if args.looks else automatic_looks(image, 1.0)

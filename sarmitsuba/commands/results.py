@@ -3,7 +3,7 @@
 import dataclasses
 import importlib.metadata
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,9 +24,8 @@ from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.view.quicklook import Drawing
 
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
@@ -205,7 +204,7 @@ def save_pictures(folder: OutputFolder, image: SarImage, console: Console) -> Pa
     return folder.path / PICTURE
 
 
-def draw_into(folder: OutputFolder, name: str, draw: Callable[[], "Figure"], console: Console) -> Path:
+def draw_into(folder: OutputFolder, name: str, draw: "Drawing", console: Console) -> Path:
     """Write a picture into the folder and return its path; one that cannot be drawn costs a warning, not the run.
 
     Raises
@@ -221,7 +220,18 @@ def draw_into(folder: OutputFolder, name: str, draw: Callable[[], "Figure"], con
             save(draw(), path)
     except SarmitsubaError:
         raise
-    except Exception as error:  # whatever a drawing library makes of data and names
+    except (
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:  # whatever a drawing library makes of data and names
         reason = one_line(error, 200) or type(error).__name__
         console.warn(f"{path}: the picture could not be drawn ({reason}); the results are there")
     return path

@@ -1,6 +1,7 @@
 """Quick-look pictures: grey decibels unless told, axes in metres, range to the right, azimuth up, nothing smoothed."""
 
 import dataclasses
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.view.display import Display, PictureOptions, prepare, screen_size
+
+# makes a picture, when it is its turn
+Drawing = Callable[[], Figure]
 
 _DPI = 100.0
 _LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
@@ -275,4 +279,14 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
     return ",  ".join(facts), ",  ".join(more)
 
 
-__all__ = ["bounce_orders", "draw", "panel", "pixels", "png", "quicklook", "quicklook_by_order", "save"]
+__all__ = [
+    "Drawing",
+    "bounce_orders",
+    "draw",
+    "panel",
+    "pixels",
+    "png",
+    "quicklook",
+    "quicklook_by_order",
+    "save",
+]
