@@ -56,8 +56,8 @@ def survive(path: Path, read: Callable[[], object]) -> None:
             os.waitpid(child, 0)
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _OUT_OF_MEMORY:
         raise DataError(
-            f"the file unpacks to more than {memory / 1e6:.0f} MB, {memory / size:.0f} times its size; it is damaged or "
-            "a trap"
+            f"the file unpacks to more than {memory / 1e6:.0f} MB, {memory / max(size, 1):.0f} times its size; it is "
+            "damaged or a trap"
         )
     if not os.WIFSIGNALED(status):
         return

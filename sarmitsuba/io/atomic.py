@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -10,6 +11,9 @@ from typing import BinaryIO
 
 from sarmitsuba.errors import OutputError
 from sarmitsuba.unfinished import removed_if_stopped
+
+# no link is followed and no pipe waited for, where the system knows how
+_UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 @contextmanager
@@ -40,15 +44,18 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
 
 
 def open_own(path: Path) -> BinaryIO:
-    """Open a file for reading and writing, made if need be, unless it is a link that somebody may have laid there.
+    """Open a plain file for reading and writing, made if need be: no link that somebody may have laid there, no pipe.
 
     Raises
     ------
     OSError
         As the operating system has it; ``ELOOP`` for a link.
     """
-    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-    return os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0)
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | _UNLINKED, 0o666)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "it is no plain file; remove it, or choose another -o")
+    return os.fdopen(handle, "r+b", buffering=0)
 
 
 def make_folder(folder: Path | str) -> Path:
