@@ -37,7 +37,7 @@ class Ended:
 
 
 def interrupted(folder: Path, number: int, delay: float) -> Ended:
-    """Start `render point` into a folder of its own, send the signal after ``delay`` seconds, and look at what is left."""
+    """Start `render point` in a folder of its own, send the signal after ``delay`` seconds, look at what is left."""
     out = Path(tempfile.mkdtemp(dir=folder)) / "out"
     command = [sys.executable, "-m", "sarmitsuba", "render", "point", "-o", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

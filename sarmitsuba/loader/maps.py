@@ -340,8 +340,11 @@ def _check_size(path: Path, where: str) -> None:
         raise SceneError(
             f"{where}: cannot read bitmap {path.name}: {one_line(what, 100)}; give a PNG, JPEG or OpenEXR file"
         ) from None
+    except Image.DecompressionBombError:
+        raise SceneError(
+            f"{where}: bitmap {path.name} has more pixels than the {MOST_PIXELS} that are taken; resample it"
+        ) from None
     except (
-        Image.DecompressionBombError,
         RuntimeError,
         ValueError,
         KeyError,

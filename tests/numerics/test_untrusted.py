@@ -42,7 +42,7 @@ def test_a_spectrum_outside_the_folder_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "scene" / "scene.xml"
     for name in ("../secret.spd", str(secret), "$f"):
         path.write_text(SPECTRUM.format(name))
-        with pytest.raises(SceneError, match="outside the folder|could stand for any place") as caught:
+        with pytest.raises(SceneError, match=r"outside the folder|could stand for any place") as caught:
             sarmitsuba.load_scene(path)
         assert "do not tell" not in str(caught.value)
 
@@ -113,7 +113,7 @@ def test_a_bitmap_is_measured_before_it_is_unpacked(tmp_path: Path) -> None:
     (tmp_path / "bomb.png").write_bytes(
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
     )
-    with pytest.raises(SceneError, match=f"30000 x 30000 pixels; at most {MOST_PIXELS}"):
+    with pytest.raises(SceneError, match=f"more pixels than the {MOST_PIXELS}"):
         _pixels(tmp_path / "bomb.png", "test")
 
 
@@ -121,7 +121,7 @@ def test_what_calls_itself_tif_is_read_as_geotiff_alone(tmp_path: Path) -> None:
     terrain = pytest.importorskip("sarmitsuba.importing.terrain")
     pytest.importorskip("rasterio")
     (tmp_path / "x.tif").write_text(
-        '<VRTDataset rasterXSize="4" rasterYSize="4"><SRS>EPSG:4326</SRS><GeoTransform>10,0.1,0,50,0,-0.1</GeoTransform>'
+        '<VRTDataset rasterXSize="4" rasterYSize="4"><SRS>EPSG:4326</SRS><GeoTransform>10,1,0,50,0,-1</GeoTransform>'
         '<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename>/vsicurl/http://127.0.0.1:9/x'
         "</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>"
     )
@@ -282,7 +282,7 @@ def test_kernels_that_others_could_have_written_are_not_used(
     else:
         folder.mkdir()
         folder.chmod(0o777)
-    with pytest.warns(SarmitsubaWarning, match="others can write|is no folder"):
+    with pytest.warns(SarmitsubaWarning, match=r"others can write|is no folder"):
         chosen = prepare_kernel_cache()
     assert chosen is not None and chosen != folder
     monkeypatch.delenv(CACHE_VARIABLE, raising=False)
@@ -299,7 +299,7 @@ def mixes() -> ModuleType:
 
 
 def test_threads_get_the_bits_of_one_thread(mixes: ModuleType) -> None:
-    """A part of benchmarks/thread_mixes.py; in the last mix a new process's threads use everything for the first time."""
+    """A part of benchmarks/thread_mixes.py; the last mix is the first that a process of its own does."""
     report = mixes.run(4, fresh_every=4)
     assert report["calls"] >= 8 and report["different"] == 0, report["first"]
 
