@@ -22,6 +22,8 @@ _MARGIN = 24.0
 _BATCH = 1 << 20
 # part of a cycle per cell up to which a bent response is kept
 _USED = 0.4
+# part of the distance to the first azimuth ambiguity up to which the response is made good for the spread of pulses
+_FADED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ def plan_look(
     *,
     range_window: str = "rectangular",
     azimuth_window: str = "rectangular",
-    width: int = 4,
+    width: int = 5,
 ) -> Look:
     r"""Plan the looks that stand for the apertures of all pixels.
 
@@ -81,7 +83,7 @@ def plan_look(
     radar : gives track, waveform and, for the weights of the pulses, antenna
     image : pixels wanted
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
-    width : of the spreading kernel
+    width : of the spreading kernel that raw data want
 
     Raises
     ------
@@ -94,6 +96,9 @@ def plan_look(
     objects off the image plane by a track that is not straight.
     """
     geometry = geometries(radar, image, azimuth_window)
+    if geometry.fan is None:
+        # a cell less each way: adding is most of the time, and -44 dB is below what one look leaves out
+        width = max(2, width - 1)
     steps = _steps(radar, geometry)
     places = image.positions()
     bare = geometry.grid(width, steps)
@@ -151,37 +156,50 @@ def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
 def _response(
     radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str
 ) -> NDArray[np.float32] | C64:
-    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds."""
-    spectrum = (_one_spectrum if grid.fan is None else _fan_spectrum)(radar, grid, geometry, range_window)
-    spectrum *= spectrum.size / spectrum.sum()  # unit peak
+    """Spectrum of the impulse response on the grid's FFT bins, both spreadings divided out."""
     kernel = grid.kernel
     correction = np.outer(
         kernel.transform(scipy.fft.fftfreq(grid.n_range)),
         kernel.transform(scipy.fft.fftfreq(grid.n_azimuth)),
     )
     if grid.fan is None:
+        spectrum = _one_spectrum(radar, grid, geometry, range_window)
+        spectrum *= spectrum.size / spectrum.sum()  # unit peak
         return np.asarray(spectrum / np.where(spectrum > 0.0, correction, 1.0) ** 2, dtype=np.float32)
-    bent = _bent(radar, grid, geometry, spectrum.astype(np.complex64))
+    bent = _fan_response(radar, grid, geometry, range_window)
     bent[:, np.abs(scipy.fft.fftfreq(grid.n_azimuth)) > _USED] = 0.0
-    return np.asarray(bent / np.where(spectrum.any(axis=1)[:, None], correction, 1.0) ** 2, dtype=np.complex64)
+    bent /= np.where(bent.any(axis=1)[:, None], correction**2, 1.0).astype(np.float32)
+    return bent
 
 
-def _bent(radar: Radar, grid: LookGrid, geometry: LookGeometry, spectrum: C64) -> C64:
-    r"""Spectrum of a fan's response with the wavefront's curvature across the beam axis.
+def _fan_response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> C64:
+    r"""Spectrum of a fan's response, with what the aperture of a pixel does to scatterers across its beam axis.
 
-    A pixel takes its own aperture, during which a scatterer at b across its axis is off by that curvature and the
-    one of the fan's circles,
+    During the pixel's own aperture a scatterer at b across its axis is seen with its own gains, and off by the
+    curvature of the wavefront and that of the fan's circles,
 
     .. math:: \exp\left(-\frac{2 \pi j}{\lambda} b^2 (1 / R + \kappa)\right)
     """
     assert grid.fan is not None
     fan = grid.fan
     index = scipy.fft.fftfreq(grid.n_azimuth, 1.0 / grid.n_azimuth)
-    across = index * grid.azimuth_step * fan.stretch
+    shift = index * grid.azimuth_step
     bend = fan.cosine / fan.closest_range + fan.curvature
-    phase = np.exp(-2j * np.pi / radar.waveform.wavelength * bend * across**2).astype(np.complex64)
-    out = scipy.fft.ifft(spectrum, axis=1, workers=-1)
-    out *= phase
+    wavelength = radar.waveform.wavelength
+    phase = np.exp(-2j * np.pi / wavelength * bend * (shift * fan.stretch) ** 2)
+    # pulses are single directions, and the spectrum has each spread to the next one: that fades what is far off
+    apart = float(np.mean(np.diff(geometry.edges))) * 2.0 * fan.stretch / wavelength
+    phase /= np.sinc(np.clip(shift * apart, -_FADED, _FADED))
+    out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex64)
+    total = 0.0
+    for weights, change in geometry.lit_across:
+        part = np.interp(shift, geometry.shifts, change, left=0.0, right=0.0)
+        spectrum = _fan_spectrum(radar, grid, geometry, weights, range_window).astype(np.complex64)
+        total += float(spectrum.real.sum(dtype=np.float64) * part[0])
+        field = scipy.fft.ifft(spectrum, axis=1, workers=-1, overwrite_x=True)
+        field *= (phase * part).astype(np.complex64)
+        out += field
+    out *= np.float32(out.size / total)  # unit peak
     return np.asarray(scipy.fft.fft(out, axis=1, workers=-1, overwrite_x=True))
 
 
@@ -212,12 +230,17 @@ def _one_spectrum(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_wi
     return np.asarray(band[:, None] * aperture)
 
 
-def _fan_spectrum(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F64:
-    """Band over the fan's coordinates: frequencies are circles about the origin, pulses are lines from there."""
+def _fan_spectrum(
+    radar: Radar, grid: LookGrid, geometry: LookGeometry, weights: F64, range_window: str
+) -> F64:
+    """Band over the fan's coordinates: frequencies are circles about the origin, pulses are lines from there.
+
+    ``weights`` (n,) : of the lit pulses
+    """
     assert grid.fan is not None
     wave, edges = radar.waveform, geometry.edges
     fine, cumulative = _cumulative(range_window)
-    summed = np.concatenate([[0.0], np.cumsum(geometry.weights)])
+    summed = np.concatenate([[0.0], np.cumsum(weights)])
     # both wavenumbers as frequencies, Hz
     ahead = wave.center_frequency + scipy.fft.fftfreq(grid.n_range, grid.range_step) * 0.5 * SPEED_OF_LIGHT
     unit = 0.5 * SPEED_OF_LIGHT / grid.fan.stretch

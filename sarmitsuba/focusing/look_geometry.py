@@ -1,13 +1,20 @@
 """From where the image-domain method looks, in which coordinates, and how well one response serves all pixels."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.look_grid import BeamFan, LookGrid
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import flight, matched_weights, pulse_ranges
+from sarmitsuba.focusing.aperture import (
+    aperture_weights,
+    direction_gain,
+    flight,
+    look_directions,
+    matched_weights,
+    pulse_ranges,
+)
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.turning import turning
@@ -21,8 +28,10 @@ LEAST_AGREEMENT = 0.99
 _ONE_LOOK = 0.5
 # distance of the places between which the beam's sweep is measured, over the slant range, and at most of the image
 _BASE, _BASE_OF_IMAGE = 1e-3, 0.25
-# bins over the band, in which the responses of two places are compared
-_BINS = 256
+# reach of what a pixel's aperture sees beside the pixel, over the aperture, places there, and least term of its weights
+_ACROSS, _SHIFTS, _LEAST_TERM = 1.5, 65, 3e-3
+# least and most bins over the band, in which the responses of two places are compared
+_BINS = (8, 256)
 # summed weight, over the largest, from which on a place counts as lit
 _DARK = 1e-3
 
@@ -39,6 +48,8 @@ class LookGeometry:
     edges : (n + 1,) limits, ascending, of what each of the n lit pulses stands for: time (s) from the look's, or with a
         fan the angle (rad) of the line of sight off the beam axis at the image's centre
     weights : (n,) of these pulses
+    shifts : (m,) m, c of the middle pixel less that of a scatterer, at which ``lit_across`` is known
+    lit_across : terms, weights (n,) and factor (m,), of what the pixel's aperture weighs that scatterer with
     agreement : see :class:`sarmitsuba.focusing.look.Look`
     """
 
@@ -49,6 +60,8 @@ class LookGeometry:
     antenna: F64
     edges: F64
     weights: F64
+    shifts: F64 = field(default_factory=lambda: np.zeros(0))
+    lit_across: tuple[tuple[F64, F64], ...] = ()
     agreement: float = 1.0
 
     def grid(
@@ -102,7 +115,7 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     if not np.isfinite(radar.half_aperture):
         found.append(_one_look(radar, weights))
     if swept:
-        found += _looks_along_sweep(radar, image, middle, weights)
+        found += _looks_along_sweep(radar, image, middle, azimuth_window)
     rated = [(*_agreement(radar, image, azimuth_window, one), one) for one in found]
     if not rated:
         raise DataError(
@@ -113,7 +126,7 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     if not least >= LEAST_AGREEMENT:
         raise DataError(
             f"image: one impulse response does not serve all pixels: {float(np.linalg.norm(place - middle)):.4g} m off the "
-            f"image's centre its coherence with their own is {least:.2f}, and {LEAST_AGREEMENT:g} is wanted; take method "
+            f"image's centre its coherence with their own is {least:.3f}, and {LEAST_AGREEMENT:g} is wanted; take method "
             "hybrid, or shrink the image"
         )
     return replace(best, agreement=least)
@@ -137,14 +150,14 @@ def _one_look(radar: Radar, weights: F64) -> LookGeometry:
 
 
 def _looks_along_sweep(
-    radar: Radar, image: ImageGrid, middle: F64, weights: F64
+    radar: Radar, image: ImageGrid, middle: F64, azimuth_window: str
 ) -> list[LookGeometry]:
     """Looks of a beam that passes over the pixels in turn; none where it does not, or turns about a place in the image.
 
     Parameters
     ----------
     middle : (3,) m, the image's central pixel
-    weights : (n_pulses,) there
+    azimuth_window : over the pulses of each pixel
     """
     track = radar.track
     distance = float(np.linalg.norm(middle - track.center_position))
@@ -167,6 +180,7 @@ def _looks_along_sweep(
     # angles off the axis at the middle pixel, in the order of the band
     ways = middle - track.position
     towards = np.einsum("ij,ij->i", ways, track.velocity) / np.linalg.norm(ways, axis=1) / speed
+    weights = matched_weights(radar, middle, azimuth_window)
     angle, lit = _lit(np.arcsin(np.clip(towards, -1.0, 1.0)) - np.arcsin(sine), weights)
     order = np.argsort(angle, kind="stable")
     angle, lit = angle[order], lit[order]
@@ -185,7 +199,17 @@ def _looks_along_sweep(
     else:
         places = np.linspace(low, high, 1 + int(np.ceil((high - low) / aperture)))
     looks = _geometry(radar, time + places / speed, speed, time, fan)
-    return [replace(looks, edges=_edges(angle, 1e-9), weights=lit)]
+    shifts = np.linspace(-_ACROSS * aperture, _ACROSS * aperture, _SHIFTS)
+    beside = middle - image.along * (shifts / swept)[:, None]  # shifts are those of the pixel
+    gain = direction_gain(radar, slice(None), look_directions(radar, np.vstack([middle, beside])))
+    across = gain[1:] * (gain[0] * aperture_weights(radar, middle, azimuth_window))
+    first, last = np.flatnonzero(weights > 0.0)[[0, -1]]
+    factor, size, share = np.linalg.svd(across[:, first : last + 1][:, order], full_matrices=False)
+    kept = size > _LEAST_TERM * size[0]
+    terms = tuple(zip(share[kept], (factor * size)[:, kept].T, strict=True))
+    return [
+        replace(looks, edges=_edges(angle, 1e-9), weights=lit, shifts=shifts, lit_across=terms)
+    ]
 
 
 def _geometry(radar: Radar, time: F64, speed: float, zero: float, fan: BeamFan | None) -> LookGeometry:
@@ -268,7 +292,9 @@ def _agreement(
         along, ahead, lit = along[order], ahead[order], lit[order]
         own = np.concatenate([[0.0], np.cumsum(lit)])
         ends = _edges(along, 1e-9 if geometry.fan else 1e-6)
-        bins = np.linspace(min(ends[0], edges[0]), max(ends[-1], edges[-1]), _BINS + 1)
+        # no finer than the pulses: how these fall on the band's ends is another at every pixel
+        count = int(np.clip(lit.size, *_BINS))
+        bins = np.linspace(min(ends[0], edges[0]), max(ends[-1], edges[-1]), count + 1)
         a, b = (np.diff(np.interp(bins, *pair)) for pair in ((ends, own), (edges, summed)))
         # along the range coordinate the response lies on a circle about the origin, or on a line
         model = np.sqrt(1.0 - (along / stretch) ** 2) if geometry.fan is not None else 1.0
