@@ -67,28 +67,28 @@ class BeamFan:
         numbers : what :attr:`numbers` holds, for kernels that are not to be compiled for each value
         xp : NumPy, or Dr.Jit
         """
-        azimuth, closest, sine, cosine, curvature, slowness = numbers or self.numbers
-        u = range_rate * -slowness
+        azimuth, closest, sine, cosine, curvature, per_rate = numbers or self.numbers
+        u = range_rate * per_rate
         r = slant_range * xp.sqrt(xp.maximum(1.0 - u * u, 1e-6))
         x = antenna + slant_range * u
         across, along = r - closest, x - azimuth
         a, b = across * cosine + along * sine, along * cosine - across * sine
-        ahead, aside = 1.0 - curvature * a, -curvature * b
+        ahead, aside = 1.0 - a * curvature, b * curvature
         size = xp.sqrt(ahead * ahead + aside * aside)
-        p = (2.0 * a - curvature * (a * a + b * b)) / (1.0 + size)
-        way = r / (ahead * cosine - aside * sine)
-        return p, x - way * (ahead * sine + aside * cosine), way * size
+        p = (a * 2.0 - (a * a + b * b) * curvature) / (size + 1.0)
+        way = r / (ahead * cosine + aside * sine)
+        return p, x - way * (ahead * sine - aside * cosine), way * size
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """What :meth:`place` goes by: azimuth, closest range, sine, cosine, curvature and one over the speed."""
+        """What :meth:`place` goes by: azimuth, closest range, sine, cosine, curvature and -1 / speed."""
         return (
             self.azimuth,
             self.closest_range,
             self.sine,
             self.cosine,
             self.curvature,
-            1.0 / self.speed,
+            -1.0 / self.speed,
         )
 
 
@@ -161,7 +161,7 @@ class LookGrid:
         if self.n_looks == 1:
             return np.ones_like(azimuth)
         inside = np.clip(azimuth, self.antenna[0], self.antenna[-1])
-        return np.maximum(1.0 - np.abs(inside - self.antenna[look]) / self.spacing, 0.0)
+        return np.asarray(np.maximum(1.0 - np.abs(inside - self.antenna[look]) / self.spacing, 0.0))
 
     def cells(self, range_coordinate: F64, azimuth: F64) -> tuple[F64, F64, F64]:
         """Range coordinate less the reference (m), and the position on the two axes in cells."""

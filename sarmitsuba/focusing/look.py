@@ -106,10 +106,7 @@ def plan_look(
     distance, range_rate = bare.state(places, pixel_look)
     r, s, distance = bare.coordinates(distance, range_rate, pixel_look)
     margin_r, margin_s = (2.0 * _MARGIN * step for step in steps)
-    n_range, n_azimuth = (
-        int(scipy.fft.next_fast_len(int(np.ceil((np.ptp(v) + 2.0 * margin) / step)) + 1))
-        for v, margin, step in ((r, margin_r, steps[0]), (s, margin_s, steps[1]))
-    )
+    n_range, n_azimuth = (_cells(v, step) for v, step in zip((r, s), steps, strict=True))
     reference = float(0.5 * (r.min() + r.max()))
     grid = geometry.grid(
         width,
@@ -131,6 +128,30 @@ def plan_look(
         response=_response(radar, grid, geometry, range_window),
         noise_gain=float(np.sqrt(broadening * np.sum(weights**2)) / np.sum(weights)),
         agreement=geometry.agreement,
+    )
+
+
+def look_size(radar: Radar, image: ImageGrid) -> tuple[int, int, int]:
+    """Cells of range and azimuth of the grid that :func:`plan_look` makes, about, and the number of looks.
+
+    Raises
+    ------
+    DataError
+        As :func:`plan_look` does.
+    """
+    geometry = geometries(radar, image, "rectangular")
+    steps = _steps(radar, geometry)
+    bare = geometry.grid(1, steps)
+    lines = np.array([image.positions_on_line(i) for i in (0, image.shape[0] // 2, image.shape[0] - 1)])
+    look = geometry.nearest(bare, lines)
+    r, s, _ = bare.coordinates(*bare.state(lines, look), look)
+    return _cells(r, steps[0]), _cells(s, steps[1]), bare.n_looks
+
+
+def _cells(values: F64, step: float) -> int:
+    """Cells that hold the values with a margin on either side, as many as transform fast."""
+    return int(
+        scipy.fft.next_fast_len(int(np.ceil((np.ptp(values) + 2.0 * (2.0 * _MARGIN * step)) / step)) + 1)
     )
 
 
@@ -168,7 +189,7 @@ def _response(
         return np.asarray(spectrum / np.where(spectrum > 0.0, correction, 1.0) ** 2, dtype=np.float32)
     bent = _fan_response(radar, grid, geometry, range_window)
     bent[:, np.abs(scipy.fft.fftfreq(grid.n_azimuth)) > _USED] = 0.0
-    bent /= np.where(bent.any(axis=1)[:, None], correction**2, 1.0).astype(np.float32)
+    bent /= (correction**2).astype(np.float32)
     return bent
 
 
@@ -295,9 +316,7 @@ def resample(smooth: C64, look: Look) -> C64:
         base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
         taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
         first = (
-            (base_x.astype(np.int64) - kernel.lead) * grid.n_azimuth
-            + base_y.astype(np.int64)
-            - kernel.lead
+            (base_x.astype(np.int64) - kernel.lead) * grid.n_azimuth + base_y.astype(np.int64) - kernel.lead
         )
         total = np.zeros(x.size, dtype=np.complex64)
         for i, tx in enumerate(taps_x):
@@ -309,4 +328,4 @@ def resample(smooth: C64, look: Look) -> C64:
     return out.reshape(look.image.shape)
 
 
-__all__ = ["Look", "form_image", "plan_look", "resample"]
+__all__ = ["Look", "form_image", "look_size", "plan_look", "resample"]

@@ -109,7 +109,7 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     middle = image.positions_on_line(image.shape[0] // 2)[image.shape[1] // 2]
     weights = matched_weights(radar, middle, azimuth_window)
     if not weights.any():
-        raise DataError("image: no pulse illuminates the image's centre; move the image into the beam")
+        raise DataError("method image: no pulse illuminates the image's centre; move the image into the beam")
     swept = radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic"
     found: list[LookGeometry] = []
     if not np.isfinite(radar.half_aperture):
@@ -119,15 +119,16 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     rated = [(*_agreement(radar, image, azimuth_window, one), one) for one in found]
     if not rated:
         raise DataError(
-            "image: the beam does not sweep evenly over the image, so that no one impulse response serves all pixels; "
-            "take method hybrid"
+            "method image: the beam does not pass over the image evenly, so that no one impulse response serves all "
+            "pixels; take method hybrid"
         )
     least, place, best = max(rated, key=lambda entry: entry[0])
     if not least >= LEAST_AGREEMENT:
+        off = float(np.linalg.norm(place - middle))
         raise DataError(
-            f"image: one impulse response does not serve all pixels: {float(np.linalg.norm(place - middle)):.4g} m off the "
-            f"image's centre its coherence with their own is {least:.3f}, and {LEAST_AGREEMENT:g} is wanted; take method "
-            "hybrid, or shrink the image"
+            f"method image: one impulse response does not serve all pixels: {off:.4g} m off the image's centre its "
+            f"coherence with their own is {least:.3f}, below {LEAST_AGREEMENT:g}; take method hybrid, or shrink the "
+            "image"
         )
     return replace(best, agreement=least)
 
@@ -208,7 +209,13 @@ def _looks_along_sweep(
     kept = size > _LEAST_TERM * size[0]
     terms = tuple(zip(share[kept], (factor * size)[:, kept].T, strict=True))
     return [
-        replace(looks, edges=_edges(angle, 1e-9), weights=lit, shifts=shifts, lit_across=terms)
+        replace(
+            looks,
+            edges=_edges(angle, 1e-9),
+            weights=lit,
+            shifts=shifts,
+            lit_across=terms,
+        )
     ]
 
 
@@ -306,9 +313,7 @@ def _agreement(
     return worst, where
 
 
-def _wavenumbers(
-    radar: Radar, grid: LookGrid, geometry: LookGeometry, place: F64
-) -> tuple[F64, F64]:
+def _wavenumbers(radar: Radar, grid: LookGrid, geometry: LookGeometry, place: F64) -> tuple[F64, F64]:
     """Gradients of the range of every pulse over the grid's azimuth and range coordinate at a place (3,)."""
     step = 1e-6 * float(np.linalg.norm(place - radar.track.center_position))
     axes = np.array([radar.track.along, radar.across]) * step

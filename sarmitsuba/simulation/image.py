@@ -7,7 +7,7 @@ from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
-from sarmitsuba.errors import DataError, RadarError
+from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
@@ -88,25 +88,24 @@ class Imager:
 
         Raises
         ------
+        DataError
+            One impulse response does not serve all pixels; the error names the method that does.
         RadarError
-            They do not serve the image; the error names the method that does.
+            What moves would have to be seen at another instant in every place.
         """
         if self._look is None:
             scene = self.run.scene
-            try:
-                look = plan_look(
-                    scene.radar,
-                    self.grid,
-                    range_window=self.windows[0],
-                    azimuth_window=self.windows[1],
-                    width=scene.settings.gridding_width,
-                )
-            except DataError as error:
-                raise RadarError(f"{scene.name}: method {error}") from error
+            look = plan_look(
+                scene.radar,
+                self.grid,
+                range_window=self.windows[0],
+                azimuth_window=self.windows[1],
+                width=scene.settings.gridding_width,
+            )
             if look.grid.fan is not None and scene.moves and self.run.plan.on("moving_targets"):
                 raise RadarError(
-                    f"{scene.name}: method image sees what moves at one instant, and in mode {scene.radar.mode} the beam "
-                    "passes over each place at another; take method hybrid, or set moving_targets off"
+                    f"{scene.name}: method image sees what moves at one instant, and in mode {scene.radar.mode} the "
+                    "beam passes over each place at another; take method hybrid, or set moving_targets off"
                 )
             self._look = look
             self.run.timer.lap("plan")
