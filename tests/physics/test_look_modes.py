@@ -97,7 +97,7 @@ def draw(rng: np.random.Generator, mode: str, squint: float, **changes: object) 
 
 def cloud(rng: np.random.Generator, made: Draw, n: int) -> tuple[PointTarget, ...]:
     """Points all over the image, of drawn RCS and phase."""
-    reach = 0.45 * CELLS * made.cell * np.array([1.0, 1.0, 0.0])
+    reach = 0.33 * CELLS * made.cell * np.array([1.0, 1.0, 0.0])  # within the image, however that is turned
     return tuple(
         PointTarget(
             f"p{i}",
@@ -224,7 +224,7 @@ def test_what_moves_under_a_beam_that_passes_is_refused() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(24))
 def test_points_in_drawn_modes(seed: int) -> None:
     rng = np.random.default_rng([7, seed])
     mode = ("stripmap", "sliding_spotlight", "spotlight")[min(seed % 5 // 2, 2)]
@@ -234,15 +234,14 @@ def test_points_in_drawn_modes(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("polarisation", ["VV", "HH"])
 @pytest.mark.parametrize(
-    ("mode", "squint"),
+    ("mode", "squint", "polarisation"),
     [
-        ("stripmap", 10.0),
-        ("stripmap", 30.0),
-        ("sliding_spotlight", 0.0),
-        ("sliding_spotlight", -20.0),
-        ("spotlight", 15.0),
+        ("stripmap", 10.0, "VV"),
+        ("stripmap", 30.0, "HH"),
+        ("sliding_spotlight", 0.0, "HH"),
+        ("sliding_spotlight", -20.0, "VV"),
+        ("spotlight", 15.0, "VV"),
     ],
 )
 def test_traced_clutter_and_plates_have_the_phase_of_hybrid(
