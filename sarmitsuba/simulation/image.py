@@ -12,6 +12,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
+from sarmitsuba.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
@@ -43,10 +44,10 @@ class Imager:
 
     Notes
     -----
-    :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
-    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
-    the scene's.
+    :meth:`image` ignores azimuth ambiguities and what changes over the aperture (visibility, specular glints, curvature
+    of paths by several walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also
+    ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle is a random field of the
+    right statistics, not the scene's.
     """
 
     def __init__(
@@ -170,8 +171,10 @@ class Imager:
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         if self._raster is None:
-            self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
-        cell = self._look_cells().center
+            self._raster = Raster(
+                run.sampling, run.trace_scene, self.grid, *self.windows, self._passing_antenna()
+            )
+        cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
         run.timer.lap("raster")
@@ -280,13 +283,27 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Cells of the image: one response for all pixels that one look sees, that of the image's centre."""
-        radar, grid, window = self.run.scene.radar, self.grid, self.windows[1]
-        if self.look.grid.fan is not None:  # every pixel has an aperture of its own
-            return azimuth_cells(radar, grid, lambda p: matched_weights(radar, p, window), self.windows[0])
+        """Cells of the image: of every pixel's own aperture, or those of one response for all."""
+        if self.look.grid.fan is None:
+            return self._middle_cells()
+        radar, window = self.run.scene.radar, self.windows[1]
+        return azimuth_cells(radar, self.grid, lambda p: matched_weights(radar, p, window), self.windows[0])
+
+    def _middle_cells(self) -> AzimuthCells:
+        """Cells of one response for all pixels, that of the image's centre."""
+        radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
-        weights = matched_weights(radar, middle, window)
+        weights = matched_weights(radar, middle, self.windows[1])
         return azimuth_cells(radar, grid, lambda _: weights, self.windows[0])
+
+    def _passing_antenna(self) -> NDArray[np.float64] | None:
+        """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
+        radar, grid = self.run.scene.radar, self.grid
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        time = passing_time(radar, middle) if sweeps(radar) else None
+        if time is None:
+            return None
+        return np.array([np.interp(time, radar.track.time, x) for x in radar.track.position.T])
 
     def _raster_cells(self, center: float) -> AzimuthCells:
         """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
