@@ -206,10 +206,10 @@ def _looks_along_sweep(
     looks = _geometry(radar, time + places / speed, speed, time, fan)
     shifts = np.linspace(-_ACROSS * aperture, _ACROSS * aperture, _SHIFTS)
     beside = middle - image.along * (shifts / swept)[:, None]  # shifts are those of the pixel
-    gain = direction_gain(radar, slice(None), look_directions(radar, np.vstack([middle, beside])))
-    across = gain[1:] * (gain[0] * aperture_weights(radar, middle, azimuth_window))
-    first, last = np.flatnonzero(weights > 0.0)[[0, -1]]
-    across = across[:, first : last + 1][:, order]
+    near = slice(*(np.flatnonzero(weights > 0.0)[[0, -1]] + [0, 1]))
+    lit_radar = radar.of_pulses(near)
+    gain = direction_gain(lit_radar, slice(None), look_directions(lit_radar, np.vstack([middle, beside])))
+    across = (gain[1:] * gain[0] * aperture_weights(radar, middle, azimuth_window)[near])[:, order]
     size, factor = np.linalg.eigh(across @ across.T)
     kept = factor[:, size > _LEAST_TERM**2 * size[-1]].T
     terms = tuple(zip(kept @ across, kept, strict=True))
