@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine
+from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine, lit_in_turn, own_apertures
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -123,8 +123,8 @@ def aperture_filter(
     radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window, sines: F64
 ) -> ApertureFilter | None:
     """Filter of a slant grid's pixels over a range of sines (2,); None where it is 1 throughout."""
-    own = np.isfinite(radar.half_aperture)
-    if not own and (radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures):
+    own = own_apertures(radar)
+    if not lit_in_turn(radar):
         return None
     middle, half = boresight_sine(radar), radar.half_aperture
     bounds = np.clip(middle + half * np.array([-1.0, 1.0]) if own else sines, -_STEEPEST, _STEEPEST)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
-from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry
+from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, aperture_middle, lit_in_turn
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -28,9 +28,10 @@ def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window
         between = np.array([np.interp(np.arange(grid.range.size), columns, line) for line in coarse])
         total = np.array([np.interp(np.arange(grid.azimuth.size), rows, line) for line in between.T]).T
     scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
-    # pixels that the receive window does not contain at mid-aperture hold no data
-    start = float(radar.window.start_range[radar.track.center_index])
-    r = np.hypot(grid.azimuth[:, None] - 0.5 * (geometry.x[0] + geometry.x[-1]), grid.range)
+    # pixels that the receive window does not contain in the middle of their aperture hold no data
+    middle = aperture_middle(radar, geometry, grid.azimuth[:, None], grid.range)
+    start = radar.window.start_range[middle]
+    r = np.hypot(grid.azimuth[:, None] - geometry.x[middle], grid.range)
     scale[(r < start) | (r > start + radar.window.extent)] = 0.0
     return np.asarray(scale / radar.amplitude_constant)
 
@@ -45,7 +46,7 @@ def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, azimuth_windo
 
 def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
-    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
+    if radar.antenna.pattern == "isotropic" or not lit_in_turn(radar):
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)
     rho = float(grid.range[grid.range.size // 2])
