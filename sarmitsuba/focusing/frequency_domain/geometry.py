@@ -22,7 +22,7 @@ _LIT = 0.02
 # pulses looked at for that
 _PULSES = 256
 # half the band that is processed for pixels' own apertures at least, over half of theirs: room for their ends' tails
-_TAILS = 1.25
+_TAILS = 2.0
 # largest sine that an aperture may reach: along the track no pixel has a range of its own
 _STEEPEST = 0.99
 
