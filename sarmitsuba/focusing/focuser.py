@@ -117,7 +117,7 @@ class Focuser(WithOptions, ABC):
 # with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/focuser_limits.py)
 PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
 # of what small images take the most of: a call, a sample of the raw data on its way to a profile, a pixel in NumPy, and
-# the weight of a pulse at one of the places where a pattern's weights are summed (benchmarks/focuser_times.py)
+# the weight of a pulse at one of the places where a pattern's weights are summed (benchmarks/focusers.py prints both)
 CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
 
 
