@@ -35,7 +35,7 @@ CHIP = 48  # pixels about a point
 SMALL = (
     (32, 1.0),
     (128, 1.0),
-    (64, 0.15),
+    (64, 0.3),
 )  # pixels of an edge, and the cell, m, which sets the number of pulses
 
 
@@ -182,7 +182,7 @@ def small_rows() -> list[dict[str, Any]]:
                     "pulses": radar.track.n_pulses,
                     "pattern": radar.antenna.pattern,
                     "focuser": focuser.name,
-                    "cpu_s": min(once(focuser, raw, grid)[1] for _ in range(3)),
+                    "cpu_s": min(once(focuser, raw, grid)[1] for _ in range(2)),
                     "stated_s": focuser.cpu_seconds(radar, grid),
                 }
             )

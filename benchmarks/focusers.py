@@ -368,7 +368,7 @@ def run(quick: bool) -> harness.Report:
             {"focuser": "focuser", "power of n": "power:.2f"},
         ),
         (
-            "Small images, where calls, profiles and weights take the time: least of three",
+            "Small images, where calls, profiles and weights take the time: lesser of two",
             small,
             {
                 "pixels": "pixels",
