@@ -129,6 +129,28 @@ class PilotResult:
         strongest = float(peak.max()) if peak.size else 0.0
         return _ratio_db(strongest, self.clutter if self.clutter > 0 else float(self.peak[3].max()))
 
+    def enough(self, tolerance_db: float) -> int:
+        """Fewest bounces after which what is left stays below the tolerance, two standard errors included; 0: none do."""
+        limit = self.cell_limit_db(tolerance_db)
+        for n in range(1, self.n_orders):
+            if self.energy_db(3, n + 1, upper=True) <= tolerance_db and self.cell_db(3, n + 1) <= limit:
+                return n
+        return 0
+
+    def would_be_enough(self, tolerance_db: float) -> int:
+        """Bounces that :meth:`enough` would find beyond those followed, if returns go on to fall as over the last half."""
+        middle, last = (self.n_orders + 1) // 2, self.n_orders
+        over = 0.0
+        falls = np.inf
+        for left, limit in (
+            (lambda n: self.energy_db(3, n), tolerance_db),
+            (lambda n: self.cell_db(3, n), self.cell_limit_db(tolerance_db)),
+        ):
+            if left(last) > limit:
+                over = max(over, left(last) - limit)
+                falls = min(falls, (left(middle) - left(last)) / (last - middle))
+        return last + int(np.ceil(over / max(falls, 1e-2)))
+
     def cell_limit_db(self, tolerance_db: float) -> float:
         """What ``cell_db`` may be of a return that is left out."""
         return CELL_BELOW_CLUTTER_DB if self.clutter > 0 else tolerance_db
