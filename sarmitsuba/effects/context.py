@@ -84,6 +84,7 @@ class PilotResult:
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
     pairs : what pairs of diffuse scatterers return; None where they were not looked for
+    going_on : largest share of a patch's power, as launched, that still goes on after the last order
     """
 
     pulses: tuple[int, ...]
@@ -98,6 +99,7 @@ class PilotResult:
     rays_per_second: float
     seconds: float
     pairs: PairLevel | None = None
+    going_on: float = 0.0
 
     @property
     def n_orders(self) -> int:
@@ -136,6 +138,10 @@ class PilotResult:
             if self.energy_db(3, n + 1, upper=True) <= tolerance_db and self.cell_db(3, n + 1) <= limit:
                 return n
         return 0
+
+    def settled(self, tolerance_db: float) -> bool:
+        """Whether enough bounces were followed, by their returns and by what power goes on after the last."""
+        return self.enough(tolerance_db) > 0 and self.going_on <= 10.0 ** (0.1 * tolerance_db)
 
     def would_be_enough(self, tolerance_db: float) -> int:
         """Bounces that :meth:`enough` would find beyond those followed, if returns go on to fall as over the last half."""
