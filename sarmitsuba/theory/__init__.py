@@ -99,7 +99,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
-from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion, slab_shift
+from sarmitsuba.theory.slabs import SlabWaves, layers_insertion, slab, slab_delay, slab_insertion, slab_shift
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
