@@ -122,7 +122,9 @@ class BouncesLeft:
         if self.enough and self.depth <= followed:
             return ()
         if self.enough:
-            return (f"{name}: {followed} bounces are followed, and {self.depth} matter; set max_depth to auto",)
+            return (
+                f"{name}: {followed} bounces are followed, and {self.depth} matter; set max_depth to auto",
+            )
         return (
             f"{name}: {followed} bounces are followed, and bounce {self.depth} still returns {self.left_db:.0f} dB of "
             "what all return; give max_depth to follow more, or let something take a part of every wave",

@@ -185,7 +185,9 @@ def layers_insertion(
         outer = complex(cos_theta) if te else 1.0 / complex(cos_theta)
         whole = np.eye(2, dtype=np.complex128)
         for permittivity, thickness in layers:
-            q = complex(normal_wavenumber(np.asarray(cos_theta), np.asarray(permittivity, dtype=np.complex128)))
+            q = complex(
+                normal_wavenumber(np.asarray(cos_theta), np.asarray(permittivity, dtype=np.complex128))
+            )
             y = q if te else permittivity / q
             delta = 2.0 * np.pi / wavelength * thickness * q
             whole = whole @ np.array(

@@ -217,7 +217,8 @@ class Stick(Piece):
 
     .. math:: S_{ends} = \frac{k^2}{\sqrt{4 \pi}} V (\epsilon - 1) (q_l - q_\infty)
 
-    That difference counts in full up to :math:`k a |\sqrt\epsilon| = 1`, less beyond, and not from 2 on.
+    That difference counts in full up to :math:`k a |\sqrt\epsilon| = 1` and :math:`k l = 40`, less beyond, and not from 2
+    and 60 on.
 
     Parameters
     ----------
@@ -331,10 +332,11 @@ class Stick(Piece):
     def _ends(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
         """What the ends change of it."""
         endless, gain = self._cut(k, permittivity, came, goes), self._gain(k, permittivity)
-        if gain == 0.0 or k * self.length > LONGEST:
+        share = float(np.clip(3.0 - 3.0 * k * self.length / LONGEST, 0.0, 1.0))
+        if gain == 0.0 or share == 0.0:
             return 0.0 * endless[0], 0.0 * endless[1]
         whole = self._rod(k, permittivity).response(came, goes)
-        return gain * whole[0] - endless[0], gain * whole[1] - endless[1]
+        return share * (gain * whole[0] - endless[0]), share * (gain * whole[1] - endless[1])
 
 
 def _disc_form(size: float, way: F64) -> F64:

@@ -22,8 +22,8 @@ from scipy.special import hankel2, jv, spherical_jn
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
-# polynomials: so many and one more for every unit of half the length times the wavenumber; k l beyond which the ends
-# change less than 0.2 dB of any cross section and the rod is taken as endless
+# polynomials: so many and one more for every unit of half the length times the wavenumber; k l from which on
+# the rod is taken as endless
 LEAST_ORDERS, LONGEST = 8, 60.0
 # of the integrals over half length times wavenumber: step, least end of the even grid, nodes of the geometric one beyond
 _STEP, _EVEN, _BEYOND = 0.1, 200.0, 300
@@ -50,7 +50,9 @@ class ThinRod:
         if not self.along.size:
             return self.of_endless(came, goes)
         came, goes = np.broadcast_arrays(came, goes)
-        places = np.stack([(came / self._step + self._side).ravel(), (goes / self._step + self._side).ravel()])
+        places = np.stack(
+            [(came / self._step + self._side).ravel(), (goes / self._step + self._side).ravel()]
+        )
         along, across = (
             (
                 map_coordinates(table.real, places, mode="nearest", prefilter=False)
@@ -83,7 +85,9 @@ class ThinRod:
         """Spline coefficients of the response, along and across, over the cosine that comes and the one that goes."""
         moments = self._moments(self._step * np.arange(-self._side, self._side + 1))
         first, second = (
-            spline_filter(0.5 * (moments @ solved.T @ np.conj(moments.T)), mode="nearest", output=np.complex128)
+            spline_filter(
+                0.5 * (moments @ solved.T @ np.conj(moments.T)), mode="nearest", output=np.complex128
+            )
             for solved in (self.along, self.across)
         )
         return first, second

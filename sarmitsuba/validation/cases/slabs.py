@@ -293,7 +293,9 @@ def double_glazing(quick: bool = False) -> Case:
     rng = np.random.default_rng(20)
     look, plate = np.array([1.0, 0.0, 0.0]), targets.parallelogram([0, -0.6, -0.6], [0, 1.2, 0], [0, 0, 1.2])
 
-    def seen(meshes: list[targets.Mesh], numbers: list[int], materials: tuple[Material, ...], depth: int) -> C128:
+    def seen(
+        meshes: list[targets.Mesh], numbers: list[int], materials: tuple[Material, ...], depth: int
+    ) -> C128:
         geometry = targets.geometry(meshes, numbers)
         result = monostatic_rcs(
             geometry,
@@ -329,8 +331,9 @@ def double_glazing(quick: bool = False) -> Case:
             )
             depth = back - after * normal
         # the panes' own side lobes are not asked for
-        behind, alone = seen([plate, *panes], [0, 1, 2], tuple(materials), 0), seen(
-            panes, [1, 2], tuple(materials), 0
+        behind, alone = (
+            seen([plate, *panes], [0, 1, 2], tuple(materials), 0),
+            seen(panes, [1, 2], tuple(materials), 0),
         )
         through = theory.layers_insertion(
             float(np.cos(angle)), [(eps[0], d1), (1.0 + 0.0j, gap), (eps[1], d2)], X_WAVELENGTH
