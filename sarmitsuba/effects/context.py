@@ -132,7 +132,7 @@ class PilotResult:
         return _ratio_db(strongest, self.clutter if self.clutter > 0 else float(self.peak[3].max()))
 
     def enough(self, tolerance_db: float) -> int:
-        """Fewest bounces after which what is left stays below the tolerance, two standard errors included; 0: none do."""
+        """Fewest bounces after which what is left, two standard errors included, stays below the tolerance; 0: none."""
         limit = self.cell_limit_db(tolerance_db)
         for n in range(1, self.n_orders):
             if self.energy_db(3, n + 1, upper=True) <= tolerance_db and self.cell_db(3, n + 1) <= limit:
@@ -144,17 +144,14 @@ class PilotResult:
         return self.enough(tolerance_db) > 0 and self.going_on <= 10.0 ** (0.1 * tolerance_db)
 
     def would_be_enough(self, tolerance_db: float) -> int:
-        """Bounces that :meth:`enough` would find beyond those followed, if returns go on to fall as over the last half."""
+        """Bounces that :meth:`enough` would find beyond those followed, if returns fall as over the last half."""
         middle, last = (self.n_orders + 1) // 2, self.n_orders
-        over = 0.0
-        falls = np.inf
-        for left, limit in (
-            (lambda n: self.energy_db(3, n), tolerance_db),
-            (lambda n: self.cell_db(3, n), self.cell_limit_db(tolerance_db)),
-        ):
-            if left(last) > limit:
-                over = max(over, left(last) - limit)
-                falls = min(falls, (left(middle) - left(last)) / (last - middle))
+        over, falls = 0.0, np.inf
+        for of, limit in ((self.energy_db, tolerance_db), (self.cell_db, self.cell_limit_db(tolerance_db))):
+            begin, end = of(3, middle), of(3, last)
+            if end > limit:
+                over = max(over, end - limit)
+                falls = min(falls, (begin - end) / (last - middle))
         return last + int(np.ceil(over / max(falls, 1e-2)))
 
     def cell_limit_db(self, tolerance_db: float) -> float:

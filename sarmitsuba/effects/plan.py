@@ -274,8 +274,8 @@ def _depth_note(context: SceneContext, depth: int) -> str:
     over = "clutter" if pilot.clutter > 0 else "peak"
     return (
         f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and on hold "
-        f"{pilot.energy_db(3, order):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB over "
-        f"the {over}; {remedy}"
+        f"{pilot.energy_db(3, order):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB "
+        f"over the {over}; {remedy}"
     )
 
 

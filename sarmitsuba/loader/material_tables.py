@@ -78,8 +78,8 @@ RADAR_MATERIAL = ParamTable(
             "facet_depth",
             "float",
             0.0,
-            "where in the slab its facets lie, as a share of the thickness: 0 = at the face that their normals point away "
-            "from the slab at, 0.5 = in its middle, 1 = at the other face",
+            "where in the slab its facets lie, as a share of its thickness: 0 = at the face on their normals' side, "
+            "0.5 = in the middle, 1 = at the other face",
             "",
             0.0,
             1.0,

@@ -35,7 +35,7 @@ class Material:
     maps : what varies over the surface; None: nothing
     thickness : m, of a slab, of which every facet is one; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
-    facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness in front of them, on their normal's side
+    facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness before them, on their normal's side
 
     Raises
     ------

@@ -76,7 +76,7 @@ class BouncesLeft:
 
     Parameters
     ----------
-    depth : bounces n after which it is below the tolerance; those that were followed in search of it where none are enough
+    depth : bounces n after which it is below the tolerance; those that were followed in search of it where none are
     left_db : what is left after as many, dB; -inf for nothing
     enough : whether that is below the tolerance
     """

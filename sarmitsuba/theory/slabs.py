@@ -168,8 +168,8 @@ def layers_insertion(
     Parameters
     ----------
     cos_theta : cosine of the incidence angle
-    layers : permittivity eps' - j eps'' and thickness (m) of each, in the order in which the wave meets them; air between
-        panes is one of them
+    layers : permittivity eps' - j eps'' and thickness (m) of each, in the order in which the wave meets them; air
+        between panes is one of them
     wavelength : m
 
     Notes

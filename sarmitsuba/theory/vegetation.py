@@ -303,15 +303,15 @@ def thin_rod(
 ) -> tuple[tuple[float, float], tuple[complex, complex]]:
     r"""Extinction cross sections (m^2) and backscatter amplitudes S (m) of a thin dielectric rod, parallel and across.
 
-    Volume integral equation of the polarisation in equal segments of the axis, even over the cross-section, each tested by
-    itself: along, and across, the axis
+    Volume integral equation of the polarisation in equal segments of the axis, even over the cross-section, each tested
+    by itself: along, and across, the axis
 
     .. math:: e - (\epsilon - 1) (k^2 + \partial_z^2) \bar G * e = e_{inc}, \quad
         e - \tfrac12 (\epsilon - 1) [(k^2 - \partial_z^2) \bar G * e - e] = e_{inc}
 
-    with the Green function's mean over two discs of the cross-section, by the distribution of the distance r of two points
-    of a disc, :math:`4 r / (\pi a^2) (\arccos\rho - \rho \sqrt{1 - \rho^2}), \rho = r / 2a`. What currents that circle
-    in the magnetic field absorb is added: :math:`k \epsilon'' V (k a)^2` times 1/4 (parallel) and
+    with the Green function's mean over two discs of the cross-section, by the distribution of the distance r of two
+    points of a disc, :math:`4 r / (\pi a^2) (\arccos\rho - \rho \sqrt{1 - \rho^2}), \rho = r / 2a`. What currents that
+    circle in the magnetic field absorb is added: :math:`k \epsilon'' V (k a)^2` times 1/4 (parallel) and
     :math:`\sin^2\beta / 8 + \cos^2\beta / 4` (across).
 
     Parameters
@@ -337,7 +337,7 @@ def thin_rod(
         distance = np.sqrt(np.square(s)[..., None] + np.square(2.0 * radius * rho))
         return np.asarray((share * np.exp(-1j * k * distance) / (4.0 * np.pi * distance)).sum(axis=-1))
 
-    apart = step * np.arange(n + 1)
+    apart: F64 = np.asarray(step * np.arange(n + 1), dtype=np.float64)
     at = green(apart)
     bend = (np.concatenate([at[1:2], at[: n - 1]]) + at[1:] - 2.0 * at[:-1]) / step
     node, weight = np.polynomial.legendre.leggauss(12)

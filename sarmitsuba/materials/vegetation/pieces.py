@@ -212,13 +212,13 @@ class Stick(Piece):
 
     .. math:: S = \frac{2 l}{\sqrt \pi} T(\beta) \, \mathrm{sinc}(k l \cos\beta)
 
-    with the series T of the endless cylinder at oblique incidence, and what the ends change of it: the difference of the
-    polarisations of a thin rod of that length and of an endless one (:mod:`sarmitsuba.materials.vegetation.thin_rod`),
+    with the series T of the endless cylinder at oblique incidence, and what the ends change of it: the difference of
+    the polarisations of a thin rod of that length and of an endless one, of `thin_rod`,
 
     .. math:: S_{ends} = \frac{k^2}{\sqrt{4 \pi}} V (\epsilon - 1) (q_l - q_\infty)
 
-    That difference counts in full up to :math:`k a |\sqrt\epsilon| = 1` and :math:`k l = 40`, less beyond, and not from 2
-    and 60 on.
+    That difference counts in full up to :math:`k a |\sqrt\epsilon| = 1` and :math:`k l = 40`, less beyond, and not from
+    2 and 60 on.
 
     Parameters
     ----------
@@ -309,7 +309,7 @@ class Stick(Piece):
         return parallel, perpendicular
 
     def _thickness(self, k: float, permittivity: complex) -> float:
-        """k a over the wavelength within."""
+        """Circumference over the wavelength within."""
         return float(k * self.radius * np.sqrt(abs(permittivity)))
 
     def _rod(self, k: float, permittivity: complex) -> ThinRod:
@@ -318,7 +318,7 @@ class Stick(Piece):
     def _gain(self, k: float, permittivity: complex) -> complex:
         """S over the mean polarisation, m: the share of it that counts of thick pieces."""
         share = float(np.clip(2.0 - self._thickness(k, permittivity), 0.0, 1.0))
-        return share * k**2 / np.sqrt(4.0 * np.pi) * self.volume * (permittivity - 1.0)
+        return complex(share * k**2 / np.sqrt(4.0 * np.pi) * self.volume * (permittivity - 1.0))
 
     def _cut(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
         """S of a thin endless rod cut to the length, along and across the axis, m."""

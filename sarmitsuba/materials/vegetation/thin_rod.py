@@ -7,8 +7,8 @@ The field within is taken as even over the cross-section. Along the axis it obey
     S_t(h) = \Big(\frac{k^2}{\kappa^2} - \tfrac12\Big) S_l - \tfrac12, \quad \kappa^2 = k^2 - h^2
 
 along and across, with the operator's transform S over the wavenumber h: the mean, over two discs, of the Green
-function's. Its static limits are the depolarisation of an endless needle, 0 and -1/2, and that of a short wave, -1 and 0;
-the imaginary part is the radiated power, so that the optical theorem holds.
+function's. Its static limits are the depolarisation of an endless needle, 0 and -1/2, and that of a short wave, -1 and
+0; the imaginary part is the radiated power, so that the optical theorem holds.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ C128 = NDArray[np.complex128]
 # polynomials: so many and one more for every unit of half the length times the wavenumber; k l from which on
 # the rod is taken as endless
 LEAST_ORDERS, LONGEST = 8, 60.0
-# of the integrals over half length times wavenumber: step, least end of the even grid, nodes of the geometric one beyond
+# of the integrals over half length times wavenumber: step and least end of the even grid, nodes of the one beyond
 _STEP, _EVEN, _BEYOND = 0.1, 200.0, 300
 
 
@@ -83,7 +83,9 @@ class ThinRod:
     @cached_property
     def _tables(self) -> tuple[C128, C128]:
         """Spline coefficients of the response, along and across, over the cosine that comes and the one that goes."""
-        moments = self._moments(self._step * np.arange(-self._side, self._side + 1))
+        moments = self._moments(
+            np.asarray(self._step * np.arange(-self._side, self._side + 1), dtype=np.float64)
+        )
         first, second = (
             spline_filter(
                 0.5 * (moments @ solved.T @ np.conj(moments.T)), mode="nearest", output=np.complex128
@@ -111,9 +113,10 @@ def thin_rod(radius: float, length: float, wavenumber: float, permittivity: comp
 
     Notes
     -----
-    Ignores how the field changes over the cross-section and what turns about the axis: within 0.1 dB of the series of an
-    endless cylinder for ``k a sqrt(eps)`` up to 0.5. Both come into the amplitude only in second order, as the operator's
-    mean is taken over both cross-sections (Galerkin).
+    Ignores how the field changes over the cross-section, which comes into the amplitude in second order only, as the
+    operator's mean is taken over both cross-sections (Galerkin), and currents that circle in the magnetic field. Up to
+    ``k a sqrt(eps) = 0.5`` the extinction of an endless rod, wave in the plane of the axis, is within 0.3 dB of the
+    series, and across it up to 1.1 dB below: `Stick` takes only the difference that the ends make.
     """
     half, chi = 0.5 * wavenumber * length, permittivity - 1.0
     none = np.zeros((0, 0), dtype=np.complex128)
@@ -128,8 +131,11 @@ def thin_rod(radius: float, length: float, wavenumber: float, permittivity: comp
     bessel = spherical_jn(n[:, None], u)
     weights = np.stack(symbols(2.0 * u / length, wavenumber, radius)) * _STEP
     # beyond, j_n j_m is (-1)^((n - m) / 2) / 2 u^2 on average
-    t = np.geomspace(far, far * 1e4 * max(1.0, length / radius / far), _BEYOND)
-    tail = np.trapezoid(np.stack(symbols(2.0 * t / length, wavenumber, radius)) * 0.5 / t, np.log(t), axis=1)
+    t: F64 = np.asarray(
+        np.geomspace(far, far * 1e4 * max(1.0, length / radius / far), _BEYOND), dtype=np.float64
+    )
+    rest_of = np.stack(symbols(2.0 * t / length, wavenumber, radius)) * 0.5 / t
+    tail = [complex(np.trapezoid(row, np.log(t))) for row in rest_of]
     turn = np.real(1j ** (n[:, None] - n))
     same = np.abs(turn) > 0.5
     unity = np.diag(2.0 / (2.0 * n + 1.0))

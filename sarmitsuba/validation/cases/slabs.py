@@ -316,7 +316,7 @@ def double_glazing(quick: bool = False) -> Case:
     drawn = [np.radians(a) for a in ((20.0, 40.0) if quick else (20.0, 30.0, 40.0))]
     drawn += list(rng.uniform(np.radians(18.0), np.radians(50.0), 0 if quick else 21))
     for i, angle in enumerate(drawn):
-        d1, gap, d2 = rng.uniform(3e-3, 1e-2, 3) + [0.0, 8e-3, 0.0]
+        d1, gap, d2 = rng.uniform([3e-3, 11e-3, 3e-3], [1e-2, 18e-3, 1e-2])
         eps = [complex(rng.uniform(3.0, 8.0), -rng.uniform(0.0, 0.4)) for _ in range(2)]
         if i < 3:
             d1, gap, d2, eps = 4e-3, 16e-3, 4e-3, [GLASS, GLASS]
@@ -364,8 +364,8 @@ def double_glazing(quick: bool = False) -> Case:
             )
             for i, name in enumerate(("TE (VV)", "TM (HH)"))
         ),
-        note="Upright panes; 4-16-4 mm of glass, then drawn thicknesses, gaps, permittivities and angles; facets at the "
-        "front, in the middle or at the rear of their slabs, either way round, seed 20. X band, automatic depth.",
+        note="Upright panes; 4-16-4 mm of glass, then drawn thicknesses, gaps, permittivities and angles; facets at "
+        "the front, in the middle or at the rear of their slabs, either way round, seed 20. X band, automatic depth.",
     )
 
 
