@@ -291,7 +291,7 @@ class _PatchAccumulator:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def visit(self, state: tuple[Any, ...], ray: RayState, hit: Hit) -> None:
+    def visit(self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit) -> None:
         """Power of the rays that are followed no farther; see :class:`sarmitsuba.trace.kernel.Follower`."""
         last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
         power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)

@@ -126,7 +126,7 @@ def thin_rod(radius: float, length: float, wavenumber: float, permittivity: comp
     n = np.arange(orders)
     # K_nm = (2 / pi) int j^n (-j)^m j_n(u) j_m(u) S(2 u / l) du, even in u; zero where n + m is odd
     end = max(_EVEN, 2.0 * orders**2)
-    u = (np.arange(int(end / _STEP)) + 0.5) * _STEP
+    u: F64 = np.asarray((np.arange(int(end / _STEP)) + 0.5) * _STEP, dtype=np.float64)
     far = u[-1] + 0.5 * _STEP
     bessel = spherical_jn(n[:, None], u)
     weights = np.stack(symbols(2.0 * u / length, wavenumber, radius)) * _STEP
