@@ -52,7 +52,9 @@ class GuardedFile(io.RawIOBase):
     def readinto(self, buffer: "WriteableBuffer") -> int:
         """Fill ``buffer`` from the current position, with zeros past the end."""
         view = memoryview(buffer).cast("B")
-        count = self._file.readinto(view) or 0
+        data = self._file.read(len(view))
+        count = len(data)
+        view[:count] = data
         view[count:] = bytes(len(view) - count)
         return len(view)
 
