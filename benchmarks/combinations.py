@@ -143,8 +143,9 @@ def draw(mode: str, seed: int) -> Draw:
     wavelength = SPEED_OF_LIGHT / BANDS[band]
     cell = float(max(rng.uniform(0.4, 2.0), 1.5 * wavelength))
     range_cell = float(max(rng.uniform(0.4, 1.5), 2.0 * wavelength))
-    slant_range = float(np.exp(rng.uniform(np.log(1.5e3), np.log(20e3))))
-    slant_range = min(slant_range, 3000.0 * cell**2 / wavelength)
+    # as far as so many pulses of an aperture take it
+    n_pulses = np.exp(rng.uniform(np.log(30.0), np.log(800.0)))
+    slant_range = float(np.clip(1.6 * n_pulses * cell**2 / wavelength, 1.5e3, 60e3))
     heading = float(rng.uniform(-180.0, 180.0))
     side = str(rng.choice(["left", "right"]))
     sensor: dict[str, Any] = {
@@ -221,9 +222,7 @@ def draw(mode: str, seed: int) -> Draw:
     share = rng.uniform(-0.3, 0.3, 2) * extent
     height = 0.0 if circles or rng.integers(3) else float(rng.uniform(-1.0, 1.0) * range_cell)
     point = center + share[0] * along + share[1] * across + [0.0, 0.0, height]
-    channels = str(
-        rng.choice(["VV", "HH", "HV", "VH", "HH,HV,VH,VV", "RH,RV", str(rng.choice(COMPACT)), "VV,HV"])
-    )
+    channels = str(rng.choice(["VV", "HH", "VV,HV", "HH,HV,VH,VV", "RH,RV", str(rng.choice(COMPACT))]))
     sensor["polarisation"] = channels
     windows = (str(rng.choice(list(WINDOWS))), str(rng.choice(list(WINDOWS))))
     return Draw(
@@ -234,7 +233,8 @@ def draw(mode: str, seed: int) -> Draw:
             "squint": squint_class,
             "place": place,
             "grid": grid,
-            "windows": " x ".join(windows),
+            "range window": windows[0],
+            "azimuth window": windows[1],
             "beam": "two antennas" if receiver else beam,
             "channels": channels,
             "band": band,
@@ -452,6 +452,7 @@ def main() -> int:
     parser.add_argument("--column", choices=columns(), action="append", help="of the matrix")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--count", type=int, default=COUNT, help="draws per mode")
+    parser.add_argument("--page", type=Path, help="write the matrix there, as Markdown")
     args = parser.parse_args()
     found: list[Cell] = []
     for seed in range(args.first, args.first + args.count):
@@ -459,10 +460,15 @@ def main() -> int:
             for cell in cells_of(draw(mode, seed), args.column or ()):
                 found.append(cell)
                 print(cell.text(), flush=True)
-                if args.count == 1:
-                    for text in cell.said:
-                        print("     ", text[:300])
-    return int(any(cell.verdict == WRONG for cell in found))
+                for text in cell.said if args.count == 1 else ():
+                    print(f"        {text}")
+    counts = Counter(cell.verdict for cell in found)
+    print(f"{len(found)} cells: " + ", ".join(f"{counts[name]} {name}" for name in COLOURS))
+    if args.page:
+        from combinations_page import page
+
+        args.page.write_text(page(found), encoding="utf-8")
+    return int(counts[WRONG] > 0)
 
 
 if __name__ == "__main__":

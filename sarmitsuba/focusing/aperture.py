@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.narrow_beam import beam_over_cell
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar
 
@@ -137,7 +138,9 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
     return float((np.sum((other - exact) ** 2, axis=-1) / np.sum(exact**2, axis=-1)).max())
 
 
-def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
+def ground_cell_area(
+    radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window, *, lit_alike: bool = False
+) -> float:
     r"""Noise-equivalent area of the impulse response on the horizontal plane, m^2.
 
     The image of unit clutter (sigma0 = 1) has this mean intensity,
@@ -147,12 +150,16 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     .. math:: A = \frac{(2 \pi)^2}{(4 \pi / c)^2}
               \frac{\sum_t W_t^2 / |\mathbf u \times \dot{\mathbf u}| \int V^2 / f \, df}{(\sum_t W_t)^2 (\int V df)^2}
 
+    times :func:`sarmitsuba.focusing.narrow_beam.beam_over_cell`, where a beam is so narrow that it changes within the
+    cell.
+
     Parameters
     ----------
     radar : gives track and waveform
     point : (3,) m, scene frame
     weights : (n_pulses,) weight of every pulse at that point
     range_window : over the band
+    lit_alike : all clutter has the antenna's gain at the point, as in an image made without the pattern
 
     Raises
     ------
@@ -166,6 +173,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     """
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
+    narrow = 1.0 if lit_alike else beam_over_cell(radar, np.asarray(point, dtype=np.float64), weights)
     u, weights = _by_direction(range_gradients(radar, point)[:, :2], weights)
     seen = weights > 0.0
     turn = np.zeros(1)
@@ -182,7 +190,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     V = parse_window(range_window)(v)
     band = float(np.mean(V**2 / f) / (np.mean(V) ** 2 * wave.bandwidth))
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
-    return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2
+    return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2 * narrow
 
 
 def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:

@@ -265,7 +265,7 @@ class Imager:
         )
         # in coordinates of closest approach the response is the same on every row
         rows = not self.look.grid.zero_doppler
-        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
+        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows, lit_alike=True)
 
     def _raster_cells(self, center: float) -> AzimuthCells:
         """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
