@@ -61,7 +61,7 @@ def mean_intensity(radar: Radar, place: np.ndarray, window: str, seed: int) -> f
     """
     reference = importlib.import_module("combinations_reference")
     rng = np.random.default_rng([seed, 25])
-    wide, deep, n = 36.0, 6.0, (360, 18)
+    wide, deep, n = 36.0, 6.0, (480, 24)
     foot = place - radar.track.center_position
     slant, ground = np.linalg.norm(foot), np.hypot(foot[0], foot[1])
     null = radar.antenna.nulls[0] * slant
