@@ -96,7 +96,7 @@ class Numbers:
         distance = np.linalg.norm(line, axis=2)
         sine = np.einsum("mni,ni->mn", line, forward) / distance
         off = sine - np.einsum("ni,ni->n", self.boresight, forward)
-        step = speed * np.gradient(self.time) * (1.0 - sine**2) / distance
+        step = np.abs(np.gradient(off, axis=1))
         inside = np.clip((self.half_aperture - np.abs(off)) / step + 0.5, 0.0, 1.0)
         return law(np.clip(off / (2.0 * self.half_aperture), -0.5, 0.5)) * inside
 

@@ -74,7 +74,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
     Parameters
     ----------
     offset : sine along the flight less the band's centre, any shape
-    step : distance of neighbouring samples in sines
+    step : distance of neighbouring samples' offsets
     half_aperture : half of the band, see :class:`sarmitsuba.radar.radar.Radar`
     window : over the band
     """
@@ -90,6 +90,12 @@ def flight(radar: Radar) -> tuple[F64, F64, F64]:
     return forward, np.einsum("ij,ij->i", forward, radar.pointing.boresight), gap
 
 
+def beam_turn(radar: Radar) -> F64:
+    """Change of the boresight's sine along the flight from one pulse to the next, (n_pulses,); 0 in stripmap."""
+    _, center, _ = flight(radar)
+    return np.gradient(center) if center.size > 1 else np.zeros(1)
+
+
 def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
     """Weight w of every pulse at points (..., 3), (..., n_pulses): over the pulse index, or the pixel's own band."""
     window = parse_window(azimuth_window)
@@ -99,7 +105,7 @@ def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Windo
     line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
     distance = np.linalg.norm(line, axis=-1)
     sine = np.sum(line * forward, axis=-1) / distance
-    step = np.maximum(gap * (1.0 - sine**2) / distance, 1e-30)
+    step = np.maximum(np.abs(gap * (1.0 - sine**2) / distance + beam_turn(radar)), 1e-30)
     return band_weights(sine - center, step, radar.half_aperture, window)
 
 
@@ -213,6 +219,7 @@ def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
 __all__ = [
     "aperture_weights",
     "band_weights",
+    "beam_turn",
     "direction_gain",
     "flight",
     "ground_cell_area",
