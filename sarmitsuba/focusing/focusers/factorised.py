@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture import image_places, leaves_beam, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
@@ -104,9 +104,11 @@ class Factorised(Focuser):
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Predicted error of a rectangular azimuth window, with a margin."""
+        """Predicted error of a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
         plan = self.plan(radar, grid)
-        return math.nan if isinstance(plan, str) else plan.error_db + MARGIN_DB
+        if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
+            return math.nan
+        return plan.error_db + MARGIN_DB
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Of all stages."""

@@ -88,7 +88,7 @@ def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
     factor = rate_factor(radar, slant, geometry)[0]
     dense = replace(geometry, spacing=geometry.spacing / factor)
     rows = track_period(radar, slant, dense) / dense.spacing
-    plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, geometry))
+    plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, slant, geometry))
     count = plan.n_fft * radar.waveform.bandwidth / radar.window.sampling_rate
     return rows * (count * (2.0 if np.isfinite(radar.half_aperture) else 1.0) + slant.range.size)
 
