@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine, lit_in_turn, own_apertures
+from sarmitsuba.focusing.frequency_domain.geometry import (
+    TrackGeometry,
+    boresight_sine,
+    lit_in_turn,
+    own_apertures,
+)
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid

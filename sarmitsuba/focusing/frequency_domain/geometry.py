@@ -122,7 +122,9 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
     elif lit_in_turn(radar):
         middle = x_center - float(_way_back(rho, _middle_sine(radar, grid)))
     distance = float(np.hypot(x_center - middle, rho))
-    return TrackGeometry(x, spacing, x_center, rho, distance, (x_center - middle) / distance, radar.half_aperture)
+    return TrackGeometry(
+        x, spacing, x_center, rho, distance, (x_center - middle) / distance, radar.half_aperture
+    )
 
 
 def _way_back(rho: ArrayLike, sine: float) -> F64:
