@@ -13,12 +13,13 @@ Usage: python benchmarks/combinations.py [--first SEED] [--count DRAWS] [--mode 
 """
 
 import argparse
+import json
 import sys
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -56,7 +57,7 @@ T = TypeVar("T")
 
 RIGHT, WARNS, REFUSES, WRONG = "right", "warns", "refuses", "wrong"
 # draws per mode of the full matrix
-COUNT = 40
+COUNT = 20
 COLOURS = {RIGHT: "🟩", WARNS: "🟨", REFUSES: "🟦", WRONG: "🟥"}
 # methods that make raw data, which every focuser then takes
 FROM_ECHOES = ("raw", "hybrid")
@@ -444,6 +445,14 @@ def attempt(work: Callable[[], T]) -> tuple[T | None, tuple[str, ...]]:
     return done, tuple(str(w.message) for w in caught if issubclass(w.category, SarmitsubaWarning))
 
 
+def read(path: Path) -> Iterator[Cell]:
+    """Cells of a file that an earlier run wrote."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        facts = json.loads(line)
+        found = facts.pop("deviation")
+        yield Cell(**facts | {"said": tuple(facts["said"])}, deviation=Deviation(**found) if found else None)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -452,16 +461,27 @@ def main() -> int:
     parser.add_argument("--column", choices=columns(), action="append", help="of the matrix")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--count", type=int, default=COUNT, help="draws per mode")
+    parser.add_argument("--lines", type=Path, help="append every cell there, and go on where it ends")
     parser.add_argument("--page", type=Path, help="write the matrix there, as Markdown")
     args = parser.parse_args()
+    known: dict[str, list[Cell]] = {}
+    for cell in read(args.lines) if args.lines and args.lines.exists() else ():
+        known.setdefault(cell.command, []).append(cell)
     found: list[Cell] = []
     for seed in range(args.first, args.first + args.count):
         for mode in args.mode or MODES.names:
-            for cell in cells_of(draw(mode, seed), args.column or ()):
-                found.append(cell)
-                print(cell.text(), flush=True)
-                for text in cell.said if args.count == 1 else ():
-                    print(f"        {text}")
+            drawn = draw(mode, seed)
+            cells = known.get(drawn.command, [])
+            if not cells:
+                for cell in cells_of(drawn, args.column or ()):
+                    cells.append(cell)
+                    print(cell.text(), flush=True)
+                    for text in cell.said if args.count == 1 else ():
+                        print(f"        {text}")
+                if args.lines:
+                    with args.lines.open("a", encoding="utf-8") as file:
+                        file.writelines(json.dumps(asdict(cell)) + "\n" for cell in cells)
+            found += cells
     counts = Counter(cell.verdict for cell in found)
     print(f"{len(found)} cells: " + ", ".join(f"{counts[name]} {name}" for name in COLOURS))
     if args.page:

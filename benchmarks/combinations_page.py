@@ -8,9 +8,9 @@ from combinations import COLOURS, COUNT, REFUSES, RIGHT, WARNS, Cell, columns
 
 HEAD = """# Combinations
 
-Every radar mode with every focuser and method, at squints, places in the image, grids, windows, beams and channels that
-are drawn, not chosen. Each cell of the matrix is an image of an ideal point, held against the exact sum of its echoes over
-all pulses (`benchmarks/combinations_reference.py`: NumPy, closed forms, no code of the program's focusers).
+Every radar mode with every focuser and method, at squints, places in the image, grids, windows, beams and channels
+that are drawn, not chosen. Each cell of the matrix is an image of an ideal point, held against the exact sum of its
+echoes over all pulses (`benchmarks/combinations_reference.py`: NumPy, closed forms, no code of the program's focusers).
 
 | | |
 |---|---|
@@ -24,14 +24,15 @@ python benchmarks/combinations.py --page docs/combinations.md            # this 
 python benchmarks/combinations.py --mode stripmap --first 3 --count 1    # one draw, with what was said
 ```
 
-Drawn are, for each mode: squint to 30 degrees, band (P, L, C, X, Ku), cells, range, look angle, heading, side and the mode's
-own parameters; the place of the image off the aim point, to 250 cells along and across, its odd sizes, the point's place in it
-and its height; slant and ground grid; both windows; the beam, or two antennas; channels, compact ones too; methods `raw` and
-`hybrid` for the echoes. Modes, focusers, methods and beams are those that are registered: a new one has its row or column by
-itself. A seed is a draw; `make test` runs a few of them, `make test-slow` all of this page.
+Drawn are, for each mode: squint to 30 degrees, band (P, L, C, X, Ku), cells, range, look angle, heading, side and the
+mode's own parameters; the place of the image off the aim point, to 250 cells along and across, its odd sizes, the
+point's place in it and its height; slant and ground grid; both windows; the beam, or two antennas; channels, compact
+ones too; methods `raw` and `hybrid` for the echoes. Modes, focusers, methods and beams are those that are registered:
+a new one has its row or column by itself. A seed is a draw; `make test` runs a few of them, `make test-slow` all of
+this page.
 
-The page says nothing about surfaces: what traced echoes are worth is on [validation](validation.md). Method `raster` draws
-surfaces alone, so it refuses points.
+Level and place are those of the main lobe, by least squares of its intensity. A point says nothing about surfaces: what
+traced echoes are worth is on [validation](validation.md). Method `raster` draws surfaces alone, so it refuses points.
 """
 
 

@@ -203,11 +203,14 @@ def deviation(pixels: C128, exact: C128, moved: Sequence[C128], step: float) -> 
     moved : the exact image of the chip's places moved by ``+-step`` cells in azimuth, then in range
     step : cells
     """
-    lobe = np.abs(exact) > 0.4 * np.abs(exact).max()
+    lobe = np.abs(exact) > 0.5 * np.abs(exact).max()
     power = np.abs(exact[lobe]) ** 2
     slopes = [(np.abs(moved[i][lobe]) ** 2 - np.abs(moved[i + 1][lobe]) ** 2) / (2.0 * step) for i in (0, 2)]
+    columns = np.stack([power, *(-s for s in slopes)], axis=1)
+    # the nearer to the peak, the more: a lobe that is a little wider has no other level
+    weight = power / power.max()
     level, azimuth, rng = np.linalg.lstsq(
-        np.stack([power, *(-s for s in slopes)], axis=1), np.abs(pixels[lobe]) ** 2, rcond=None
+        columns * weight[:, None], np.abs(pixels[lobe]) ** 2 * weight, rcond=None
     )[0]
     if level <= 0.0:
         return Deviation(-np.inf, np.inf, np.inf, 180.0)

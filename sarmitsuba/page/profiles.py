@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.echo.in_pulse import standing_still
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import beam_turn, flight
@@ -148,7 +149,8 @@ def page_profiles(
     """
     if raw.domain != "compressed":
         raise DataError("page: the data are not range compressed; call range_compress first")
-    radar, grid = raw.radar.start_stop(), grid.in_frame(raw.radar.offset)
+    raw = standing_still(raw)
+    radar, grid = raw.radar, grid.in_frame(raw.radar.offset)
     if radar.receiver is not None:
         raise DataError("page: it focuses the echoes of one antenna, and these have two")
     window = radar.window

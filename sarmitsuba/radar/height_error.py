@@ -37,8 +37,8 @@ class HeightError:
     def text(self) -> str:
         """What is off by how much, and the remedy."""
         return (
-            f"places {self.lowest:.3g} to {self.highest:.3g} m over the image plane are corrected for the beam at their "
-            f"pixel's elevation, not at their own: levels are off by up to {self.error_db:+.2g} dB, at "
+            f"places {self.lowest:.3g} to {self.highest:.3g} m over the image plane are corrected for the beam at the "
+            f"elevation of their pixel, not at their own: levels are off by up to {self.error_db:+.2g} dB, at "
             f"{self.height:.3g} m; widen the beam in elevation, aim nearer to its middle, or set image_height"
         )
 
