@@ -84,9 +84,10 @@ def track_refusal(radar: Radar, grid: ImageGrid) -> str:
     turns = float(np.ptp(radar.pointing.boresight @ radar.track.along))
     if lit_in_turn(radar) and turns > _FIXED:
         return "the beam turns over the track (sliding spotlight, orbit), so that pixels' apertures differ in Doppler"
-    if own_apertures(radar) and abs(boresight_sine(radar)) + radar.half_aperture > _STEEPEST:
+    edge = abs(boresight_sine(radar)) + radar.half_aperture
+    if own_apertures(radar) and edge > _STEEPEST:
         return (
-            f"the pixels' apertures reach {np.degrees(np.arcsin(min(abs(boresight_sine(radar)) + radar.half_aperture, 1.0))):.3g} degrees off broadside (bound "
+            f"the pixels' apertures reach {np.degrees(np.arcsin(min(edge, 1.0))):.3g} degrees off broadside (bound "
             f"{np.degrees(np.arcsin(_STEEPEST)):.3g})"
         )
     if ground and slant_ranges(radar, grid).min() <= 0.0:
@@ -144,7 +145,8 @@ def lit_sines(radar: Radar, grid: ImageGrid) -> tuple[F64, NDArray[np.bool_]]:
     step = max(1, radar.track.n_pulses // _PULSES)
     look = look_directions(radar, replace(grid, azimuth=rows, range=columns).positions())[..., ::step, :]
     gain = direction_gain(radar, slice(None, None, step), look)
-    return look @ grid.along, gain > _LIT * gain.max(axis=-1, keepdims=True, initial=1e-300)
+    lit = gain > _LIT * gain.max(axis=-1, keepdims=True, initial=1e-300)
+    return np.asarray(look @ grid.along), np.asarray(lit)
 
 
 def aperture_middle(radar: Radar, geometry: TrackGeometry, azimuth: F64, rho: F64) -> NDArray[np.int64]:

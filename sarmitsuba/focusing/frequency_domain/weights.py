@@ -21,6 +21,8 @@ F64 = NDArray[np.float64]
 
 # rows and columns at which weights are summed, and rows where only the sampling of the aperture changes along them
 _ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
+NODES = _ROWS * _COLUMNS
+"""Places at which weights are summed, in images of as many rows and columns at least."""
 # sines over an aperture at which its weight is added up, and the least part within the track that is divided by
 _SINES, _HELD = 4097, 0.02
 
@@ -122,4 +124,4 @@ def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     return direction_gain(radar, radar.track.center_index, look)
 
 
-__all__ = ["filter_gain", "normalisation", "pulse_weights"]
+__all__ = ["NODES", "filter_gain", "normalisation", "pulse_weights"]
