@@ -205,9 +205,10 @@ def _looks_along_sweep(
     gain = direction_gain(radar, slice(None), look_directions(radar, np.vstack([middle, beside])))
     across = gain[1:] * (gain[0] * aperture_weights(radar, middle, azimuth_window))
     first, last = np.flatnonzero(weights > 0.0)[[0, -1]]
-    factor, size, share = np.linalg.svd(across[:, first : last + 1][:, order], full_matrices=False)
-    kept = size > _LEAST_TERM * size[0]
-    terms = tuple(zip(share[kept], (factor * size)[:, kept].T, strict=True))
+    across = across[:, first : last + 1][:, order]
+    size, factor = np.linalg.eigh(across @ across.T)
+    kept = factor[:, size > _LEAST_TERM**2 * size[-1]].T
+    terms = tuple(zip(kept @ across, kept, strict=True))
     return [
         replace(
             looks,
