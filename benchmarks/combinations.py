@@ -209,7 +209,9 @@ def draw(mode: str, seed: int) -> Draw:
     along = np.array([np.sin(turn), np.cos(turn), 0.0])
     across = np.array([along[1], -along[0], 0.0]) * (1.0 if side == "right" else -1.0)
     center = np.array([sensor["aim_x"], sensor["aim_y"], 0.0]) + off[0] * along + off[1] * across
-    cells = (cell, range_cell / np.sin(np.radians(look)))
+    # all round, the response is a part of the range cell wide, and pixels are as fine
+    share = 0.3 if circles else 1.0
+    cells = (share * cell, share * range_cell / np.sin(np.radians(look)))
     extent = rng.uniform(14.0, 30.0, 2) * cells
     grid = "ground" if circles else str(rng.choice(["slant", "ground"]))
     film = {
@@ -220,9 +222,9 @@ def draw(mode: str, seed: int) -> Draw:
         "image_extent_azimuth": float(extent[0]),
         "image_extent_range": float(extent[1]),
     }
-    share = rng.uniform(-0.3, 0.3, 2) * extent
+    place_in = rng.uniform(-0.3, 0.3, 2) * extent
     height = 0.0 if circles or rng.integers(3) else float(rng.uniform(-1.0, 1.0) * range_cell)
-    point = center + share[0] * along + share[1] * across + [0.0, 0.0, height]
+    point = center + place_in[0] * along + place_in[1] * across + [0.0, 0.0, height]
     channels = str(rng.choice(["VV", "HH", "VV,HV", "HH,HV,VH,VV", "RH,RV", str(rng.choice(COMPACT))]))
     sensor["polarisation"] = channels
     windows = (str(rng.choice(list(WINDOWS))), str(rng.choice(list(WINDOWS))))
@@ -244,7 +246,7 @@ def draw(mode: str, seed: int) -> Draw:
         film=film,
         point=point,
         amplitude=complex(np.sqrt(rng.uniform(0.5, 20.0)) * np.exp(2j * np.pi * rng.uniform())),
-        cells=(cell, range_cell if grid == "slant" else cells[1]),
+        cells=(cells[0], range_cell if grid == "slant" else cells[1]),
         windows=windows,
         method=str(rng.choice(FROM_ECHOES)),
     )

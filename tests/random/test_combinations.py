@@ -14,7 +14,7 @@ from sarmitsuba.simulation.raw import simulate
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 # of each mode: drawn too, and cheap
-QUICK = 2
+QUICK = 1
 
 
 @pytest.fixture
