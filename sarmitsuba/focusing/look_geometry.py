@@ -98,6 +98,11 @@ class LookGeometry:
         return np.asarray(np.clip(look, 0, grid.n_looks - 1), dtype=np.int64)
 
 
+def sweeps(radar: Radar) -> bool:
+    """Whether a beam passes over the pixels in turn."""
+    return radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic"
+
+
 def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeometry:
     """Choose the looks whose one response is nearest to that of every pixel.
 
@@ -110,11 +115,10 @@ def geometries(radar: Radar, image: ImageGrid, azimuth_window: str) -> LookGeome
     weights = matched_weights(radar, middle, azimuth_window)
     if not weights.any():
         raise DataError("method image: no pulse illuminates the image's centre; move the image into the beam")
-    swept = radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic"
     found: list[LookGeometry] = []
     if not np.isfinite(radar.half_aperture):
         found.append(_one_look(radar, weights))
-    if swept:
+    if sweeps(radar):
         found += _looks_along_sweep(radar, image, middle, azimuth_window)
     rated = [(*_agreement(radar, image, azimuth_window, one), one) for one in found]
     if not rated:
@@ -163,7 +167,7 @@ def _looks_along_sweep(
     track = radar.track
     distance = float(np.linalg.norm(middle - track.center_position))
     base = image.along * min(_BASE * distance, max(_BASE_OF_IMAGE * float(np.ptp(image.azimuth)), 1.0))
-    crossing = [_crossing(radar, middle + shift) for shift in (-base, 0.0 * base, base)]
+    crossing = [passing_time(radar, middle + shift) for shift in (-base, 0.0 * base, base)]
     if None in crossing:
         return []
     before, time, after = (float(t) for t in crossing if t is not None)
@@ -202,10 +206,10 @@ def _looks_along_sweep(
     looks = _geometry(radar, time + places / speed, speed, time, fan)
     shifts = np.linspace(-_ACROSS * aperture, _ACROSS * aperture, _SHIFTS)
     beside = middle - image.along * (shifts / swept)[:, None]  # shifts are those of the pixel
-    gain = direction_gain(radar, slice(None), look_directions(radar, np.vstack([middle, beside])))
-    across = gain[1:] * (gain[0] * aperture_weights(radar, middle, azimuth_window))
-    first, last = np.flatnonzero(weights > 0.0)[[0, -1]]
-    across = across[:, first : last + 1][:, order]
+    near = slice(*(np.flatnonzero(weights > 0.0)[[0, -1]] + [0, 1]))
+    lit_radar = radar.of_pulses(near)
+    gain = direction_gain(lit_radar, slice(None), look_directions(lit_radar, np.vstack([middle, beside])))
+    across = (gain[1:] * gain[0] * aperture_weights(radar, middle, azimuth_window)[near])[:, order]
     size, factor = np.linalg.eigh(across @ across.T)
     kept = factor[:, size > _LEAST_TERM**2 * size[-1]].T
     terms = tuple(zip(kept @ across, kept, strict=True))
@@ -232,8 +236,8 @@ def _geometry(radar: Radar, time: F64, speed: float, zero: float, fan: BeamFan |
     return LookGeometry(time, position, velocity, fan, speed * (time - zero), np.zeros(2), np.ones(1))
 
 
-def _crossing(radar: Radar, point: F64) -> float | None:
-    """Time when the beam axis passes over a point, s; None where it does not."""
+def passing_time(radar: Radar, point: F64) -> float | None:
+    """Time when the beam axis passes over a point (3,), s; None where it does not, or more than once."""
     forward, boresight, _ = flight(radar)
     line = point - radar.track.position
     offset = np.einsum("ij,ij->i", line, forward) / np.linalg.norm(line, axis=1) - boresight
@@ -328,4 +332,4 @@ def _wavenumbers(radar: Radar, grid: LookGrid, geometry: LookGeometry, place: F6
     return along, ahead
 
 
-__all__ = ["LEAST_AGREEMENT", "LookGeometry", "geometries"]
+__all__ = ["LEAST_AGREEMENT", "LookGeometry", "geometries", "passing_time", "sweeps"]

@@ -1,6 +1,6 @@
 """Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
+from sarmitsuba.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
@@ -32,6 +33,7 @@ from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
 C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
 
 
 class Imager:
@@ -45,10 +47,10 @@ class Imager:
 
     Notes
     -----
-    :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
-    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
-    the scene's.
+    :meth:`image` ignores azimuth ambiguities and what changes over the aperture (visibility, specular glints, curvature
+    of paths by several walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also
+    ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle is a random field of the
+    right statistics, not the scene's.
     """
 
     def __init__(
@@ -172,8 +174,10 @@ class Imager:
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         if self._raster is None:
-            self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
-        cell = self._look_cells().center
+            self._raster = Raster(
+                run.sampling, run.trace_scene, self.grid, *self.windows, self._passing_antenna()
+            )
+        cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
         run.timer.lap("raster")
@@ -282,15 +286,31 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Cells of the image: one response for all pixels that one look sees, that of the image's centre."""
-        radar, grid, window = self.run.scene.radar, self.grid, self.windows[1]
-        # looks are taken without the pattern, so that all clutter is lit alike
-        cells = partial(azimuth_cells, radar, grid, range_window=self.windows[0], lit_alike=True)
-        if self.look.grid.fan is not None:  # every pixel has an aperture of its own
-            return cells(lambda p: matched_weights(radar, p, window))
+        """Cells of the image: of every pixel's own aperture, or those of one response for all."""
+        if self.look.grid.fan is None:
+            return self._middle_cells()
+        radar, window = self.run.scene.radar, self.windows[1]
+        return self._cells(lambda p: matched_weights(radar, p, window))
+
+    def _middle_cells(self) -> AzimuthCells:
+        """Cells of one response for all pixels, that of the image's centre."""
+        radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
-        weights = matched_weights(radar, middle, window)
-        return cells(lambda _: weights)
+        weights = matched_weights(radar, middle, self.windows[1])
+        return self._cells(lambda _: weights)
+
+    def _cells(self, weights: Callable[[F64], F64]) -> AzimuthCells:
+        """Cells of pulse weights at places (3,), m; the scene is looked at without the beam, all of it lit alike."""
+        return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
+
+    def _passing_antenna(self) -> NDArray[np.float64] | None:
+        """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
+        radar, grid = self.run.scene.radar, self.grid
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        time = passing_time(radar, middle) if sweeps(radar) else None
+        if time is None:
+            return None
+        return np.array([np.interp(time, radar.track.time, x) for x in radar.track.position.T])
 
     def _raster_cells(self, center: float) -> AzimuthCells:
         """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""

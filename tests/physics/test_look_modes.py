@@ -223,6 +223,39 @@ def test_what_moves_under_a_beam_that_passes_is_refused() -> None:
         render(made.scene((mover,)))
 
 
+def test_raster_looks_from_where_the_beam_passes() -> None:
+    # Rationale: broadside stripmap sees a roof far off the aim point from abreast, so its shadow lies straight behind;
+    # from mid-track, 0.3 rad off, it would be 2 m aside.
+    radar = RadarDescription(
+        mode="stripmap",
+        pattern="gaussian",
+        slant_range=5e3,
+        look_angle_deg=50.0,
+        bandwidth=150e6,
+        azimuth_resolution=1.0,
+        azimuth_beamwidth_deg=1.2,
+        elevation_beamwidth_deg=20.0,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    made = Draw(radar, np.array([0.0, 1500.0, 0.0]), 2.0, "ground", WINDOWS[0])
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    two = np.array([[0, 1, 2], [0, 2, 3]])
+    roof = corners * 2.0 + made.center + np.array([0.0, 0.0, 10.0])
+    meshes = (
+        SceneMesh(corners * 40.0 + made.center, two, SOIL, "ground"),
+        SceneMesh(roof, two, SOIL, "roof"),
+    )
+    scene = made.scene(meshes=meshes).replace(speckle="off")
+    power = np.abs(Imager(Run(scene)).raster().total()) ** 2
+    behind = power[:, power.shape[1] // 2 :]
+    dark = (behind < 0.3 * np.median(power)).sum(axis=1)
+    azimuth = (np.arange(power.shape[0]) - power.shape[0] // 2) * (CELLS * 2.0 / power.shape[0])
+    assert dark.sum() > 5
+    assert abs(float(dark @ azimuth) / dark.sum()) < 0.5  # tol: a pixel
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(24))
 def test_points_in_drawn_modes(seed: int) -> None:
