@@ -32,11 +32,8 @@ SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)
 RANGE, BANDWIDTH = 700e3, 100e6  # m, Hz: swaths of 1.3 to 5 km
 LONGEST = 2**33  # pixel-pulses that are timed at once: about a minute
 CHIP = 48  # pixels about a point
-SMALL = (
-    (32, 1.0),
-    (128, 1.0),
-    (64, 0.3),
-)  # pixels of an edge, and the cell, m, which sets the number of pulses
+# pixels of an edge, and the cell, m, which sets the number of pulses
+SMALL = ((32, 1.0), (128, 1.0), (64, 0.3))
 
 
 @dataclass(frozen=True, eq=False)

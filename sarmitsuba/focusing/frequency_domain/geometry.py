@@ -130,7 +130,7 @@ def track_geometry(radar: Radar, grid: ImageGrid) -> TrackGeometry:
 
 def _way_back(rho: ArrayLike, sine: float) -> F64:
     """Way along the track, m, to a pixel at a range of closest approach from where it is seen at a sine."""
-    return np.asarray(rho) * (sine / np.sqrt(1.0 - sine**2))
+    return np.asarray(np.asarray(rho) * (sine / np.sqrt(1.0 - sine**2)), dtype=np.float64)
 
 
 def _middle_sine(radar: Radar, grid: ImageGrid) -> float:
