@@ -98,12 +98,10 @@ def with_small_parts(
         if not len(faces):
             continue
         shift = rng.random(2) * spacing
-        x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift)
+        reach = (max(grid.half_x + grid.taper, spacing), max(grid.half_y + grid.taper, spacing))
+        x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, reach=reach)
         if not x.size:  # so small that no node lies over it: those beside it
-            x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, rim=1.0)
-        reach_x, reach_y = (max(half + grid.taper, spacing) for half in (grid.half_x, grid.half_y))
-        inside = (np.abs(x) <= reach_x) & (np.abs(y) <= reach_y)
-        x, y = x[inside], y[inside]
+            x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, 1.0, reach)
         if not x.size:
             continue
         order = np.argsort(
