@@ -105,7 +105,7 @@ class Recording:
 
     def _append(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
-        kept = contribution.active & (power > 0.0)
+        kept = contribution.active & ~(power <= 0.0)  # also what is not a number
         if self.gate is not None:
             kept &= self.gate.passes(contribution)
         slot = dr.scatter_inc(self.count, mi.UInt32(0), kept)

@@ -19,6 +19,7 @@ from sarmitsuba.trace.closing import close_coherent, receiver, selected
 from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.trace.panes import Waiting, branched
 from sarmitsuba.trace.rays import (
+    ended,
     footprint,
     intersect,
     launch,
@@ -140,6 +141,7 @@ def _bounce(
     arrived = through_passages(kernel, ray, hit)
     ray = past_foci(arrived, hit)
     tube_here = footprint(kernel, lane, ray, hit)
+    hit = ended(hit, tube_here)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive, lane, hit = receiver(kernel, lane, ray, hit)
     coherent = diffuse = None
@@ -152,8 +154,8 @@ def _bounce(
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:
-        ended = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
-        return arrived, hit, ended, added
+        last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
+        return arrived, hit, last, added
     mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count)
     return arrived, hit, mirrored, added
 

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
 
 
+# cross-section of a tube behind curved mirrors over that behind flat ones, beyond which its ray ends: its field is then
+# 120 dB down, and float32 soon no longer holds what further mirrors make of it
+WIDEST_SPREAD = 1e12
+
+
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
     f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
@@ -302,6 +307,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
     loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
     loss_retro = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
+    lost = None
     if ray.spread is not None:
         # a tube keeps its power: spread more than a sphere's it carries less field over more area
         wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))
@@ -309,7 +315,17 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro)
+        lost = ~(wider < WIDEST_SPREAD)  # also where it is not a number
+    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
+
+
+def ended(hit: Hit, tube_here: Footprint) -> Hit:
+    """The hit, without the lanes whose tube is spread beyond all measure: their rays end before it."""
+    if tube_here.lost is None:
+        return hit
+    kept = ~tube_here.lost
+    order = dr.select(kept | ~hit.active, hit.order, hit.order - 1)
+    return replace(hit, active=hit.active & kept, sees=hit.sees & kept, met=hit.met & kept, order=order)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
@@ -474,6 +490,7 @@ def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi
 
 __all__ = [
     "antenna_of",
+    "ended",
     "footprint",
     "hit_point",
     "intersect",

@@ -289,6 +289,7 @@ class Footprint:
     bounds : of what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
     loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
+    lost : lanes whose tube curved mirrors have spread beyond all measure; None where no mirror bends
     """
 
     u: mi.Vector3f
@@ -299,6 +300,7 @@ class Footprint:
     area: mi.Float
     loss: mi.Float
     loss_retro: mi.Float
+    lost: mi.Bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
