@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.finite import check_pulses
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -74,12 +75,13 @@ def focus(
     ExtensionError
         There is no such focuser or autofocuser.
     DataError
-        Unknown window, or data or a grid that the focuser refuses.
+        Unknown window, data or a grid that the focuser refuses, or echoes that are NaN or infinite.
     ResourceError
         The image does not fit into memory.
     """
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
+    check_pulses(raw.data, "focus: ")
     raw = range_compress(raw, method=compression)
     halfway = start_stop_phase(raw.radar)
     raw = replace(raw, radar=raw.radar.start_stop())

@@ -18,6 +18,7 @@ from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import visible, way_through
 from sarmitsuba.simulation.raster import Raster
@@ -124,6 +125,7 @@ class Imager:
             planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
             run.timer.lap("form image")
         data = np.concatenate(planes)
+        check_traced(data, 0.0, run.scene.name)
         if not data.any():
             raise RadarError(
                 f"{run.scene.name}: none of {run.statistics.rays} rays returns an echo inside the image; check its "
@@ -162,6 +164,7 @@ class Imager:
         cell = self._look_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
+        check_traced(data, 0.0, run.scene.name)
         run.timer.lap("raster")
         layers = tuple(Layer(c) for c in run.scene.radar.channels)
         run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
@@ -194,14 +197,16 @@ class Imager:
             run.layers.max_order,
             run.scene.radar.waveform.wavelength,
         )
+        middle = run.scene.radar.track.center_index
+        pick = slice(middle, middle + 1)
         for lattice in rays:
             batch = self._tracer.launch(
-                lattice, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1
+                lattice, grid.position[None], grid.velocity[None], pick, accumulator, 1
             )
             run.statistics = run.statistics.plus(batch)
         for part, record in self._tracer.parts(rays, 1):
             batch = self._tracer.launch(
-                part.grid, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1, record
+                part.grid, grid.position[None], grid.velocity[None], pick, accumulator, 1, record
             )
             run.statistics = run.statistics.plus(batch)
         return np.asarray(accumulator.grid())

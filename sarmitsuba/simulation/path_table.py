@@ -15,6 +15,7 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import in_the_way
 from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
@@ -131,6 +132,14 @@ class PathTable:
 _NAMES = ("channels", "mesh_names", "material_names")
 
 
+def _named(path: PathTable) -> str:
+    """One path in words."""
+    shape, material = (int(v[0, path.order[0] - 1]) for v in (path.shape, path.material))
+    there = shape >= 0
+    last = f'on the shape "{path.mesh_names[shape]}" of "{path.material_names[material]}"' if there else "on no shape"
+    return f"pulse {path.pulse[0]}: a path of {path.order[0]} bounces that ends {last}"
+
+
 def trace_paths(
     scene: Scene,
     pulses: int | Sequence[int] | None = None,
@@ -226,6 +235,9 @@ class PathTracer:
                     for part, record in self._tracer.parts(serving, 1)
                 ]
         table = joined(parts)
+        lost = ~(np.isfinite(table.power) & np.isfinite(table.length) & np.isfinite(table.range_rate))
+        if lost.any():
+            check_traced(np.zeros(0, np.complex64), np.nan, run.scene.name, lambda: _named(table[lost][0:1]))
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
         table = replace(table, amplitude=table.amplitude * phase[:, None])
         return table[np.lexsort((-table.power, table.pulse))]

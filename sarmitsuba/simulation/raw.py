@@ -17,6 +17,7 @@ from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -108,6 +109,8 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         n = add_points(scene, plan.flags, run.trace_scene, data, layers)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
+    for plane in data:
+        check_traced(plane, 0.0, scene.name)
     notes += _check_energy(scene, run.statistics, data)
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)

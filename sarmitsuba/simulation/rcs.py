@@ -3,18 +3,23 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
+from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.material import Material
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
@@ -159,9 +164,25 @@ def monostatic_rcs(
                 kernel = Kernel(scene, part.grid, batch, flags, Constants.of(settings, scene, part.grid))
                 source.record(part, kernel, Antenna(), accumulator)
         sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
+        if not all_finite(sums):
+
+            def again(recording: Recording, batch: PulseBatch = batch) -> None:
+                _, state = trace(scene, grid, batch, flags, settings, Antenna(), recording)
+                dr.eval(state, recording.memory)
+
+            lanes = grid.n_rays * batch.n_pulses
+            bodies = scene, geometry, materials
+            label = partial(_direction, look[pick])
+            names = partial(blamed, again, lanes, depth, len(channels), *bodies, label)
+            check_traced(sums, np.nan, "rcs", names)
         amplitude[pick] = np.moveaxis(sums, 2, 0)
         progress("trace", pick.stop, look.shape[0], {})
     return RcsResult(amplitude, channels, grid.n_rays, spacing)
+
+
+def _direction(look: NDArray[np.float64], number: int) -> str:
+    """A direction in words."""
+    return "direction ({:.4f}, {:.4f}, {:.4f})".format(*look[number])
 
 
 def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.echo.block import _even
-from sarmitsuba.simulation.sampling.small_lattice import nodes_over
+from sarmitsuba.simulation.sampling.small_lattice import Lattice, nodes_over
 from sarmitsuba.trace.launch import frame_towards, project
 from sarmitsuba.trace.speckle import TURN_COS, TURN_SIN, ScattererLattice
 from sarmitsuba.tubes.tube import Extent, patch
@@ -66,7 +66,7 @@ def test_rays_over_outlines_are_those_near_a_triangle() -> None:
     antenna = np.array([[-3000.0, 0.0, 3000.0]])
     frame = frame_towards(antenna, np.zeros(3), np.array([0.0, 1.0, 0.0]))
     spacing, rotation, shift = 0.25, 0.4, np.array([0.1, 0.07])
-    x, y = nodes_over(triangles, antenna, frame, spacing, rotation, shift)
+    x, y = nodes_over(triangles, antenna, Lattice(frame, spacing, rotation, shift))
     turn = np.array([[np.cos(rotation), -np.sin(rotation)], [np.sin(rotation), np.cos(rotation)]])
     found = np.rint((np.stack([x, y], axis=1) - shift) @ turn / spacing).astype(int)
     assert len(np.unique(found, axis=0)) == len(found)

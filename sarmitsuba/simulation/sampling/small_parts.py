@@ -1,20 +1,26 @@
 """Finer lattices of rays over the parts of a scene that the plain lattice is too coarse for."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.simulation.sampling.small_lattice import nodes_over, outline_area
+from sarmitsuba.simulation.sampling.small_lattice import RIM, Lattice, TooManyNodes, nodes_over, outline_area
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
 
 F64 = NDArray[np.float64]
+# places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve
+Nodes = tuple[NDArray[np.float32], NDArray[np.float32]]
+Density = tuple[float, tuple[float, float]]
 
 # rays that finer lattices may have in all: so many, or a share of the plain lattice's where that has more
 MOST_RAYS = 600_000
 SHARE = 0.15
+# what outlines side by side may have over that: where they overlap, their rays are fewer
+LOOSE = 4.0
 # halvings of the distance between rays
 MOST_LEVELS = 12
 
@@ -85,37 +91,58 @@ def with_small_parts(
         return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * grid.n_rays)
-    finest = _finest(level, area, grid.spacing, budget)
+    first = _finest(level, area, grid.spacing, LOOSE * budget)
+    for finest in range(first, -1, -1):
+        draws = deepcopy(rng)
+        finer = _laid(grid, scene, frame, antennas, draws, np.minimum(level, finest), budget)
+        if finer is not None:
+            break
     short = _shortfall(grid, need, area, finest)
-    if finest == 0:
+    if finer is None or finest == 0:
         return grid, short
-    level = np.minimum(level, finest)
-    rays, levels = [(grid.x, grid.y)], [(grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf))]
+    rng.bit_generator.state = draws.bit_generator.state
+    plain = ((grid.x, grid.y), (grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf)))
+    rays, levels = zip(plain, *finer, strict=True)
+    return _joined(grid, rays, levels), short
+
+
+def _laid(
+    grid: LaunchGrid,
+    scene: TraceScene,
+    frame: LaunchFrame,
+    antennas: F64,
+    rng: np.random.Generator,
+    level: NDArray[np.int_],
+    budget: float,
+) -> list[tuple[Nodes, Density]] | None:
+    """Nodes and density of the finer lattices for the levels of all faces; None where they are beyond the budget."""
+    finest, out = int(level.max()), []
+    reach = (grid.half_x + grid.taper, grid.half_y + grid.taper)
     for k in range(1, finest + 1):
-        faces = scene.triangles[level == k]
-        spacing = grid.spacing * 2.0**-k
+        spacing, of = grid.spacing * 2.0**-k, level == k
         needs = (0.0 if k == finest else spacing * (1.0 - 1e-6), 2.0 * spacing * (1.0 - 1e-6))
-        if not len(faces):
+        if not of.any():
             continue
-        shift = rng.random(2) * spacing
-        reach = (max(grid.half_x + grid.taper, spacing), max(grid.half_y + grid.taper, spacing))
-        x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, reach=reach)
-        if not x.size:  # so small that no node lies over it: those beside it
-            x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, 1.0, reach)
+        lattice = Lattice(frame, spacing, grid.turn, rng.random(2) * spacing)
+        within = (max(reach[0], spacing), max(reach[1], spacing))
+        try:
+            x, y = nodes_over(scene.triangles[of], antennas, lattice, RIM, within, scene.piece[of], budget)
+            if not x.size:  # so small that no node lies over it: those beside it
+                x, y = nodes_over(scene.triangles[of], antennas, lattice, 1.0, within, scene.piece[of], budget)
+        except TooManyNodes:
+            return None
+        budget -= x.size
         if not x.size:
             continue
-        order = np.argsort(
-            morton(x, y, float(np.hypot(grid.half_x, grid.half_y) + grid.taper)), kind="stable"
-        )
-        rays.append((x[order].astype(np.float32), y[order].astype(np.float32)))
-        levels.append((spacing, needs))
-    return _joined(grid, rays, levels), short
+        order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
+        out.append(((x[order].astype(np.float32), y[order].astype(np.float32)), (spacing, needs)))
+    return out
 
 
 def _joined(
     grid: LaunchGrid,
-    rays: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]],
-    levels: Sequence[tuple[float, tuple[float, float]]],
+    rays: Sequence[Nodes],
+    levels: Sequence[Density],
 ) -> LaunchGrid:
     """One lattice of all levels that hold a ray: launched together, they cost one kernel launch and one grid."""
     kept = [i for i, (x, _) in enumerate(rays) if x.size] or [0]
