@@ -14,7 +14,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -112,8 +112,10 @@ def _placed(rng: np.random.Generator, scale: float) -> str:
         stretch[rng.integers(3)] = float(rng.choice([1e-12, 1e-7, 0.0]))
     axis, angle = rng.normal(size=3), float(rng.uniform(0.0, 360.0))
     move = scale * rng.normal(size=3) * (rng.random() < 0.8)
+
     def xyz(v: F64) -> str:
         return " ".join(f'{name}="{float(x)!r}"' for name, x in zip("xyz", v, strict=True))
+
     return (
         f'<transform name="to_world"><scale {xyz(stretch)}/><rotate {xyz(axis)} angle="{angle!r}"/>'
         f"<translate {xyz(move)}/></transform>"
@@ -181,7 +183,9 @@ def _soup(rng: np.random.Generator) -> Mesh:
     thin = rng.random(n) < 0.4
     share = rng.random((n, 1))
     corners[thin, 2] = (corners[:, 0] * share + corners[:, 1] * (1.0 - share))[thin]
-    corners[thin, 2] += 10.0 ** rng.uniform(-14.0, -1.0, (int(thin.sum()), 1)) * rng.normal(size=(int(thin.sum()), 3))
+    corners[thin, 2] += 10.0 ** rng.uniform(-14.0, -1.0, (int(thin.sum()), 1)) * rng.normal(
+        size=(int(thin.sum()), 3)
+    )
     same = rng.random(n) < 0.1
     corners[same, 1] = corners[same, 0]
     return corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
@@ -224,14 +228,15 @@ def outcome(drawn: Drawn, path: Path) -> tuple[str, str]:
     try:
         scene = load_scene(path)
         if drawn.method == "rcs":
-            sweep = rcs_sweep(scene, Aspects(np.array([0.3, 1.7]), np.array([0.2, 0.2])), checked=0, most_rays=20_000)
+            sweep = rcs_sweep(
+                scene, Aspects(np.array([0.3, 1.7]), np.array([0.2, 0.2])), checked=0, most_rays=20_000
+            )
             data = [sweep.result.amplitude]
         elif drawn.method == "paths":
             table = trace_paths(scene)
             data = [table.amplitude, table.length, table.range_rate]
         elif drawn.method in ("hybrid", "raw"):
-            settings = {"method": drawn.method}
-            data = [simulate(_with(scene, settings)).data]
+            data = [simulate(replace(scene, settings=replace(scene.settings, method=drawn.method))).data]
         else:
             data = [render(scene, method=drawn.method).data]
     except SarmitsubaError as error:
@@ -244,15 +249,11 @@ def outcome(drawn: Drawn, path: Path) -> tuple[str, str]:
     return "finite", "" if any(np.any(d) for d in data) else "empty"
 
 
-def _with(scene, settings):
-    from dataclasses import replace
-
-    return replace(scene, settings=replace(scene.settings, **settings))
-
-
 def main() -> int:
     """Draw, simulate, count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--count", type=int, default=2000, help="scenes")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder that keeps what failed")
@@ -270,7 +271,10 @@ def main() -> int:
             slowest = max(slowest, (time.process_time() - before, seed))
         if options.verbose:
             seconds = time.process_time() - before
-            print(f"{seed}: {seconds:.2f} s {drawn.method} {'+'.join(drawn.kinds)}: {kind} {line[:150]}", flush=True)
+            print(
+                f"{seed}: {seconds:.2f} s {drawn.method} {'+'.join(drawn.kinds)}: {kind} {line[:150]}",
+                flush=True,
+            )
         counts[kind] += 1
         by_method[f"{drawn.method}: {kind}"] += 1
         if kind == "refused":
@@ -280,8 +284,13 @@ def main() -> int:
             if options.output is not None:
                 write(drawn, options.output / str(seed))
         if (seed - options.first + 1) % 100 == 0:
-            print(f"{seed - options.first + 1} scenes, {time.process_time() - start:.0f} s: {dict(counts)}", flush=True)
-    print(f"{options.count} scenes in {time.process_time() - start:.0f} CPU seconds, slowest {slowest[0]:.1f} s (seed {slowest[1]})")
+            print(
+                f"{seed - options.first + 1} scenes, {time.process_time() - start:.0f} s: {dict(counts)}",
+                flush=True,
+            )
+    print(
+        f"{options.count} scenes in {time.process_time() - start:.0f} CPU seconds, slowest {slowest[0]:.1f} s (seed {slowest[1]})"
+    )
     for name, n in sorted(counts.items()):
         print(f"{name:>12}: {n}")
     for name, n in sorted(by_method.items()):

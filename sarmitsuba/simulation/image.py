@@ -17,8 +17,8 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
-from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.blame import check_traced
+from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import visible, way_through
 from sarmitsuba.simulation.raster import Raster

@@ -136,7 +136,11 @@ def _named(path: PathTable) -> str:
     """One path in words."""
     shape, material = (int(v[0, path.order[0] - 1]) for v in (path.shape, path.material))
     there = shape >= 0
-    last = f'on the shape "{path.mesh_names[shape]}" of "{path.material_names[material]}"' if there else "on no shape"
+    last = (
+        f'on the shape "{path.mesh_names[shape]}" of "{path.material_names[material]}"'
+        if there
+        else "on no shape"
+    )
     return f"pulse {path.pulse[0]}: a path of {path.order[0]} bounces that ends {last}"
 
 

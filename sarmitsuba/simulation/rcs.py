@@ -15,6 +15,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.material import Material
+from sarmitsuba.memory import check_fits
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
@@ -30,6 +31,8 @@ from sarmitsuba.trace.state import Constants, Kernel
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
+# bytes of a ray: its place while the lattice is sorted, and its lane
+RAY_BYTES = 80
 # direction that the launch planes' x axes follow where they can
 _ALONG = np.array([0.0, 1.0, 0.0])
 
@@ -108,6 +111,8 @@ def monostatic_rcs(
     ------
     RadarError
         The directions are not (n, 3) finite vectors, or ``max_depth`` is negative.
+    ResourceError
+        The rays of one direction do not fit into memory.
 
     Notes
     -----
@@ -131,6 +136,13 @@ def monostatic_rcs(
     half = _window(geometry, position, frame)
     spacing = ray_spacing or max(
         wavelength / RAYS_PER_WAVELENGTH, float(np.sqrt(4.0 * half[0] * half[1] / most_rays))
+    )
+    n_rays = 4.0 * float(np.prod(half + spacing)) / spacing**2
+    check_fits(
+        f"rcs of a target of {2.0 * radius:.3g} m",
+        int(min(RAY_BYTES * n_rays, 2.0**62)),
+        f"{n_rays:.3g} rays {spacing:.3g} m apart take the most: leave ray_spacing out or set it wider, or check that "
+        "the model is in metres",
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)

@@ -29,7 +29,7 @@ ROWS_A_NODE = 8.0
 MOST_ROWS, MOST_TRIANGLES = 1_000_000, 100_000
 
 
-class TooManyNodes(Exception):
+class ManyNodesError(Exception):
     """The nodes over outlines are more than there may be, or too many rows to lay out."""
 
 
@@ -85,8 +85,8 @@ def nodes_over(
     lattice : whose nodes
     rim : steps that the lattice goes on beyond the outlines
     reach : m, largest modulus of x and of y
-    piece : (n,) numbers of the pieces of surface that the triangles belong to: long ones are laid out as one, stretch by
-        stretch, where that takes no more nodes; None: each triangle by itself
+    piece : (n,) numbers of the pieces of surface that the triangles belong to: long ones are laid out as one, stretch
+        by stretch, where that takes no more nodes; None: each triangle by itself
     most : nodes that there may be
 
     Returns
@@ -95,7 +95,7 @@ def nodes_over(
 
     Raises
     ------
-    TooManyNodes
+    ManyNodesError
         There would be more.
     """
     # no row and no column of the window lies farther out
@@ -119,7 +119,7 @@ def nodes_over(
         for outline in outlines:
             rows_left -= outline.n_rows(rim, farthest)
             if rows_left < 0.0:
-                raise TooManyNodes
+                raise ManyNodesError
             runs += outline.runs(rim, farthest)
     run = np.concatenate(runs)
     if not len(run):
@@ -168,7 +168,9 @@ class _Outlines:
     @staticmethod
     def of_ring(ring: F64) -> "_Outlines":
         """A convex polygon of corners (m, 2) in turn, row and column."""
-        left, right = _hull_lines(ring[None], zip(range(len(ring)), np.roll(range(len(ring)), -1), strict=True))
+        left, right = _hull_lines(
+            ring[None], zip(range(len(ring)), np.roll(range(len(ring)), -1), strict=True)
+        )
         ends = (ring[[pick(ring[:, 1])], 0] for pick in (np.argmin, np.argmax))
         return _Outlines(ring.min(axis=0)[None], ring.max(axis=0)[None], left, right, *ends)
 
@@ -210,7 +212,9 @@ class _Outlines:
             (self.right, self.at_right, self.high[:, 1], np.minimum),
         ):
             # the columns of a convex outline reach out the farther, the nearer a row is to that of the outermost
-            nearest = np.clip(np.clip(at[owner], row - rim, row + rim), self.low[owner, 0], self.high[owner, 0])
+            nearest = np.clip(
+                np.clip(at[owner], row - rim, row + rim), self.low[owner, 0], self.high[owner, 0]
+            )
             end = bound[owner]
             for k in range(lines.shape[1]):
                 a, b = lines[owner, k].T
@@ -220,7 +224,7 @@ class _Outlines:
 
 
 def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
-    """Stretches of pieces of surface along the longest axis of each, no longer than ``longest``: a number a triangle."""
+    """Number of the stretch of its piece of surface that each triangle lies on, no longer than ``longest``."""
     if not len(corners):
         return np.zeros(0, dtype=np.int64)
     _, number = np.unique(piece, return_inverse=True)
@@ -264,7 +268,8 @@ def _rings(seen: Sequence[F64], stretch: NDArray[np.int64]) -> Iterator[tuple[ND
 def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64]:
     """Lines along the left and the right edges of the convex hulls of points (n, m, 2): columns ``a + b row``.
 
-    The edges are among the ``pairs`` of points. Edges shorter than ``SAME`` are left out: what the other lines bound is larger by no more than that.
+    The edges are among the ``pairs`` of points. Edges shorter than ``SAME`` are left out: what the other lines bound is
+    larger by no more than that.
     """
     lines: tuple[list[F64], list[F64]] = ([], [])
     for i, j in pairs:
@@ -286,8 +291,8 @@ def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64
             of = steep & bounds
             lines[side].append(np.stack([np.where(of, start, none), np.where(of, slope, 0.0)], axis=1))
     kept = []
-    for side, none in zip(lines, (-np.inf, np.inf), strict=True):
-        stacked = np.stack(side, axis=1)
+    for side_lines, none in zip(lines, (-np.inf, np.inf), strict=True):
+        stacked = np.stack(side_lines, axis=1)
         # few of the pairs are edges: those first, the others cut off
         order = np.argsort(np.isinf(stacked[..., 0]), axis=1, kind="stable")
         most = int((stacked[..., 0] != none).sum(axis=1).max(initial=0))
@@ -303,7 +308,7 @@ def _union(start: NDArray[np.int64], stop: NDArray[np.int64], most: float) -> ND
     begin, end = start[new], reached[np.append(new[1:], len(start)) - 1]
     count = end - begin + 1
     if count.sum() > most:
-        raise TooManyNodes
+        raise ManyNodesError
     return np.repeat(begin - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
 
 
@@ -316,7 +321,9 @@ def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:
 
 def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
     """Halve triangles across their longest edge until none is longer; the parts, and which triangle each is of."""
-    done, owners, owner = [], [], np.arange(len(triangles))
+    done: list[F64] = []
+    owners: list[NDArray[np.intp]] = []
+    owner = np.arange(len(triangles))
     while triangles.size:
         edges = np.roll(triangles, -1, axis=1) - triangles
         length = np.sqrt(np.einsum("tki,tki->tk", edges, edges))
@@ -334,4 +341,4 @@ def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
     return np.concatenate(done), np.concatenate(owners)
 
 
-__all__ = ["RIM", "Lattice", "TooManyNodes", "cut", "nodes_over", "outline_area"]
+__all__ = ["RIM", "Lattice", "ManyNodesError", "cut", "nodes_over", "outline_area"]

@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.simulation.sampling.small_lattice import RIM, Lattice, TooManyNodes, nodes_over, outline_area
+from sarmitsuba.simulation.sampling.small_lattice import (
+    RIM,
+    Lattice,
+    ManyNodesError,
+    nodes_over,
+    outline_area,
+)
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
 
@@ -21,6 +27,8 @@ MOST_RAYS = 600_000
 SHARE = 0.15
 # what outlines side by side may have over that: where they overlap, their rays are fewer
 LOOSE = 4.0
+# how much wider the lattices are that tell how many rays there will be
+SPARSE = 4.0
 # halvings of the distance between rays
 MOST_LEVELS = 12
 
@@ -83,10 +91,8 @@ def with_small_parts(
     Faces that need more than the bounds on rays allow get the finest lattice there is: those rays that meet a facet
     narrower than their distance count for the rest of it. Diffuse power is then right on average.
     """
-    coherent, diffuse = scene.needs
-    need = {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[grid.purpose]
-    level = np.ceil(np.log2(grid.spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
-    level = np.clip(level, 0, MOST_LEVELS)
+    need = _needs(grid.purpose, scene)
+    level = _levels(need, grid.spacing)
     if not level.any():
         return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
@@ -106,6 +112,43 @@ def with_small_parts(
     return _joined(grid, rays, levels), short
 
 
+def expected_finer_rays(
+    grid: LaunchGrid, n_rays: int, scene: TraceScene, frame: LaunchFrame, antennas: F64
+) -> int:
+    """About as many rays as :func:`with_small_parts` adds, from lattices ``SPARSE`` times as wide.
+
+    Parameters
+    ----------
+    grid : plain lattice, its rays left out
+    n_rays : that it has
+    scene, frame, antennas : as there
+    """
+    need = _needs(grid.purpose, scene)
+    level = _levels(need, grid.spacing)
+    if not level.any():
+        return 0
+    area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
+    budget = max(MOST_RAYS, SHARE * n_rays)
+    for finest in range(_finest(level, area, grid.spacing, LOOSE * budget), 0, -1):
+        rng = np.random.default_rng(0)
+        found = _laid(grid, scene, frame, antennas, rng, np.minimum(level, finest), budget, SPARSE)
+        if found is not None:
+            return int(SPARSE**2 * sum(x.size for (x, _), _ in found))
+    return 0
+
+
+def _needs(purpose: Purpose, scene: TraceScene) -> F64:
+    """Largest distance between rays of a purpose that serves each face, m."""
+    coherent, diffuse = scene.needs
+    return {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[purpose]
+
+
+def _levels(need: F64, spacing: float) -> NDArray[np.int_]:
+    """Halvings of the distance between rays that each face wants."""
+    level = np.ceil(np.log2(spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
+    return np.asarray(np.clip(level, 0, MOST_LEVELS))
+
+
 def _laid(
     grid: LaunchGrid,
     scene: TraceScene,
@@ -114,8 +157,12 @@ def _laid(
     rng: np.random.Generator,
     level: NDArray[np.int_],
     budget: float,
+    sparse: float = 1.0,
 ) -> list[tuple[Nodes, Density]] | None:
-    """Nodes and density of the finer lattices for the levels of all faces; None where they are beyond the budget."""
+    """Nodes and density of the finer lattices for the levels of all faces; None where they are beyond the budget.
+
+    ``sparse`` lattices are so many times as wide, to tell how many nodes there are.
+    """
     finest, out = int(level.max()), []
     reach = (grid.half_x + grid.taper, grid.half_y + grid.taper)
     for k in range(1, finest + 1):
@@ -123,15 +170,16 @@ def _laid(
         needs = (0.0 if k == finest else spacing * (1.0 - 1e-6), 2.0 * spacing * (1.0 - 1e-6))
         if not of.any():
             continue
-        lattice = Lattice(frame, spacing, grid.turn, rng.random(2) * spacing)
+        lattice = Lattice(frame, sparse * spacing, grid.turn, rng.random(2) * spacing)
+        faces, piece, left = scene.triangles[of], scene.piece[of], budget / sparse**2
         within = (max(reach[0], spacing), max(reach[1], spacing))
         try:
-            x, y = nodes_over(scene.triangles[of], antennas, lattice, RIM, within, scene.piece[of], budget)
-            if not x.size:  # so small that no node lies over it: those beside it
-                x, y = nodes_over(scene.triangles[of], antennas, lattice, 1.0, within, scene.piece[of], budget)
-        except TooManyNodes:
+            x, y = nodes_over(faces, antennas, lattice, RIM / sparse, within, piece, left)
+            if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
+                x, y = nodes_over(faces, antennas, lattice, 1.0, within, piece, left)
+        except ManyNodesError:
             return None
-        budget -= x.size
+        budget -= sparse**2 * x.size
         if not x.size:
             continue
         order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
@@ -179,4 +227,4 @@ def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -
     return 0
 
 
-__all__ = ["Shortfall", "with_small_parts"]
+__all__ = ["Shortfall", "expected_finer_rays", "with_small_parts"]
