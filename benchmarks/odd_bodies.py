@@ -86,7 +86,7 @@ def draw(seed: int) -> Drawn:
         azimuth=float(max(extent / 20.0, 3e8 / frequency)),
         extent=float(extent),
     )
-    spacing = extent / 10.0 ** rng.uniform(1.3, 2.2)
+    spacing = extent / 10.0 ** rng.uniform(1.3, 1.9)
     integrator = f'<integrator type="sar_path"><float name="ray_spacing" value="{spacing!r}"/></integrator>'
     materials = [f'<bsdf type="radar_material" id="{k}">{v}</bsdf>' for k, v in MATERIALS.items()]
     text = "\n".join(['<scene version="3.0.0">', integrator, radar, *materials, *shapes, "</scene>"])
@@ -94,9 +94,12 @@ def draw(seed: int) -> Drawn:
 
 
 def _size(rng: np.random.Generator, scale: float) -> float:
-    """A length: mostly of the scene's scale, else anything from a micrometre to 100 km."""
-    if rng.random() < 0.7:
-        return float(scale * 10.0 ** rng.uniform(-2.0, 0.5))
+    """A length: mostly of the scene's scale, else tiny or large against it, rarely anything from 1 um to 100 km."""
+    luck = rng.random()
+    if luck < 0.75:
+        return float(scale * 10.0 ** rng.uniform(-2.0, 0.3))
+    if luck < 0.98:
+        return float(scale * 10.0 ** rng.choice([rng.uniform(-6.0, -2.0), rng.uniform(0.3, 1.5)]))
     return float(10.0 ** rng.uniform(-6.0, 5.0))
 
 

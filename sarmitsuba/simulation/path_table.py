@@ -18,6 +18,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import in_the_way
 from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
+from sarmitsuba.simulation.prediction.needs import check_rays
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
@@ -215,6 +216,7 @@ class PathTracer:
             )
             warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.sampling is not None:
+            check_rays(f"{scene.name}: a table of paths", self._run.sampling, self._run.layers)
             self._tracer = self._run.tracer(self._run.sampling)
             self._rays = self._run.rays(self._run.sampling, pass_index)
 

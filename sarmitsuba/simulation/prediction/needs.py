@@ -336,6 +336,22 @@ def finer_rays(sampling: SamplingPlan, layers: LayerPlan, trace_scene: TraceScen
     return tuple(known[each] for each in wanted)
 
 
+def check_rays(name: str, sampling: SamplingPlan, layers: LayerPlan) -> None:
+    """Refuse lattices that do not fit, where nothing else of a run is held.
+
+    Raises
+    ------
+    ResourceError
+        More memory is needed than there is.
+    """
+    rays, spacing = lattice_rays(sampling, layers), sampling.spacings.coherent
+    remedy = (
+        f"{sum(rays):.3g} rays, {spacing:.3g} m apart, take the most: check that the model is in metres (to_world), "
+        "make the image smaller, or set ray_spacing"
+    )
+    check_fits(name, _ray_bytes(rays, max(rays)), remedy)
+
+
 def copies() -> int:
     """Copies of an accumulator's grid: one for each thread that adds to it, and one for the caller's."""
     return int(dr.thread_count()) + 1
@@ -389,4 +405,4 @@ def _synthesis(sampling: SamplingPlan, layers: LayerPlan, most_rays: int) -> tup
     return grid_numbers(plan.shape(slots), channels), most_rays, profiles
 
 
-__all__ = ["Needs", "duration", "lattice_rays", "needs_of"]
+__all__ = ["Needs", "check_rays", "duration", "lattice_rays", "needs_of"]
