@@ -124,9 +124,9 @@ def test_sphere_in_a_large_scene(tmp_path: Path, size: float) -> None:
 
 
 def lit_half(axis: F64, antenna: F64, length: float, radius: float) -> C128:
-    """Root of the RCS of a metal cylinder about the origin, by its physical-optics integral from an antenna near by.
+    r"""Root of the RCS of a metal cylinder about the origin, by its physical-optics integral from an antenna near by.
 
-    .. math:: \\sqrt\\sigma = \\frac{2 \\sqrt\\pi}{\\lambda} \\int \\cos\\theta\\, e^{-2 j k (R - R_0)} dS
+    .. math:: \sqrt\sigma = \frac{2 \sqrt\pi}{\lambda} \int \cos\theta\, e^{-2 j k (R - R_0)} dS
     """
     k = 2.0 * np.pi * FREQUENCY / SPEED_OF_LIGHT
     side = np.cross(axis, antenna)
