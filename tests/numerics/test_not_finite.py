@@ -81,7 +81,8 @@ def test_a_crane_of_thin_cylinders(tmp_path: Path) -> None:
         '<float name="rms_height" value="0.001"/></bsdf>'
         for name, of in (("asphalt", "asphalt_concrete"), ("steel", "metal"))
     )
-    plate = '<shape type="rectangle"><transform name="to_world"><scale value="30"/></transform><ref id="asphalt"/></shape>'
+    plate = '<shape type="rectangle"><transform name="to_world"><scale value="30"/></transform>'
+    plate += '<ref id="asphalt"/></shape>'
     path = tmp_path / "crane.xml"
     path.write_text(f'<scene version="3.0.0">{materials}{plate}{"".join(shapes)}</scene>', encoding="utf-8")
     scene = load_scene(path, radar="airborne_x")

@@ -97,16 +97,10 @@ def with_small_parts(
         return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * grid.n_rays)
-    first = _finest(level, area, grid.spacing, LOOSE * budget)
-    for finest in range(first, -1, -1):
-        draws = deepcopy(rng)
-        finer = _laid(grid, scene, frame, antennas, draws, np.minimum(level, finest), budget)
-        if finer is not None:
-            break
+    finest, finer = _Layout(grid, scene, frame, antennas).finest(level, area, budget, rng)
     short = _shortfall(grid, need, area, finest)
-    if finer is None or finest == 0:
+    if finest == 0:
         return grid, short
-    rng.bit_generator.state = draws.bit_generator.state
     plain = ((grid.x, grid.y), (grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf)))
     rays, levels = zip(plain, *finer, strict=True)
     return _joined(grid, rays, levels), short
@@ -129,12 +123,9 @@ def expected_finer_rays(
         return 0
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * n_rays)
-    for finest in range(_finest(level, area, grid.spacing, LOOSE * budget), 0, -1):
-        rng = np.random.default_rng(0)
-        found = _laid(grid, scene, frame, antennas, rng, np.minimum(level, finest), budget, SPARSE)
-        if found is not None:
-            return int(SPARSE**2 * sum(x.size for (x, _), _ in found))
-    return 0
+    layout = _Layout(grid, scene, frame, antennas, SPARSE)
+    _, found = layout.finest(level, area, budget, np.random.default_rng(0))
+    return int(SPARSE**2 * sum(x.size for (x, _), _ in found))
 
 
 def _needs(purpose: Purpose, scene: TraceScene) -> F64:
@@ -149,42 +140,62 @@ def _levels(need: F64, spacing: float) -> NDArray[np.int_]:
     return np.asarray(np.clip(level, 0, MOST_LEVELS))
 
 
-def _laid(
-    grid: LaunchGrid,
-    scene: TraceScene,
-    frame: LaunchFrame,
-    antennas: F64,
-    rng: np.random.Generator,
-    level: NDArray[np.int_],
-    budget: float,
-    sparse: float = 1.0,
-) -> list[tuple[Nodes, Density]] | None:
-    """Nodes and density of the finer lattices for the levels of all faces; None where they are beyond the budget.
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Lays finer lattices out over a scene; ``sparse`` ones, as many times as wide, tell how many nodes there are."""
 
-    ``sparse`` lattices are so many times as wide, to tell how many nodes there are.
-    """
-    finest, out = int(level.max()), []
-    reach = (grid.half_x + grid.taper, grid.half_y + grid.taper)
-    for k in range(1, finest + 1):
-        spacing, of = grid.spacing * 2.0**-k, level == k
-        needs = (0.0 if k == finest else spacing * (1.0 - 1e-6), 2.0 * spacing * (1.0 - 1e-6))
+    grid: LaunchGrid
+    scene: TraceScene
+    frame: LaunchFrame
+    antennas: F64
+    sparse: float = 1.0
+
+    def finest(
+        self, level: NDArray[np.int_], area: F64, budget: float, rng: np.random.Generator
+    ) -> tuple[int, list[tuple[Nodes, Density]]]:
+        """The finest level that keeps all finer lattices within a budget of rays, and their nodes and density."""
+        spacing = self.grid.spacing
+        shifts = deepcopy(rng).random((MOST_LEVELS + 1, 2))
+        # of the levels that have faces, in turn
+        turn = np.cumsum([0, 0, *(np.any(level == k) for k in range(1, MOST_LEVELS + 1))])
+        coarser: dict[int, Nodes] = {}
+        for finest in range(_finest(level, area, spacing, LOOSE * budget), 0, -1):
+            try:
+                left, laid = budget / self.sparse**2, []
+                # the finest has the most nodes; those below are the same whichever it is
+                for k in range(finest, 0, -1):
+                    of = level >= k if k == finest else level == k
+                    nodes = coarser.get(k) if k < finest else None
+                    if nodes is None:
+                        nodes = self._nodes(of, spacing * 2.0**-k, shifts[turn[k]], left)
+                    if k < finest:
+                        coarser[k] = nodes
+                    left -= nodes[0].size
+                    if left < 0.0:
+                        raise ManyNodesError
+                    step = spacing * 2.0**-k
+                    needs = (0.0 if k == finest else step * (1.0 - 1e-6), 2.0 * step * (1.0 - 1e-6))
+                    laid.append((nodes, (step, needs)))
+            except ManyNodesError:
+                continue
+            rng.random((turn[finest] + 1, 2))
+            return finest, [each for each in laid[::-1] if each[0][0].size]
+        return 0, []
+
+    def _nodes(self, of: NDArray[np.bool_], spacing: float, shift: F64, most: float) -> Nodes:
+        """Nodes of one lattice over some of the faces, in Morton order."""
+        grid, sparse = self.grid, self.sparse
         if not of.any():
-            continue
-        lattice = Lattice(frame, sparse * spacing, grid.turn, rng.random(2) * spacing)
-        faces, piece, left = scene.triangles[of], scene.piece[of], budget / sparse**2
+            return np.zeros(0, np.float32), np.zeros(0, np.float32)
+        reach = (grid.half_x + grid.taper, grid.half_y + grid.taper)
+        lattice = Lattice(self.frame, sparse * spacing, grid.turn, shift * spacing)
+        faces, piece = self.scene.triangles[of], self.scene.piece[of]
         within = (max(reach[0], spacing), max(reach[1], spacing))
-        try:
-            x, y = nodes_over(faces, antennas, lattice, RIM / sparse, within, piece, left)
-            if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
-                x, y = nodes_over(faces, antennas, lattice, 1.0, within, piece, left)
-        except ManyNodesError:
-            return None
-        budget -= sparse**2 * x.size
-        if not x.size:
-            continue
+        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most)
+        if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
+            x, y = nodes_over(faces, self.antennas, lattice, 1.0, within, piece, most)
         order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
-        out.append(((x[order].astype(np.float32), y[order].astype(np.float32)), (spacing, needs)))
-    return out
+        return x[order].astype(np.float32), y[order].astype(np.float32)
 
 
 def _joined(
