@@ -135,14 +135,12 @@ _NAMES = ("channels", "mesh_names", "material_names")
 
 def _named(path: PathTable) -> str:
     """One path in words."""
-    shape, material = (int(v[0, path.order[0] - 1]) for v in (path.shape, path.material))
-    there = shape >= 0
-    last = (
-        f'on the shape "{path.mesh_names[shape]}" of "{path.material_names[material]}"'
-        if there
-        else "on no shape"
-    )
-    return f"pulse {path.pulse[0]}: a path of {path.order[0]} bounces that ends {last}"
+    order = int(path.order[0])
+    shape, material = (int(v[0, order - 1]) for v in (path.shape, path.material))
+    last = "from no shape"
+    if shape >= 0:
+        last = f'that ends on the shape "{path.mesh_names[shape]}", material "{path.material_names[material]}",'
+    return f"pulse {path.pulse[0]}: a path of {order} bounce{'s' if order > 1 else ''} {last}"
 
 
 def trace_paths(

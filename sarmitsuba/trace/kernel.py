@@ -19,7 +19,6 @@ from sarmitsuba.trace.closing import close_coherent, receiver, selected
 from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
 from sarmitsuba.trace.panes import Waiting, branched
 from sarmitsuba.trace.rays import (
-    ended,
     footprint,
     intersect,
     launch,
@@ -141,7 +140,8 @@ def _bounce(
     arrived = through_passages(kernel, ray, hit)
     ray = past_foci(arrived, hit)
     tube_here = footprint(kernel, lane, ray, hit)
-    hit = ended(hit, tube_here)
+    if tube_here.lost is not None:
+        hit = hit.without(tube_here.lost)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive, lane, hit = receiver(kernel, lane, ray, hit)
     coherent = diffuse = None

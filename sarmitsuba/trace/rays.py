@@ -319,15 +319,6 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
 
 
-def ended(hit: Hit, tube_here: Footprint) -> Hit:
-    """The hit, without the lanes whose tube is spread beyond all measure: their rays end before it."""
-    if tube_here.lost is None:
-        return hit
-    kept = ~tube_here.lost
-    order = dr.select(kept | ~hit.active, hit.order, hit.order - 1)
-    return replace(hit, active=hit.active & kept, sees=hit.sees & kept, met=hit.met & kept, order=order)
-
-
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
     """Boundary edges of the facet that was hit."""
     return [dr.gather(mi.Vector4f, table, hit.face * N_EDGES + i, hit.active) for i in range(N_EDGES)]
@@ -490,7 +481,6 @@ def _mirrored_step(step: mi.Vector3f, change: mi.Vector3f, d: mi.Vector3f, n: mi
 
 __all__ = [
     "antenna_of",
-    "ended",
     "footprint",
     "hit_point",
     "intersect",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -275,6 +275,14 @@ class Hit:
     movement: Movement | None
     slab: mi.Vector4f | None
     met: mi.Bool
+
+    def without(self, lost: mi.Bool) -> Hit:
+        """The hit but for some lanes, whose rays end before it."""
+        kept = ~lost
+        order = dr.select(kept | ~self.active, self.order, self.order - 1)
+        return replace(
+            self, active=self.active & kept, sees=self.sees & kept, met=self.met & kept, order=order
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,7 @@ FLOORS = (
         "errors",
         "extensions",
         "kernel_cache",
+        "finite",
         "memory",
         "parameters",
         "progress",
