@@ -139,7 +139,9 @@ def _named(path: PathTable) -> str:
     shape, material = (int(v[0, order - 1]) for v in (path.shape, path.material))
     last = "from no shape"
     if shape >= 0:
-        last = f'that ends on the shape "{path.mesh_names[shape]}", material "{path.material_names[material]}",'
+        last = (
+            f'that ends on the shape "{path.mesh_names[shape]}", material "{path.material_names[material]}",'
+        )
     return f"pulse {path.pulse[0]}: a path of {order} bounce{'s' if order > 1 else ''} {last}"
 
 

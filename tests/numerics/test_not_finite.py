@@ -115,9 +115,7 @@ def test_so_does_every_method(faulty: Scene, method: str) -> None:
 
 @pytest.mark.slow
 def test_so_do_paths_and_cross_sections(faulty: Scene) -> None:
-    with pytest.raises(
-        SceneError, match=r"trihedral: pulse \d+: a path of " + NAMED
-    ):
+    with pytest.raises(SceneError, match=r"trihedral: pulse \d+: a path of " + NAMED):
         trace_paths(faulty)
     with pytest.raises(SceneError, match=r"rcs: direction \(.*\): an echo of " + NAMED):
         rcs_sweep(faulty, Aspects(np.array([0.8]), np.array([0.5])), checked=0)

@@ -75,6 +75,7 @@ def nodes_over(
     reach: tuple[float, float] = (np.inf, np.inf),
     piece: NDArray[np.int64] | None = None,
     most: float = np.inf,
+    stretches: float = LONGEST,
 ) -> tuple[F64, F64]:
     """Nodes of a square lattice that lie over the outlines of triangles, in coordinates of the launch plane.
 
@@ -88,6 +89,7 @@ def nodes_over(
     piece : (n,) numbers of the pieces of surface that the triangles belong to: long ones are laid out as one, stretch
         by stretch, where that takes no more nodes; None: each triangle by itself
     most : nodes that there may be
+    stretches : steps, length of the parts that long triangles are laid out in
 
     Returns
     -------
@@ -101,7 +103,7 @@ def nodes_over(
     # no row and no column of the window lies farther out
     farthest = min(float(np.hypot(*reach)) / lattice.spacing + 2.0, 2.0**30)
     edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    longest = max(LONGEST * lattice.spacing, float(edges.max(initial=0.0)) / MOST_CUTS)
+    longest = max(stretches * lattice.spacing, float(edges.max(initial=0.0)) / MOST_CUTS)
     runs = [np.zeros((0, 3), dtype=np.int64)]
     corners, owner = cut(triangles, longest)
     stretch = None if piece is None else _stretches(corners, piece[owner], longest)
@@ -341,4 +343,4 @@ def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
     return np.concatenate(done), np.concatenate(owners)
 
 
-__all__ = ["RIM", "Lattice", "ManyNodesError", "cut", "nodes_over", "outline_area"]
+__all__ = ["LONGEST", "RIM", "Lattice", "ManyNodesError", "cut", "nodes_over", "outline_area"]

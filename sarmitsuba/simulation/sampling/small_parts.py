@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.simulation.sampling.small_lattice import (
+    LONGEST,
     RIM,
     Lattice,
     ManyNodesError,
@@ -191,7 +192,7 @@ class _Layout:
         lattice = Lattice(self.frame, sparse * spacing, grid.turn, shift * spacing)
         faces, piece = self.scene.triangles[of], self.scene.piece[of]
         within = (max(reach[0], spacing), max(reach[1], spacing))
-        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most)
+        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most, LONGEST / sparse)
         if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
             x, y = nodes_over(faces, self.antennas, lattice, 1.0, within, piece, most)
         order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
