@@ -253,9 +253,12 @@ class Tracer:
             lanes = grid.n_rays * batch.n_pulses if record is None else 1
             n_channels, depth = len(scene.radar.channels), self.kernel.max_depth
             bodies = self.trace_scene, scene.geometry, scene.materials
-            return blamed(
-                again, lanes, depth, n_channels, *bodies, lambda pulse: f"pulse {pick.start + pulse}"
-            )
+            look = scene.settings.method == "image"
+
+            def label(pulse: int) -> str:
+                return f"look {pulse}" if look else f"pulse {pick.start + pulse}"
+
+            return blamed(again, lanes, depth, n_channels, *bodies, label)
 
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 

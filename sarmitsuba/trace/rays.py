@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, Purpose
 
 
-# cross-section of a tube behind curved mirrors over that behind flat ones, beyond which its ray ends: its field is then
-# 120 dB down, and float32 soon no longer holds what further mirrors make of it
-WIDEST_SPREAD = 1e12
-
-
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
     f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
@@ -185,6 +180,15 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     behind = dr.dot(d64, n64) > 0.0
     n64 = dr.select(behind, -n64, n64)
     n, d = mi.Vector3f(n64), mi.Vector3f(d64)
+    before = None
+    if kernel.flags.slabs and scene.slabs is not None and scene.slabs.sheets:
+        # the slab's face that the wave meets, with the facet's outline moved along the ray: tubes cover it as they
+        # cover the facet
+        before = scene.slabs.before(face, behind, met) / dr.maximum(-dr.dot(d, n), 1e-3)
+        step = d64 * mi.Float64(-before)
+        p, vertex0, centroid, length = p + step, vertex0 + step, centroid + step, length - before
+        # no farther back than where the ray comes from: what stands within the slab stays there
+        landed = landed - d64 * mi.Float64(dr.minimum(before, dr.norm(mi.Vector3f(landed) - ray.origin)))
 
     leg_back = lane.antenna - p
     length_back = dr.norm(leg_back)
@@ -231,6 +235,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         if kernel.flags.slabs
         else None,
         met=met,
+        before_facet=before,
     )
 
 
@@ -315,7 +320,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-        lost = ~(wider < WIDEST_SPREAD)  # also where it is not a number
+        lost = ~(wider < curvature.WIDEST_SPREAD)  # also where it is not a number
     return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
 
 
