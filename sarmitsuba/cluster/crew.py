@@ -28,7 +28,10 @@ from sarmitsuba.version import __version__
 
 LOOPBACK = "127.0.0.1"
 # neither scheduler nor workers serve pages about themselves
-_NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+_NO_PAGES: dict[str, list[str]] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 
 # how long to wait for the scheduler, and for the first worker, s
 PATIENCE = 60.0

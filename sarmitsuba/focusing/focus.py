@@ -11,6 +11,7 @@ from sarmitsuba.echo.in_pulse import standing_still
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
+from sarmitsuba.finite import check_pulses
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -79,7 +80,7 @@ def focus(
     ExtensionError
         There is no such focuser or autofocuser.
     DataError
-        Unknown window, or data or a grid that the focuser refuses.
+        Unknown window, data or a grid that the focuser refuses, or echoes that are NaN or infinite.
     ResourceError
         The image does not fit into memory.
     """
@@ -88,6 +89,7 @@ def focus(
         check_grid(grid)
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
+    check_pulses(raw.data, "focus: ")
     raw = range_compress(raw, method=compression)
     halfway = start_stop_phase(raw.radar)
     raw = standing_still(raw)

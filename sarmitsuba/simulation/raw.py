@@ -19,6 +19,7 @@ from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -113,6 +114,8 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         n = add_points(scene, plan.flags, run.trace_scene, data, layers)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
+    for plane in data:
+        check_traced(plane, 0.0, scene.name)
     notes += _check_energy(scene, run.statistics, data) + _check_heights(scene)
     notes += check_folding(scene, run.sampling.windows if run.sampling is not None else ())
     if run.sampling is not None and run.report is not None:

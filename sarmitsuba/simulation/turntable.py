@@ -29,6 +29,7 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
 from sarmitsuba.simulation.points import off_surfaces, visible
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
@@ -192,6 +193,7 @@ def rcs_sweep(
     points = _points(scene, flags, channels, aspects)
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
+    check_traced(amplitude, 0.0, scene.name)
     return RcsSweep(
         aspects,
         frequency,

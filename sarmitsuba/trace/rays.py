@@ -312,6 +312,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
     loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
     loss_retro = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
+    lost = None
     if ray.spread is not None:
         # a tube keeps its power: spread more than a sphere's it carries less field over more area
         wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))
@@ -319,7 +320,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro)
+        lost = ~(wider < curvature.WIDEST_SPREAD)  # also where it is not a number
+    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:

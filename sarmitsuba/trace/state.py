@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -278,6 +278,14 @@ class Hit:
     met: mi.Bool
     before_facet: mi.Float | None = None
 
+    def without(self, lost: mi.Bool) -> Hit:
+        """The hit but for some lanes, whose rays end before it."""
+        kept = ~lost
+        order = dr.select(kept | ~self.active, self.order, self.order - 1)
+        return replace(
+            self, active=self.active & kept, sees=self.sees & kept, met=self.met & kept, order=order
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
@@ -291,6 +299,7 @@ class Footprint:
     bounds : of what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
     loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
+    lost : lanes whose tube curved mirrors have spread beyond all measure; None where no mirror bends
     """
 
     u: mi.Vector3f
@@ -301,6 +310,7 @@ class Footprint:
     area: mi.Float
     loss: mi.Float
     loss_retro: mi.Float
+    lost: mi.Bool | None = None
 
 
 @dataclass(frozen=True, eq=False)

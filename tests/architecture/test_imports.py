@@ -40,6 +40,7 @@ FLOORS = (
         "extensions",
         "isolated",
         "kernel_cache",
+        "finite",
         "memory",
         "parameters",
         "progress",
