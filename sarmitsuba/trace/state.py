@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.trace.corners import Mirror  # as the last
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.moving import Rim  # as the next
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
@@ -137,6 +138,11 @@ class Kernel:
         """True where another antenna receives."""
         return self.pulses.receiver is not None
 
+    @property
+    def reversible(self) -> bool:
+        """True where a coherent path and the reversed one return the same."""
+        return self.flags.coherent and self.flags.multi_bounce and not self.bistatic
+
 
 @dataclass(frozen=True, eq=False)
 class Lane:
@@ -201,6 +207,7 @@ class RayState:
     fields : of each tracked transmit polarisation, unit at launch
     contributions : so far
     crossed : panes that the path went through; None where nothing lets waves through
+    mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
     """
 
     active: mi.Bool
@@ -219,6 +226,7 @@ class RayState:
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
+    mirror: Mirror | None = None
 
 
 @dataclass(frozen=True, eq=False)
