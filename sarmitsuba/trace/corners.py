@@ -12,7 +12,7 @@ from sarmitsuba.trace.geometry import INNER_BIT
 if TYPE_CHECKING:
     from sarmitsuba.trace.state import Hit, Kernel
 
-# power of the ratio of reaches with which a facet's share falls
+# power of the ratio of reaches with which a path's share falls
 POWER = 4
 # reach, over the distance from the fold, of a facet that nothing ends; and the least sine of a corner's angle
 UNLIMITED, LEAST_SINE = 1e3, 0.1
@@ -50,14 +50,20 @@ class Mirror:
 
 
 def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
-    r"""Weight of a double bounce by which of its two facets ends first, seen from the line in which their planes meet.
+    r"""Weight of a double bounce, by which of its two facets ends first on its way and on that of the reversed path.
 
-    A path over A that closes at B, and the reversed one, over B to A, are two estimates of one field, each of half of
-    it. Currents are those of physical optics where the facet itself ends, as an edge of metal wants them; where the
-    light that A sends to B ends within B, because A ends, B has no edge and the estimate errs. With reaches
-    :math:`\kappa`, of the facets' ends over those of the two hits,
+    A path over A that closes at B, and the reversed one, over B to A, are estimates of one field each by the other's
+    transpose; together they count twice. The currents at B end at an edge where B does, as physical optics wants it.
+    Where the light that A sends ends within B, because A ends, there is no edge: then the reversed path, which ends at
+    the edge of A, is the better one. With r the reach of B over that of A (distances of the facets' ends from the fold
+    over those of the two hits) on the path, and r' on the reversed one, to which B mirrors the antenna,
 
-    .. math:: w_B = \frac{2 \kappa_A^4}{\kappa_A^4 + \kappa_B^4}, \quad w_A + w_B = 2
+    .. math::
+        w_{AB} = \frac{2 f}{f + g}, \quad f = \frac1{1 + r^4}, \quad g = \frac{r'^4}{1 + r'^4}, \quad
+        w_{AB} + w_{BA} = 2
+
+    In a square corner r' is r. Both end at their own edges, and both count once, for wide corners near the direction
+    where the facets are equally long.
 
     Parameters
     ----------
@@ -66,37 +72,29 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
 
     Returns
     -------
-    w of the facet that was hit; 1 at other hits than the second and between facets that are nearly parallel
+    w of the path; 1 for other hits than the second, between facets that are nearly parallel, and where no path goes
+        the other way round
 
     Notes
     -----
     Ignores ends of the facets along the fold, and other objects that end their light.
     """
-    cosine = dr.dot(mirror.normal, hit.normal)
+    d, s, n_a, n_b = hit.direction, hit.to_antenna, mirror.normal, hit.normal
+    cosine = dr.dot(n_a, n_b)
     sine2 = 1.0 - dr.square(cosine)
     inverse = dr.rsqrt(dr.maximum(sine2, LEAST_SINE**2))
     leg = mi.Float(hit.length - mirror.length) * inverse
-    edges = _reach(
-        kernel,
-        mirror.face,
-        mirror.bits,
-        mirror.point,
-        (hit.normal - mirror.normal * cosine) * inverse,
-        leg * hit.cos_incidence,
-        hit.active,
-    )
-    here = _reach(
-        kernel,
-        hit.face,
-        hit.own_material,
-        mi.Vector3f(hit.p - hit.vertex0),
-        (mirror.normal - hit.normal * cosine) * inverse,
-        leg * dr.dot(hit.direction, mirror.normal),
-        hit.active,
-    )
-    ratio = dr.power(here / edges, POWER)
-    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2)
-    return dr.select(corner, 2.0 / (1.0 + ratio), 1.0)
+    from_a, to_b = dr.maximum(dr.dot(d, n_a), 1e-7), hit.cos_incidence
+    point = mi.Vector3f(hit.p - hit.vertex0)
+    reach_a = _reach(kernel, mirror.face, mirror.bits, mirror.point, (n_b - n_a * cosine) * inverse, leg * to_b, hit)
+    reach_b = _reach(kernel, hit.face, hit.own_material, point, (n_a - n_b * cosine) * inverse, leg * from_a, hit)
+    ratio = reach_b / reach_a
+    # the reversed path leaves A towards the antenna's image in B
+    from_b, to_a = dr.dot(s, n_b), dr.dot(s, n_a) - 2.0 * dr.dot(s, n_b) * cosine
+    reversed_ratio = ratio * (from_b * from_a) / (dr.maximum(to_a, 1e-7) * to_b)
+    own, other = (dr.power(dr.clip(x, 1.0 / UNLIMITED, UNLIMITED), POWER) for x in (ratio, reversed_ratio))
+    weight = 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own))
+    return dr.select((hit.order == 2) & (sine2 > LEAST_SINE**2) & (to_a > 0.0), weight, 1.0)
 
 
 def _reach(
@@ -106,12 +104,12 @@ def _reach(
     point: mi.Vector3f,
     away: mi.Vector3f,
     distance: mi.Float,
-    active: mi.Bool,
+    hit: Hit,
 ) -> mi.Float:
     """How far a facet goes on from the fold, over the distance of a point; ``away``: unit vector from the fold."""
     beyond = mi.Float(UNLIMITED) * distance
     for i in range(N_EDGES):
-        edge = dr.gather(mi.Vector4f, kernel.scene.edge_table, face * N_EDGES + i, active)
+        edge = dr.gather(mi.Vector4f, kernel.scene.edge_table, face * N_EDGES + i, hit.active)
         m = mi.Vector3f(edge[0], edge[1], edge[2])
         towards = -dr.dot(m, away)
         height = dr.maximum(dr.dot(m, point) - edge[3], 0.0)
