@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.state import Hit, Kernel
 
 # power of the ratio of reaches with which a path's share falls
-POWER = 4
+POWER = 8
 # reach, over the distance from the fold, of a facet that nothing ends; and the least sine of a corner's angle
 UNLIMITED, LEAST_SINE = 1e3, 0.1
 
@@ -59,7 +59,7 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
     over those of the two hits) on the path, and r' on the reversed one, to which B mirrors the antenna,
 
     .. math::
-        w_{AB} = \frac{2 f}{f + g}, \quad f = \frac1{1 + r^4}, \quad g = \frac{r'^4}{1 + r'^4}, \quad
+        w_{AB} = \frac{2 f}{f + g}, \quad f = \frac1{1 + r^8}, \quad g = \frac{r'^8}{1 + r'^8}, \quad
         w_{AB} + w_{BA} = 2
 
     In a square corner r' is r. Both end at their own edges, and both count once, for wide corners near the direction
