@@ -38,9 +38,7 @@ def plates(angle_deg: float, arms: Sequence[float]) -> list[F64]:
     """Fold and far end, (2, 2), of both plates; the bisector along x."""
     half = 0.5 * np.radians(angle_deg)
     turns = (-half, half)
-    return [
-        np.array([[0.0, 0.0], [a * np.cos(t), a * np.sin(t)]]) for a, t in zip(arms, turns, strict=True)
-    ]
+    return [np.array([[0.0, 0.0], [a * np.cos(t), a * np.sin(t)]]) for a, t in zip(arms, turns, strict=True)]
 
 
 def _nearest(

@@ -1,6 +1,7 @@
 """Backscatter of metal strips in two dimensions by the method of moments: the exact answer for bent plates."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,6 @@ C128 = NDArray[np.complex128]
 POINTS = 4
 # segments at the ends of a straight piece over those in its middle: currents are infinite at edges
 FINEST = 0.08
-# directions whose scattering width is wanted at a time
 EULER = 0.5772156649015329
 
 
@@ -24,7 +24,7 @@ def _segments(strips: Sequence[ArrayLike], step: float) -> tuple[F64, F64, list[
     for strip in strips:
         corners = np.asarray(strip, dtype=np.float64)
         points = [corners[:1]]
-        for a, b in zip(corners[:-1], corners[1:], strict=True):
+        for a, b in pairwise(corners):
             n = max(1, int(np.ceil(np.linalg.norm(b - a) / step)))
             t = np.arange(1, n + 1) / n
             if n > 4:

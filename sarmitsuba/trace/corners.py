@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace.geometry import INNER_BIT
-
-if TYPE_CHECKING:
-    from sarmitsuba.trace.state import Hit, Kernel
+from sarmitsuba.trace.state import Hit, Kernel, Mirror
 
 # power of the ratio of reaches with which a path's share falls
 POWER = 8
@@ -18,35 +13,19 @@ POWER = 8
 UNLIMITED, LEAST_SINE = 1e3, 0.1
 
 
-@dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
-class Mirror:
-    """The facet that a ray was mirrored in last.
+def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
+    """The facet of a hit as the mirror that the ray comes from afterwards."""
+    point = mi.Vector3f(hit.p - hit.vertex0)
+    return Mirror(hit.face, hit.own_material, point, hit.normal, hit.length, _flat(kernel, hit))
 
-    Parameters
-    ----------
-    face : row of the scene's tables
-    bits : of its own material, with the edges that only cut it into parts
-    point : m, of reflection, from the triangle's vertex 0
-    normal : facing the ray
-    length : float64, m, unfolded, to there
-    """
 
-    face: mi.UInt32
-    bits: mi.UInt32
-    point: mi.Vector3f
-    normal: mi.Vector3f
-    length: mi.Float64
-
-    @staticmethod
-    def none() -> Mirror:
-        """Before the first."""
-        zero = dr.zeros(mi.Vector3f)
-        return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0))
-
-    @staticmethod
-    def at(hit: Hit) -> Mirror:
-        """The facet of a hit."""
-        return Mirror(hit.face, hit.own_material, mi.Vector3f(hit.p - hit.vertex0), hit.normal, hit.length)
+def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
+    """Whether a facet is no part of a curved surface."""
+    table = kernel.scene.curvature_table
+    if table is None:
+        return mi.Bool(True)
+    rows = [dr.gather(mi.Vector4f, table, hit.face * 2 + i, hit.active) for i in range(2)]
+    return dr.squared_norm(rows[0]) + dr.squared_norm(rows[1]) == 0.0
 
 
 def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
@@ -72,8 +51,8 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
 
     Returns
     -------
-    w of the path; 1 for other hits than the second, between facets that are nearly parallel, and where no path goes
-        the other way round
+    w of the path; 1 for other hits than the second, for curved surfaces, between facets that are nearly parallel, and
+        where no path goes the other way round
 
     Notes
     -----
@@ -86,15 +65,20 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
     leg = mi.Float(hit.length - mirror.length) * inverse
     from_a, to_b = dr.maximum(dr.dot(d, n_a), 1e-7), hit.cos_incidence
     point = mi.Vector3f(hit.p - hit.vertex0)
-    reach_a = _reach(kernel, mirror.face, mirror.bits, mirror.point, (n_b - n_a * cosine) * inverse, leg * to_b, hit)
-    reach_b = _reach(kernel, hit.face, hit.own_material, point, (n_a - n_b * cosine) * inverse, leg * from_a, hit)
+    reach_a = _reach(
+        kernel, mirror.face, mirror.bits, mirror.point, (n_b - n_a * cosine) * inverse, leg * to_b, hit
+    )
+    reach_b = _reach(
+        kernel, hit.face, hit.own_material, point, (n_a - n_b * cosine) * inverse, leg * from_a, hit
+    )
     ratio = reach_b / reach_a
     # the reversed path leaves A towards the antenna's image in B
     from_b, to_a = dr.dot(s, n_b), dr.dot(s, n_a) - 2.0 * dr.dot(s, n_b) * cosine
     reversed_ratio = ratio * (from_b * from_a) / (dr.maximum(to_a, 1e-7) * to_b)
     own, other = (dr.power(dr.clip(x, 1.0 / UNLIMITED, UNLIMITED), POWER) for x in (ratio, reversed_ratio))
     weight = 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own))
-    return dr.select((hit.order == 2) & (sine2 > LEAST_SINE**2) & (to_a > 0.0), weight, 1.0)
+    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & mirror.flat & _flat(kernel, hit)
+    return dr.select(corner & (to_a > 0.0), weight, 1.0)
 
 
 def _reach(
@@ -118,4 +102,4 @@ def _reach(
     return 1.0 + beyond / dr.maximum(distance, 1e-12)
 
 
-__all__ = ["Mirror", "corner_share"]
+__all__ = ["corner_share", "mirror_at"]

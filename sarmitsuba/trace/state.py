@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.corners import Mirror  # as the last
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.moving import Rim  # as the next
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
@@ -184,6 +183,34 @@ class TubeSpread:
     a: mi.Vector3f
     b: mi.Vector3f
     start: mi.Float64
+
+
+@dataclass
+class Mirror:
+    """The facet that a ray was mirrored in last.
+
+    Parameters
+    ----------
+    face : row of the scene's tables
+    bits : of its own material, with the edges that only cut it into parts
+    point : m, of reflection, from the triangle's vertex 0
+    normal : facing the ray
+    length : float64, m, unfolded, to there
+    flat : no part of a curved surface
+    """
+
+    face: mi.UInt32
+    bits: mi.UInt32
+    point: mi.Vector3f
+    normal: mi.Vector3f
+    length: mi.Float64
+    flat: mi.Bool
+
+    @staticmethod
+    def none() -> Mirror:
+        """Before the first."""
+        zero = dr.zeros(mi.Vector3f)
+        return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0), mi.Bool(False))
 
 
 @dataclass

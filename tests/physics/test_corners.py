@@ -57,11 +57,11 @@ def test_a_turned_wall_returns_what_its_own_currents_do(metal: bool) -> None:
     """Both orders of a wall on wide ground, 3 and 20 degrees off its normal, in all channels, level and sign."""
     wall = Material("wall", pec=metal, permittivity=5.24 - 0.507j)
     ground = Material("ground", pec=metal, permittivity=15.0 - 3.0j)
-    wide, high = 0.8, 0.6
+    wide, high = 0.3, 0.25
     for off in np.radians([3.0, 20.0]):
         normal, along = np.array([np.cos(off), np.sin(off), 0.0]), np.array([-np.sin(off), np.cos(off), 0.0])
         facade = targets.parallelogram(-0.5 * wide * along, wide * along, [0.0, 0.0, high])
-        floor = targets.parallelogram([-0.5, -5.0, 0.0], [8.0, 0.0, 0.0], [0.0, 10.0, 0.0])
+        floor = targets.parallelogram([-0.1, -0.7, 0.0], [1.6, 0.0, 0.0], [0.0, 1.4, 0.0])
         look = targets.from_azimuth(np.zeros(2), np.radians([30.0, 55.0]))
         got = monostatic_rcs(
             targets.geometry([facade, floor], [0, 1]),
@@ -73,10 +73,10 @@ def test_a_turned_wall_returns_what_its_own_currents_do(metal: bool) -> None:
             keep_orders=True,
         ).amplitude[:, 1]
         want = np.array([on_the_wall(s, normal, wide, high, wall, ground).ravel() for s in look])
-        # tol: what the ground's own end leaves, a reach of a fifth: 0.2 % of the strongest channel
-        np.testing.assert_allclose(np.abs(got), np.abs(want), atol=4e-3 * np.abs(want).max())
-        turn = got[:, 0] / want[:, 0]
-        np.testing.assert_allclose(got, want * turn[:, None], atol=8e-3 * np.abs(want).max())
+        # tol: the ground's own end, at three times the depth that the wall lights, has a share of 3^-8
+        np.testing.assert_allclose(np.abs(got), np.abs(want), atol=2e-3 * np.abs(want).max())
+        turn = np.exp(1j * np.angle(got[:, 0] / want[:, 0]))
+        np.testing.assert_allclose(got, want * turn[:, None], atol=4e-3 * np.abs(want).max())
         np.testing.assert_array_equal(got[:, 1], got[:, 2])
 
 
@@ -89,8 +89,8 @@ def test_between_its_glints_a_box_on_ground_returns_what_the_exact_solution_does
     pick = slice(1, 9)
     exact = full_wave.stored()["box"][lobe.name][pick]
     got = full_wave.simulated("box", lobe, pick, edges=True)
-    # tol: edges of 4 wavelengths, and waves between them
-    assert np.abs(got[:, 1] - exact[:, 1]).max() < 1.0
+    # tol: edges of 4 wavelengths, and waves between them: 1.5 % of the lobe; two mirrors would return 6.1
+    assert np.abs(got[:, 1] - exact[:, 1]).max() < 1.3
     assert np.abs(got[:, 0] - exact[:, 0]).max() < 0.1 * np.abs(exact[:, 0]).max()
     between = slice(10, 80, 3)
     exact = full_wave.stored()["box"][lobe.name][between, 0]
@@ -128,12 +128,15 @@ def test_a_bent_plate_rolled_about_the_look_turns_its_matrix(angle_deg: float) -
     assert either < 0.01 * np.abs(level).max()
 
 
-@pytest.mark.parametrize(("angle_deg", "arms", "bound_along", "bound_across"), [(84.0, (10, 8), 3.0, 2.5), (98.0, (9, 6), 3.7, 3.6)])
+@pytest.mark.parametrize(
+    ("angle_deg", "arms", "bound_along", "bound_across"),
+    [(84.0, (10, 8), 2.6, 2.3), (97.9, (9, 6), 3.6, 3.6)],
+)
 def test_a_bent_plate_against_the_method_of_moments(
     angle_deg: float, arms: tuple[float, float], bound_along: float, bound_across: float
 ) -> None:
-    """Levels within 20 dB of one face's peak over +-60 degrees, rms; `benchmarks/corner_angles.py` has more of them."""
-    azimuth = np.radians(np.arange(-60.0, 60.1, 3.0))
+    """Levels within 20 dB of a face's peak over +-60 degrees, rms; `benchmarks/corner_angles.py` has more corners."""
+    azimuth = np.radians(np.arange(-59.0, 60.1, 3.0))
     half = 0.5 * np.radians(angle_deg)
     ends = [
         a * WAVELENGTH * np.array([np.cos(t), np.sin(t)]) for a, t in zip(arms, (-half, half), strict=True)

@@ -15,7 +15,9 @@ def test_a_circular_cylinder_has_its_series(seed: int) -> None:
     radius = ka / (2.0 * np.pi) * wavelength
     turn = 2.0 * np.pi * (np.arange(n + 1) + rng.uniform()) / n
     # a polygon of the circle's area
-    corners = radius * np.sqrt(2.0 * np.pi / n / np.sin(2.0 * np.pi / n)) * np.array([np.cos(turn), np.sin(turn)]).T
+    corners = (
+        radius * np.sqrt(2.0 * np.pi / n / np.sin(2.0 * np.pi / n)) * np.array([np.cos(turn), np.sin(turn)]).T
+    )
     got = theory.strips_by_moments([corners], wavelength, [rng.uniform(0.0, 6.0)], step=0.2)
     for value, want in zip(got, theory.circular_cylinder(radius, wavelength), strict=True):
         # tol: chords of 1/12 wavelength and less
