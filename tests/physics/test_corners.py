@@ -73,17 +73,18 @@ def test_a_turned_wall_returns_what_its_own_currents_do(metal: bool) -> None:
             keep_orders=True,
         ).amplitude[:, 1]
         want = np.array([on_the_wall(s, normal, wide, high, wall, ground).ravel() for s in look])
-        # tol: the ground's own end, at three times the depth that the wall lights, has a share of 3^-8
-        np.testing.assert_allclose(np.abs(got), np.abs(want), atol=2e-3 * np.abs(want).max())
+        # tol: tubes end at corners of the facets to -68 dB of what the wall returns at its peak
+        floor = 4e-4 * 2.0 * np.sqrt(np.pi) / WAVELENGTH * wide * high
+        np.testing.assert_allclose(np.abs(got), np.abs(want), atol=floor)
         turn = np.exp(1j * np.angle(got[:, 0] / want[:, 0]))
-        np.testing.assert_allclose(got, want * turn[:, None], atol=4e-3 * np.abs(want).max())
+        np.testing.assert_allclose(got, want * turn[:, None], atol=2.0 * floor)
         np.testing.assert_array_equal(got[:, 1], got[:, 2])
 
 
 def test_between_its_glints_a_box_on_ground_returns_what_the_exact_solution_does() -> None:
-    """Cross-polar main lobe of the double bounce off its plane, and side lobes 10 to 30 dB down, edges included.
+    """Cross-polar main lobe of the double bounce off its plane, and all azimuths, edges included.
 
-    Was: 8 times the exact cross-polar amplitude, and 5.9 dB in HH at 20 to 30 dB below the peak.
+    Was: 8 times the exact cross-polar amplitude; an error of 0.11 of the field.
     """
     lobe = full_wave.SCENES["box"].cuts[1]
     pick = slice(1, 9)
@@ -92,12 +93,13 @@ def test_between_its_glints_a_box_on_ground_returns_what_the_exact_solution_does
     # tol: edges of 4 wavelengths, and waves between them: 1.5 % of the lobe; two mirrors would return 6.1
     assert np.abs(got[:, 1] - exact[:, 1]).max() < 1.3
     assert np.abs(got[:, 0] - exact[:, 0]).max() < 0.1 * np.abs(exact[:, 0]).max()
-    between = slice(10, 80, 3)
-    exact = full_wave.stored()["box"][lobe.name][between, 0]
-    got = full_wave.simulated("box", lobe, between, edges=True)[:, 0]
-    (band,) = (b for b in full_wave.bands(exact, got) if b.near == 20.0)
-    # tol: second diffraction at edges of 4 and 6 wavelengths
-    assert band.rms_db < 1.5
+    low = full_wave.SCENES["box"].cuts[0]
+    every = slice(0, None, 3)
+    exact = full_wave.stored()["box"][low.name][every]
+    got = full_wave.simulated("box", low, every, edges=True)
+    for i in (0, 2):
+        # tol: second diffraction, a twentieth of the field
+        assert np.linalg.norm(got[:, i] - exact[:, i]) < 0.075 * np.linalg.norm(exact[:, i])
 
 
 @pytest.mark.parametrize("angle_deg", [88.0, 97.0])
@@ -130,13 +132,13 @@ def test_a_bent_plate_rolled_about_the_look_turns_its_matrix(angle_deg: float) -
 
 @pytest.mark.parametrize(
     ("angle_deg", "arms", "bound_along", "bound_across"),
-    [(84.0, (10, 8), 2.6, 2.3), (97.9, (9, 6), 3.6, 3.6)],
+    [(88.0, (10, 10), 1.4, 0.9), (95.0, (10, 10), 3.1, 2.4)],
 )
 def test_a_bent_plate_against_the_method_of_moments(
     angle_deg: float, arms: tuple[float, float], bound_along: float, bound_across: float
 ) -> None:
     """Levels within 20 dB of a face's peak over +-60 degrees, rms; `benchmarks/corner_angles.py` has more corners."""
-    azimuth = np.radians(np.arange(-59.0, 60.1, 3.0))
+    azimuth = np.radians(np.arange(-59.3, 60.1, 2.0))
     half = 0.5 * np.radians(angle_deg)
     ends = [
         a * WAVELENGTH * np.array([np.cos(t), np.sin(t)]) for a, t in zip(arms, (-half, half), strict=True)
