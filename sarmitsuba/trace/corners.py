@@ -16,7 +16,14 @@ UNLIMITED, LEAST_SINE = 1e3, 0.1
 def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
     """The facet of a hit as the mirror that the ray comes from afterwards."""
     point = mi.Vector3f(hit.p - hit.vertex0)
-    return Mirror(hit.face, hit.own_material, point, hit.normal, hit.length, _flat(kernel, hit))
+    return Mirror(
+        hit.face,
+        hit.own_material,
+        point,
+        hit.normal,
+        hit.length,
+        dr.select(_flat(kernel, hit), mi.UInt32(1), 0),
+    )
 
 
 def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
@@ -77,7 +84,7 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
     reversed_ratio = ratio * (from_b * from_a) / (dr.maximum(to_a, 1e-7) * to_b)
     own, other = (dr.power(dr.clip(x, 1.0 / UNLIMITED, UNLIMITED), POWER) for x in (ratio, reversed_ratio))
     weight = 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own))
-    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & mirror.flat & _flat(kernel, hit)
+    corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & (mirror.flat == 1) & _flat(kernel, hit)
     return dr.select(corner & (to_a > 0.0), weight, 1.0)
 
 

@@ -196,7 +196,7 @@ class Mirror:
     point : m, of reflection, from the triangle's vertex 0
     normal : facing the ray
     length : float64, m, unfolded, to there
-    flat : no part of a curved surface
+    flat : 1 where it is no part of a curved surface, else 0 (lanes keep no booleans in local memory)
     """
 
     face: mi.UInt32
@@ -204,13 +204,13 @@ class Mirror:
     point: mi.Vector3f
     normal: mi.Vector3f
     length: mi.Float64
-    flat: mi.Bool
+    flat: mi.UInt32
 
     @staticmethod
     def none() -> Mirror:
         """Before the first."""
         zero = dr.zeros(mi.Vector3f)
-        return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0), mi.Bool(False))
+        return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0), mi.UInt32(0))
 
 
 @dataclass
