@@ -12,11 +12,12 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.moving import Rim
 from sarmitsuba.trace.panes import blocked, slab_factors
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
+from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
+        mirror=Mirror.none() if kernel.reversible else None,
     )
     return lane, state
 
@@ -455,6 +457,7 @@ def reflect(
         fields=fields,
         contributions=ray.contributions,
         crossed=ray.crossed,
+        mirror=None if ray.mirror is None else mirror_at(kernel, hit),
     )
 
 
