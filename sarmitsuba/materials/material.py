@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.dispersion import Dispersion
 from sarmitsuba.materials.texture import Bitmap, check_texture
 
 
@@ -35,6 +36,7 @@ class Material:
     maps : what varies over the surface; None: nothing
     thickness : m, of a slab, of which every facet is one; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
+    dispersion : the permittivity over frequency; None: the same at all frequencies
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Material:
     maps: "SurfaceMaps | None" = None
     thickness: float = 0.0
     sheet_resistance: float = 0.0
+    dispersion: Dispersion | None = None
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -79,6 +82,17 @@ class Material:
                 )
         if self.rms_height == 0.0:
             object.__setattr__(self, "rms_height", LAWS[self.diffuse_law].implied_rms_height(self))
+
+    def at_frequency(self, frequency: float) -> "Material":
+        """The material with its permittivity at another frequency, Hz; that of its maps' materials too."""
+        changed = self
+        if self.dispersion is not None:
+            changed = replace(changed, permittivity=self.dispersion.permittivity(frequency))
+        if self.maps is not None and self.maps.classes is not None:
+            classes = self.maps.classes
+            parts = tuple(m.at_frequency(frequency) for m in classes.materials)
+            changed = replace(changed, maps=replace(self.maps, classes=replace(classes, materials=parts)))
+        return changed
 
     @property
     def scatters(self) -> bool:

@@ -124,11 +124,15 @@ class Run:
             sampling.flags,
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
-        return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
+        plan = self.plan
+        return Tracer(sampling, flags, self.trace_scene, plan.max_depth, self.timer, plan.sub_bands)
 
     def job(self, sampling: SamplingPlan, pass_index: int) -> TraceJob:
         """What another process needs to trace a part of the run's raw data."""
-        return TraceJob(self._built_from, sampling, self.layers, self.plan.max_depth, pass_index)
+        plan = self.plan
+        return TraceJob(
+            self._built_from, sampling, self.layers, plan.max_depth, pass_index, plan.sub_bands
+        )
 
     def rays(self, sampling: SamplingPlan, pass_index: int) -> Rays:
         """Lattices of every ray subset, for every pulse; other values of ``pass_index`` give independent ones.

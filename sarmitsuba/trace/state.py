@@ -42,6 +42,7 @@ class KernelSettings:
     reference_range : m, stands for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
     days : since the first pass
+    carrier : frequency of the carrier over that of ``wavelength``; None: the same
     """
 
     wavelength: float
@@ -52,6 +53,7 @@ class KernelSettings:
     reference_range: float
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     days: float = 0.0
+    carrier: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,7 @@ class Constants:
     up: mi.Vector3f
     turn: mi.Float64
     days: mi.Float
+    carrier: mi.Float | None
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -98,6 +101,7 @@ class Constants:
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             turn=dr.opaque(f64, grid.turn),
             days=dr.opaque(f32, settings.days),
+            carrier=None if settings.carrier is None else dr.opaque(f32, settings.carrier),
         )
 
 
