@@ -21,7 +21,6 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
 _GUARD = 48
@@ -372,11 +371,8 @@ def synthesise(
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
-        parts = [
-            synthesise(grid[i : i + group], plan, radar, beam=beam, share=share)
-            for i in range(0, len(grid), group)
-        ]
-        return np.concatenate(parts)
+        groups = (grid[i : i + group] for i in range(0, len(grid), group))
+        return np.concatenate([synthesise(part, plan, radar, beam=beam, share=share) for part in groups])
     spectrum = _pulses_from_range_rates(grid, plan, radar, _azimuth_gain(plan, radar) if beam else None)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
@@ -390,8 +386,7 @@ def synthesise(
     inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
     inner *= unit_phasor(-wavenumber * bend - reference_phase[:, None])
     offset = radar.window.start_range[plan.start : plan.stop] - reference - first
-    cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
-    return to_window(inner, offset, plan.fine, cell, n_samples, share=share)
+    return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, share=share)
 
 
 def _azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:

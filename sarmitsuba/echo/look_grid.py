@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.echo.sub_bands import RangeFilter
 
 F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,21 @@ class LookGrid:
         x = (offset - self.range0) * (1.0 / self.range_step)
         y = (s - self.range_rate0) * (1.0 / self.range_rate_step)
         return offset, x, y
+
+    def filtered(self, cells: C64, share: RangeFilter | None) -> C64:
+        """Cells (n_layers, n_range, n_range_rate) with a factor on their spectrum along range; None leaves them.
+
+        In coordinates of closest approach range turns by the squint of the grid's middle.
+        """
+        if share is None:
+            return cells
+        cycles = scipy.fft.fftfreq(self.n_range) / self.range_step
+        if self.zero_doppler:
+            middle = self.range_rate0 + 0.5 * (self.n_range_rate - 1) * self.range_rate_step
+            cycles = cycles * np.hypot(1.0, middle / self.speed)
+        spectrum = scipy.fft.fft(cells, axis=1, workers=-1)
+        spectrum *= share(cycles).astype(np.float32)[:, None]
+        return np.asarray(scipy.fft.ifft(spectrum, axis=1, workers=-1, overwrite_x=True))
 
 
 __all__ = ["LookGrid"]

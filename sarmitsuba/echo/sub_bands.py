@@ -5,11 +5,14 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy.special import spherical_jn
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 
 F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
 
 
 class RangeFilter(Protocol):
@@ -51,7 +54,7 @@ class SubBands:
         return np.asarray(-np.cos(np.pi * (2 * np.arange(self.count) + 1) / (2 * self.count)))
 
     def shares(self, frequency: F64) -> F64:
-        """(n, m) share of each traced frequency in the spectrum at m frequencies, Hz; beyond the band as at its edge."""
+        """(n, m) share of each traced frequency at m frequencies, Hz; beyond the band that at its edge."""
         u = np.clip((frequency - self.center_frequency) / (0.5 * self.bandwidth), -1.0, 1.0)
         nodes, out = self._nodes, np.ones((self.count, len(u)))
         for i, node in enumerate(nodes):
@@ -59,12 +62,28 @@ class SubBands:
             out[i] = np.prod((u[:, None] - others) / (node - others), axis=1)
         return out
 
+    def response(self, index: int, cells: F64) -> C128:
+        r"""Range-compressed response to one traced frequency's share of the band, at distances in range cells.
+
+        With the Legendre series of the share, and spherical Bessel functions,
+
+        .. math:: \ell_i(f) = \sum_k a_k P_k(u), \quad \tfrac12 \int_{-1}^1 \ell_i e^{j \pi u x} du
+                  = \sum_k a_k j^k j_k(\pi x)
+        """
+        series = legendre.legfit(self._nodes, np.eye(self.count)[index], self.count - 1)
+        out = np.zeros(cells.shape, dtype=np.complex128)
+        for k, a in enumerate(series):
+            value = spherical_jn(k, np.pi * np.abs(cells))
+            out += a * 1j**k * np.where(cells < 0.0, (-1.0) ** k, 1.0) * value
+        return out
+
     def range_filter(self, index: int) -> RangeFilter | None:
         """Share of one traced frequency as a factor on range profiles; None where it is all."""
         return None if self.count == 1 else partial(self._of_range, index)
 
     def _of_range(self, index: int, cycles_per_metre: F64) -> F64:
-        return self.shares(self.center_frequency + 0.5 * SPEED_OF_LIGHT * cycles_per_metre)[index]
+        every = self.shares(self.center_frequency + 0.5 * SPEED_OF_LIGHT * cycles_per_metre)
+        return np.asarray(every[index])
 
 
 __all__ = ["RangeFilter", "SubBands"]

@@ -195,6 +195,8 @@ def plan_effects(
         decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
         chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
+        if decision.on and assessment.note:
+            notes.append(assessment.note)
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
         if loses and assessment.error_db > context.tolerance_db:
             notes.append(

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
@@ -18,8 +19,8 @@ from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
-from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
-from sarmitsuba.simulation.points import visible, way_through
+from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
+from sarmitsuba.simulation.points import over_band, visible, way_through
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
@@ -187,24 +188,28 @@ class Imager:
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
             self._tracer.pose(np.array([self.look.time]))
-        accumulator = ImageAccumulator(
-            grid,
-            len(run.layers.orders),
-            len(run.layers.channels),
-            run.layers.max_order,
-            run.scene.radar.waveform.wavelength,
-        )
-        for lattice in rays:
-            batch = self._tracer.launch(
-                lattice, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1
+        position, velocity = grid.position[None], grid.velocity[None]
+
+        def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[C64, TraceStatistics]:
+            accumulator = ImageAccumulator(
+                grid,
+                len(run.layers.orders),
+                len(run.layers.channels),
+                run.layers.max_order,
+                run.scene.radar.waveform.wavelength,
             )
-            run.statistics = run.statistics.plus(batch)
-        for part, record in self._tracer.parts(rays, 1):
-            batch = self._tracer.launch(
-                part.grid, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1, record
-            )
-            run.statistics = run.statistics.plus(batch)
-        return np.asarray(accumulator.grid())
+            stats = TraceStatistics()
+            for lattice in rays:
+                stats = stats.plus(tracer.launch(lattice, position, velocity, slice(0, 1), accumulator, 1))
+            for part, record in tracer.parts(rays, 1):
+                stats = stats.plus(
+                    tracer.launch(part.grid, position, velocity, slice(0, 1), accumulator, 1, record)
+                )
+            return grid.filtered(np.asarray(accumulator.grid()), share), stats
+
+        cells, stats = self._tracer.over_band(traced)
+        run.statistics = run.statistics.plus(stats)
+        return cells
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the look's grid, layers of the first order only."""
@@ -216,27 +221,38 @@ class Imager:
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
-        flags, way = self.run.plan.flags, None
+        flags, hindered = self.run.plan.flags, None
         if self.run.trace_scene is not None:
             there = self.run.trace_scene.at(self.look.time)
             seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
             amplitude = amplitude * seen
-            if in_the_way(there, flags) is not None:
-                antenna = np.broadcast_to(grid.position, position.shape)
-                way = way_through(there, flags, radar, position, antenna)
-                leg = leg - way.shift
-                distance = np.linalg.norm(leg, axis=1)
-        out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
-        rate = -np.einsum("ni,ni->n", leg, velocity) / distance
-        plane = spread_points(grid, distance, rate, amplitude, radar.waveform.wavelength)
-        for i, layer in enumerate(layers):
-            if layer.order not in (0, 1):
-                continue
-            if way is None:
-                out[i] = plane * np.complex64(isotropic_response(layer.channel))
-            else:
-                shown = amplitude * way.channel(way, layer.channel)
-                out[i] = spread_points(grid, distance, rate, shown, radar.waveform.wavelength)
+            hindered = in_the_way(there, flags)
+        wave, shape = radar.waveform, (len(layers), grid.n_range, grid.n_range_rate)
+
+        def spread(way: PointWay | None) -> C64:
+            seen_along = leg if way is None else leg - way.shift
+            apart = np.linalg.norm(seen_along, axis=1)
+            rate = -np.einsum("ni,ni->n", seen_along, velocity) / apart
+            plane = spread_points(grid, apart, rate, amplitude, wave.wavelength)
+            out = np.zeros(shape, dtype=np.complex64)
+            for i, layer in enumerate(layers):
+                if layer.order not in (0, 1):
+                    continue
+                if way is None:
+                    out[i] = plane * np.complex64(isotropic_response(layer.channel))
+                else:
+                    shown = amplitude * way.channel(way, layer.channel)
+                    out[i] = spread_points(grid, apart, rate, shown, wave.wavelength)
+            return out
+
+        if hindered is None:
+            return spread(None)
+        bands = SubBands(wave.center_frequency, wave.bandwidth, self.run.plan.sub_bands)
+        antenna, out = np.broadcast_to(grid.position, position.shape), np.zeros(shape, dtype=np.complex64)
+        for index, at in enumerate(over_band(self.run.scene, hindered, bands)):
+            wavelength = SPEED_OF_LIGHT / float(bands.frequencies[index])
+            way = way_through(at, flags, radar, position, antenna, wavelength)
+            out += grid.filtered(spread(way), bands.range_filter(index))
         return out
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:

@@ -170,7 +170,8 @@ def trace_paths(
     Notes
     -----
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray.
+    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray. Amplitudes
+    are those at the carrier, of wide bands too.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -195,6 +196,13 @@ class PathTracer:
         self._run = Run(replace(scene, settings=settings), plan=plan)
         self._tracer: Tracer | None = None
         self._rays: Rays | None = None
+        wideband = self._run.plan.decision("wideband")
+        if wideband is not None and wideband.on and wideband.error_db > CHANGES_DB:
+            text = (
+                f"{scene.name}: tables of paths hold the amplitudes at the carrier, and echoes change over the band; "
+                "give wideband=off to the integrator for echoes that keep the carrier's"
+            )
+            warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.plan.flags.transmission:
             text = (
                 f"{scene.name}: tables of paths leave out paths through panes; "
@@ -357,7 +365,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     for point, (sees,) in zip(scene.points, sights, strict=True):
         distance, amplitude = point_returns(scene, flags, point, pick)
         shown = response
-        ways = ways_of(scene, flags, hindered, point, pick)
+        ways = ways_of(scene, flags, hindered, point, pick, scene.radar.waveform.wavelength)
         if ways is not None:
             distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
             shown = np.array([ways[0].channel(ways[1], channel)[0] for channel in channels])

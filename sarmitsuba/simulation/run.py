@@ -115,7 +115,7 @@ class Run:
         ----------
         grid : pixels; default: those that the scene asks for
         """
-        return needs_of(self.scene, self.sampling, self.layers, grid)
+        return needs_of(self.scene, self.sampling, self.layers, grid, self.plan.sub_bands)
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""
@@ -130,9 +130,7 @@ class Run:
     def job(self, sampling: SamplingPlan, pass_index: int) -> TraceJob:
         """What another process needs to trace a part of the run's raw data."""
         plan = self.plan
-        return TraceJob(
-            self._built_from, sampling, self.layers, plan.max_depth, pass_index, plan.sub_bands
-        )
+        return TraceJob(self._built_from, sampling, self.layers, plan.max_depth, pass_index, plan.sub_bands)
 
     def rays(self, sampling: SamplingPlan, pass_index: int) -> Rays:
         """Lattices of every ray subset, for every pulse; other values of ``pass_index`` give independent ones.

@@ -27,12 +27,19 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.source import Part, Recorder
 from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
 # position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
+# phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
+# traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
+# cancel is so at the traced frequencies only (plates at B / f = 0.8, 0.22 wavelengths from ray to ray: median error
+# -49 dB, with 2 rad -40). In a block of pulses edges and corners keep the amplitude of its key pulse: there tubes count
+# as areas as long as they do at the carrier
+EVERY_PULSE_UP_TO = 0.5
 # bytes of one accumulator grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
 
@@ -90,9 +97,9 @@ class Tracer:
         other, wavelength = copy(self), SPEED_OF_LIGHT / frequency
         materials = tuple(m.at_frequency(frequency) for m in self.sampling.scene.materials)
         other.trace_scene = self.trace_scene.at_frequency(materials, wavelength)
-        other.kernel = replace(
-            self.kernel, wavelength=wavelength, carrier=self.bands.center_frequency / frequency
-        )
+        # all frequencies leave out the same sides: what cancels at one then cancels in between
+        kept = INNER_UP_TO * frequency / self.bands.center_frequency
+        other.kernel = replace(self.kernel, wavelength=wavelength, kept_up_to=kept)
         other.sources = tuple(source.at(wavelength) for source in self.sources)
         return other
 
@@ -120,7 +127,9 @@ class Tracer:
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
         beam = self.flags.antenna_pattern and self.sampling.azimuth_later
 
-        def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        def traced(
+            tracer: Tracer, share: RangeFilter | None
+        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
             accumulator = BlockAccumulator(
                 plan,
                 n_layers // len(radar.channels),
@@ -154,7 +163,9 @@ class Tracer:
         pick = slice(start, stop)
         position, velocity = radar.track.position[pick], radar.track.velocity[pick]
 
-        def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        def traced(
+            tracer: Tracer, share: RangeFilter | None
+        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
             accumulator = DirectAccumulator(
                 plan,
                 n_layers // len(radar.channels),
@@ -252,9 +263,12 @@ class Tracer:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
         if record is None:
-            counts, state = trace(
-                self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
-            )
+            settings = self.kernel
+            if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
+                settings = replace(
+                    settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO)
+                )
+            counts, state = trace(self.trace_scene, grid, batch, flags, settings, radar.antenna, accumulator)
         else:
             counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)

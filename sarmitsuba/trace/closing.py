@@ -106,7 +106,7 @@ def close_coherent(
             tube_here.v,
             tube_here.bounds,
             mi.Float(constants.cell),
-            constants.carrier,
+            constants.kept_up_to,
         )
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))

@@ -20,10 +20,6 @@ REACH_RIM = 1.5
 # phase from one ray to the next (rad) beyond which what neighbouring parts of a facet have in common is left out. Over
 # a bandwidth B about f it cancels to B / 2 f times a fifth of the phase's square only
 INNER_UP_TO = 2.0
-# the same where the band is traced at several frequencies: then what is left of the facet, at its edges and corners, is
-# right at all of them, and what does not cancel in between is not. Drawn plates at B / f = 0.8 (0.22 wavelengths from
-# ray to ray): median error -49 dB, with 2 rad -40
-WIDE_UP_TO = 0.5
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -336,7 +332,7 @@ def phase_integral(
     v: mi.Vector3f,
     bounds: Bounds,
     longest: mi.Float,
-    carrier: mi.Float | None = None,
+    kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
     """:func:`part_integral` over the part of a facet that one ray stands for, and the place that it stands at.
 
@@ -345,10 +341,10 @@ def phase_integral(
     """
 
     def inside() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.cell(), longest, carrier)
+        return part_integral(q, u, v, bounds.cell(), longest, kept_up_to)
 
     def at_edge() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.part(), longest, carrier)
+        return part_integral(q, u, v, bounds.part(), longest, kept_up_to)
 
     result: tuple[mi.Complex2f, mi.Float, mi.Float] = dr.if_stmt(
         (), bounds.apart(), inside, at_edge, rv_labels=("integral", "u", "v"), label="edges", mode="symbolic"
@@ -362,7 +358,7 @@ def part_integral(
     v: mi.Vector3f,
     piece: Polygon,
     longest: mi.Float,
-    carrier: mi.Float | None = None,
+    kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
     r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
 
@@ -389,16 +385,15 @@ def part_integral(
     piece : part of the facet
     longest : m, no less than the distance between the rays of any lattice: convex parts of a facet may have lattices of
         their own, and must agree on when the cut between them is left out
-    carrier : frequency of the carrier over that of ``q``, so that all frequencies of a band leave out the same; None: q
-        is the carrier's
+    kept_up_to : phase from ray to ray up to which neighbours keep their common side, rad; None: ``INNER_UP_TO``
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
 
     def kept(phase: mi.Float) -> mi.Float:
-        if carrier is not None:
-            phase = phase * (carrier * (INNER_UP_TO / WIDE_UP_TO))
+        if kept_up_to is not None:
+            phase = phase * (INNER_UP_TO * dr.rcp(kept_up_to))
         return dr.select(piece.exact, dr.clip(INNER_UP_TO - phase, 0.0, 1.0), 1.0)
 
     inner = kept(dr.sqrt(squared))

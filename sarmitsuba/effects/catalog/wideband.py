@@ -19,18 +19,27 @@ F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 
 # frequencies that follow what is linear in the frequency, and the most that a band is traced at
-LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 32
+LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
+# what interpolation leaves of one return is to be so much below the tolerance, dB: several add up
+_BELOW_TOLERANCE_DB = 10.0
+# phase from ray to ray up to which tubes count as areas, rad, and how far the part of a facet that a ray stands for
+# reaches beside its mean place, in tubes
+_AREAS_UP_TO, _REACH = 2.0, 2.0
 # cosines of incidence and frequencies at which laws are compared
 _COSINES, _FREQUENCIES = COSINES[::6], 257
 
 
 @dataclass(frozen=True)
 class _Law:
-    """A factor on echoes over the band: of what, (n, n_frequencies) complex, and dB of the image that have it."""
+    """A factor on echoes over the band: of what, (n, n_frequencies) complex, and dB of the image that have it.
+
+    One that does not decide counts for the number of frequencies alone.
+    """
 
     of: str
     values: C128
     share_db: float = 0.0
+    decides: bool = True
 
     def error_db(self, band: SubBands, frequency: F64) -> float:
         """Rms over the band of what interpolation from the traced frequencies leaves, dB of the image."""
@@ -40,7 +49,8 @@ class _Law:
         rest = index - first
         nodes = self.values[:, first] * (1.0 - rest) + self.values[:, first + 1] * rest
         error = nodes @ band.shares(frequency) - self.values
-        worst = float(np.sqrt(np.mean(np.abs(error) ** 2, axis=1).max()))
+        ends = np.where((frequency == frequency[0]) | (frequency == frequency[-1]), 0.5, 1.0)  # trapezoids
+        worst = float(np.sqrt((np.abs(error) ** 2 @ ends).max() / ends.sum()))
         return self.share_db + 20.0 * float(np.log10(max(worst, 1e-12)))
 
 
@@ -81,21 +91,27 @@ class Wideband(Effect):
             return max(((law.error_db(band, frequency), law.of) for law in laws), default=(-np.inf, ""))
 
         few = ends[:: (_FREQUENCIES - 1) // 8]
-        error, of = worst(few, 1, list(_laws(few, context, decided)))
+        error, of = worst(few, 1, [law for law in _laws(few, context, decided) if law.decides])
         wanted = context.scene.settings.effects.get(self.name, "auto")
         if error <= context.tolerance_db and wanted != "on":
             change = f"{of} changes by {error:.0f} dB" if of else "nothing changes"
             return Assessment(False, f"{relative}: {change} over the band", error)
         laws = list(_laws(ends, context, decided))
-        error, of = worst(ends, 1, laws)
+        error, of = worst(ends, 1, [law for law in laws if law.decides])
+        if error <= context.tolerance_db and wanted != "on":
+            return Assessment(False, f"{relative}: {of} changes by {error:.0f} dB over the band", error)
         count, left = LEAST_SUB_BANDS, worst(ends, LEAST_SUB_BANDS, laws)
-        while left[0] > context.tolerance_db and count < MOST_SUB_BANDS:
+        while left[0] > context.tolerance_db - _BELOW_TOLERANCE_DB and count < MOST_SUB_BANDS:
             count += 1
             left = worst(ends, count, laws)
-        why = f"{relative}: {of or 'nothing'} changes by {error:.0f} dB over the band; {count} frequencies leave {left[0]:.0f} dB"
+        change = f"{of or 'nothing'} changes by {error:.0f} dB over the band"
+        why, note = f"{relative}: {change}; {count} frequencies leave {left[0]:.0f} dB", ""
         if left[0] > context.tolerance_db:
-            why += f" of {left[1]}, above the tolerance: narrow the band or raise the tolerance"
-        return Assessment(True, why, error, count)
+            note = (
+                f"{context.scene.name}: wideband: {count} frequencies, the most there are, leave {left[0]:.0f} dB of "
+                f"{left[1]}, above tolerance_db = {context.tolerance_db:g}; narrow the band or make slabs thinner"
+            )
+        return Assessment(True, why, error, count, note=note)
 
 
 def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]) -> Iterator[_Law]:
@@ -107,6 +123,10 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
         yield _Law("the return of an area, as f,", relative, share)
         if decided["tube_phase"].on:  # a side of a facet returns the same at all frequencies
             yield _Law("the return of a facet's corner, as 1/f,", 1.0 / relative, share)
+            if context.scene.settings.method != "raw" and context.sampling is not None:
+                reach = _REACH * min(_phase_over_tube(context, context.sampling.ray_spacing), _AREAS_UP_TO)
+                turning = relative * np.exp(1j * reach * (relative - 1.0))
+                yield _Law("the phase over a part of a facet", turning, share, decides=False)
     mirrors = decided["coherent"].on or decided["max_depth"].on or context.scene.has_sources
     for material in context.materials:
         if decided["fresnel"].on and mirrors and not material.pec:
@@ -125,6 +145,12 @@ def _coherent_db(context: SceneContext) -> float:
         return 0.0
     cell = pilot.cell_db(0, 1) + context.tolerance_db - pilot.cell_limit_db(context.tolerance_db)
     return min(max(pilot.energy_db(0, 1, upper=True), cell), 0.0)
+
+
+def _phase_over_tube(context: SceneContext, spacing: float) -> float:
+    """Phase from ray to ray at the carrier on the most slanting face, rad, rays ``spacing`` (m) apart."""
+    cosine = max(context.incidence_cosine[0], 0.05)
+    return context.wavenumber * spacing * max(1.0, float(np.sqrt(1.0 - cosine**2)) / cosine)
 
 
 def _reflection(material: Material, frequency: F64, context: SceneContext, *, slab: bool) -> Iterator[_Law]:
@@ -156,7 +182,8 @@ def _reflection(material: Material, frequency: F64, context: SceneContext, *, sl
 def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:
     """Amplitude of a diffuse law over that at the carrier: the power of f between both ends of the band."""
     first, last = (
-        diffuse_tables(material.at_frequency(float(f)), SPEED_OF_LIGHT / float(f), 7) for f in frequency[[0, -1]]
+        diffuse_tables(material.at_frequency(float(f)), SPEED_OF_LIGHT / float(f), 7)
+        for f in frequency[[0, -1]]
     )
     levels = [
         (a[1:-1], b[1:-1])
@@ -167,7 +194,7 @@ def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:
     if not seen.any():
         return np.ones_like(relative)
     powers = np.log(high[seen] / low[seen]) / np.log(frequency[-1] / frequency[0])
-    return relative ** powers[np.abs(powers).argmax()]
+    return np.asarray(relative ** powers[np.abs(powers).argmax()])
 
 
 EFFECTS.register(Wideband())

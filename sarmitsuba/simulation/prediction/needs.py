@@ -160,7 +160,11 @@ def duration(seconds: float) -> str:
 
 
 def needs_of(
-    scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid | None = None
+    scene: Scene,
+    sampling: SamplingPlan | None,
+    layers: LayerPlan,
+    grid: ImageGrid | None = None,
+    sub_bands: int = 1,
 ) -> Needs:
     """Needs of a run.
 
@@ -169,6 +173,7 @@ def needs_of(
     scene, sampling : as the effects plan leaves them; no sampling where there is no mesh
     layers : what is kept apart
     grid : pixels; default: those that the scene asks for; one pulse makes no image
+    sub_bands : number of frequencies that the band is traced at
 
     Notes
     -----
@@ -178,8 +183,16 @@ def needs_of(
     """
     of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method)
     if of_method is None and grid is None and scene.radar.track.n_pulses < 2:
-        return _of_raw(scene, sampling, layers, None)
-    return (of_method or _of_raw)(scene, sampling, layers, grid or default_grid(scene.radar, scene.image))
+        needs = _of_raw(scene, sampling, layers, None)
+    else:
+        grid = grid or default_grid(scene.radar, scene.image)
+        needs = (of_method or _of_raw)(scene, sampling, layers, grid)
+    if sub_bands == 1:
+        return needs
+    repeated = {
+        name: sub_bands * needs.seconds[name] for name in ("trace", "synthesise") if name in needs.seconds
+    }
+    return replace(needs, rays=sub_bands * needs.rays, seconds={**needs.seconds, **repeated})
 
 
 def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
