@@ -37,6 +37,8 @@ KINDS = ("coherent", "diffuse", "retro", "point", "reversed", "scatterer")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
+# change of amplitudes over the band that is worth a warning, dB: a tenth of what they are
+CHANGES_DB = -20.0
 
 
 @dataclass(frozen=True, eq=False)
