@@ -18,12 +18,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.comparison import compare_focusers
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
+from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.interferometry import height_map, interferogram
 from sarmitsuba.io import read_image, read_raw
@@ -292,7 +292,7 @@ def sea() -> Figure:
     ):
         image = _render("harbour", [*options, "--no-error-bars", "--window", "taylor"])
         grid = image.grid
-        decibels = 10.0 * np.log10(np.maximum(uniform_filter(image.sigma0(), 4), 1e-12))
+        decibels = 10.0 * np.log10(np.maximum(sliding_means(image.sigma0(), (4, 4), "reflect"), 1e-12))
         extent = (grid.range[0], grid.range[-1], grid.azimuth[0], grid.azimuth[-1])
         picture = axes.imshow(decibels, cmap="gray", vmin=-27.0, vmax=4.0, origin="lower", extent=extent)
         axes.set_title(title, fontsize=10)

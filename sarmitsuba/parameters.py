@@ -342,6 +342,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f'; did you mean "{close[0]}"?' if close else ""
 
 
+def printable(name: str, limit: int = 200) -> str:
+    """A name that any file format, terminal and picture can hold: what cannot be printed is a question mark."""
+    return one_line("".join(c if c.isprintable() else "?" for c in name), limit)
+
+
 def one_line(value: object, limit: int = 60) -> str:
     """Text of a value on one line, shortened."""
     text = " ".join(str(value).split())
@@ -373,5 +378,6 @@ __all__ = [
     "float_value",
     "one_line",
     "params_of",
+    "printable",
     "string_value",
 ]

@@ -357,7 +357,6 @@ def _compare(
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
-    from sarmitsuba.view.quicklook import save
 
     with watch.stage("focus"):
         found = compare_focusers(
@@ -377,9 +376,7 @@ def _compare(
     image = found[0].image
     assert image is not None
     results.store_image(folder, image, results.Formats.parse(args.format), watch, record, console)
-    with folder.writing(COMPARISON) as path:
-        save(focusers_figure(found), path)
-    return path
+    return results.draw_into(folder, COMPARISON, lambda: focusers_figure(found), console)
 
 
 __all__ = [

@@ -85,11 +85,11 @@ def _evaluate(
     import numpy as np
 
     from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.commands.results import draw_into
     from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters, write_image
     from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.interferogram import interferogram_figure
-    from sarmitsuba.view.quicklook import save
 
     pair = interferogram(
         first,
@@ -121,8 +121,8 @@ def _evaluate(
                 np.savez_compressed(
                     file, points=found.points, sigma=found.sigma, coherence=found.coherence, phase=found.phase
                 )
-        with folder.writing(PICTURE) as path:
-            save(interferogram_figure(pair, found, title=str(first.metadata.get("scene", ""))), path)
+        title = str(first.metadata.get("scene", ""))
+        path = draw_into(folder, PICTURE, lambda: interferogram_figure(pair, found, title=title), console)
     console.say(str(path))
 
 

@@ -1,27 +1,40 @@
 """The output folder of ``render`` and ``focus``: what the program wrote there is replaced, nothing else is touched."""
 
 import json
+import os
+import re
 import shutil
+import stat
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sarmitsuba.errors import OutputError
+from sarmitsuba.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.io.locking import sole_writer
+from sarmitsuba.parameters import one_line
 
 MANIFEST = ".sarmitsuba.json"
 _ON_THE_WAY = (
     -1
 )  # bytes in the list of a file that is being written: it may be the old one, the new one or none
+# files that commands write: no list, whoever made it, can call another one the program's own
+_WRITTEN = re.compile(
+    r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|"
+    r"polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta)"
+    r"(_[A-Za-z0-9]+)*(\.[A-Za-z0-9]+)+"
+)
+_LARGEST_LIST = 1_000_000  # bytes
 
 
 class OutputFolder:
     """A folder, and the list of what the program wrote into it.
 
     The list is a file of the folder: names with their bytes, and a mark of what was simulated. A file of another size,
-    or one that is not in the list, is the user's own.
+    one that is not in the list, and whatever is no plain file of the folder (a link, a file elsewhere) is the user's
+    own. So is every name that no command writes: a list may come from anybody.
 
     Parameters
     ----------
@@ -37,8 +50,11 @@ class OutputFolder:
         self.mark = ""
         self._bytes: dict[str, int] = {}
         try:
+            status = (path / MANIFEST).lstat()
+            if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_LIST:
+                raise ValueError
             record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-            self._bytes = {str(name): int(size) for name, size in record["files"].items()}
+            listed = {str(name): int(size) for name, size in record["files"].items()}
             self.mark = str(record["mark"])
         except FileNotFoundError:
             pass
@@ -46,11 +62,21 @@ class OutputFolder:
             raise OutputError(
                 f"{path / MANIFEST}: the list of written files cannot be read; remove it, or choose another -o"
             ) from error
+        else:
+            self._bytes = {name: size for name, size in listed.items() if _WRITTEN.fullmatch(name)}
+            strange = [one_line(name) for name in listed if name not in self._bytes]
+            if strange:
+                others = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
+                warnings.warn(
+                    f"{path / MANIFEST}: lists {strange[0]!r}{others}, which no command writes; the entry is ignored",
+                    SarmitsubaWarning,
+                    stacklevel=2,
+                )
 
     def owns(self, name: str) -> bool:
         """Whether the program wrote that file, as it is now."""
         path = self.path / name
-        return path.is_file() and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
+        return _is_plain(path) and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
 
     def check(self, mark: str, names: Iterable[str], *, force: bool) -> None:
         """Ask whether results may be written, before any work goes into them.
@@ -110,7 +136,7 @@ class OutputFolder:
     def enter(self, name: str) -> None:
         """List a file that the program wrote, as it is now; one that is not there is left out."""
         path = self.path / name
-        if path.is_file():
+        if _is_plain(path):
             self._bytes[name] = path.stat().st_size
             self._save()
         elif self._bytes.pop(name, None) is not None:
@@ -118,6 +144,8 @@ class OutputFolder:
 
     def announce(self, name: str) -> None:
         """List a file that will be written, so that it is the program's own whenever the process is killed."""
+        if not _WRITTEN.fullmatch(name):
+            raise ValueError(f"{name}: no name of a result")
         self._bytes[name] = _ON_THE_WAY
         self._save()
 
@@ -139,7 +167,7 @@ class OutputFolder:
             self.enter(name)
 
     def _check_own(self, name: str) -> None:
-        if (self.path / name).exists() and not self.owns(name):
+        if os.path.lexists(self.path / name) and not self.owns(name):
             raise OutputError(
                 f"{self.path / name}: this file is not one that the program wrote here, and would be lost; move it, "
                 "or choose another -o"
@@ -150,6 +178,14 @@ class OutputFolder:
             (self.path / MANIFEST).unlink(missing_ok=True)
             return
         parameters.write(self.path / MANIFEST, {"mark": self.mark, "files": self._bytes})
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether there is a file of the folder's own: no link, folder or device."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
 
 
 @contextmanager
@@ -168,7 +204,8 @@ def output_folder(path: str) -> Iterator[OutputFolder]:
     make_folder(folder)
     probe = folder / ".sarmitsuba.part"
     try:
-        probe.touch()
+        probe.unlink(missing_ok=True)
+        probe.touch(exist_ok=False)  # never through a link
         probe.unlink()
     except OSError as error:
         raise OutputError(

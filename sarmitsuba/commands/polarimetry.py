@@ -5,10 +5,15 @@ and in their plane. Of RH, RV (LH, LV): the m-chi and m-delta composites. See do
 """
 
 import argparse
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.image_arguments import image_file
+
+if TYPE_CHECKING:
+    from sarmitsuba.view.quicklook import Drawing
 
 NAME = "polarimetry"
 HELP = "Pauli colours, entropy, anisotropy, alpha of quad-pol images; m-chi, m-delta of compact ones"
@@ -47,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Decompose."""
     from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.commands.results import draw_into
     from sarmitsuba.io import parameters, read_image
     from sarmitsuba.polarimetry import (
         automatic_looks,
@@ -59,39 +65,37 @@ def run(args: argparse.Namespace, console: Console) -> int:
         quad_pol,
     )
     from sarmitsuba.view.polarimetry import composite_figure, maps_figure, plane_figure
-    from sarmitsuba.view.quicklook import save
 
     source = image_file(Path(args.image))
     image = read_image(source)
     report = polarimetry_report(image, tuple(args.looks) if args.looks else None)
     console.say(report.as_table())
-    figures = {}
+    figures: dict[str, Drawing] = {}
     if report.decomposition is not None:
         # colours need no looks to mean something: as sharp as the image is
         block = tuple(args.looks) if args.looks else automatic_looks(image, 1.0)
-        figures[PAULI] = composite_figure(
+        figures[PAULI] = partial(
+            composite_figure,
             image,
             pauli_rgb(coherency(quad_pol(image), block)),
             block,
             "Pauli basis",
             "red |HH - VV|, green 2 |HV|, blue |HH + VV|",
         )
-        figures[MAPS] = maps_figure(image, report)
-        figures[PLANE] = plane_figure(report.decomposition)
+        figures[MAPS] = partial(maps_figure, image, report)
+        figures[PLANE] = partial(plane_figure, report.decomposition)
     if report.stokes is not None:
         legend = "red even bounces, green unpolarised, blue odd bounces"
         for name, title, powers in (
             (M_CHI, "m-chi", m_chi(report.stokes)),
             (M_DELTA, "m-delta", m_delta(report.stokes)),
         ):
-            figures[name] = composite_figure(image, colours(powers), report.looks, title, legend)
+            figures[name] = partial(composite_figure, image, colours(powers), report.looks, title, legend)
     with output_folder(args.output or str(source.parent)) as folder:
         with folder.writing(TABLE) as path:
             parameters.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
-        for name, figure in figures.items():
-            with folder.writing(name) as path:
-                save(figure, path)
-            console.say(str(path))
+        for name, draw in figures.items():
+            console.say(str(draw_into(folder, name, draw, console)))
     return 0
 
 

@@ -61,10 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
     from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image
     from sarmitsuba.quality import Area, KnownPoint, image_quality
-    from sarmitsuba.view.quicklook import save
     from sarmitsuba.view.response import quality_figure
 
     source = image_file(Path(args.image))
@@ -83,8 +83,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     with output_folder(args.output or str(source.parent)) as folder:
         with folder.writing(TABLE) as path:
             parameters.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
-        with folder.writing(PLOT) as path:
-            save(quality_figure(image, report), path)
+        path = draw_into(folder, PLOT, lambda: quality_figure(image, report), console)
     console.say(str(path))
     return 0
 

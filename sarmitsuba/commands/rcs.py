@@ -8,6 +8,7 @@ import csv
 import dataclasses
 import hashlib
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -254,11 +255,16 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
     """Write the table and the plot, and say how accurate and how strong the returns are."""
     import numpy as np
 
+    from sarmitsuba.commands.results import draw_into
+    from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.polar import AspectCurves, aspect_figure
-    from sarmitsuba.view.quicklook import save
 
     table = table_of(sweep)
-    with folder.writing(TABLE) as path, path.open("w", newline="", encoding="utf-8") as file:
+    with (
+        folder.writing(TABLE) as path,
+        atomic_path(path) as part,
+        part.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(table)
         writer.writerows(zip(*(_texts(name, column) for name, column in table.items()), strict=True))
@@ -276,8 +282,7 @@ def _write(folder: "OutputFolder", scene: "Scene", sweep: "RcsSweep", console: C
         parts = {f"{n} bounce{'s' if n > 1 else ''}": sweep.dbsm(channel, n) for n in sweep.orders}
         curves.append(AspectCurves(channel, total, parts if len(parts) > 1 else {}))
     title = f"{scene.name},  {sweep.frequency / 1e9:.4g} GHz,  {fixed}"
-    with folder.writing(PLOT) as path:
-        save(aspect_figure(angle, curves, swept=swept, title=title), path)
+    draw_into(folder, PLOT, lambda: aspect_figure(angle, curves, swept=swept, title=title), console)
 
 
 def table_of(sweep: "RcsSweep") -> dict[str, "NDArray[np.float64]"]:
@@ -320,7 +325,7 @@ def _image(
     from sarmitsuba.simulation.run import Run
     from sarmitsuba.simulation.turntable import turntable_scene
     from sarmitsuba.view.display import PictureOptions
-    from sarmitsuba.view.quicklook import quicklook, save
+    from sarmitsuba.view.quicklook import quicklook
 
     table = turntable_scene(scene, aspects, channels=channels, bandwidth=args.bandwidth or 0.0)
 
@@ -343,8 +348,8 @@ def _image(
     with folder.writing("image.h5") as path:
         write_image(image, path, format="hdf5")
     for channel in channels:
-        with folder.writing(results.picture_name(channels, channel)) as path:
-            save(quicklook(image, PictureOptions(channel=channel, quantity="rcs")), path)
+        shown = partial(quicklook, image, PictureOptions(channel=channel, quantity="rcs"))
+        results.draw_into(folder, results.picture_name(channels, channel), shown, console)
     record["image"] = {
         "radar": results.radar_record(table.radar),
         "image_request": table.image.moved(table.offset),

@@ -5,6 +5,7 @@ import importlib.metadata
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +15,17 @@ from sarmitsuba import __version__
 from sarmitsuba.commands.console import Console
 from sarmitsuba.commands.output import OutputFolder
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
+from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.view.quicklook import Drawing
 
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
@@ -174,8 +177,6 @@ def store_image(
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):
             with folder.writing(name) as path:
                 write_image(image, path, format=entry.name)
-    with watch.stage("picture"):
-        picture = save_pictures(folder, image)
     record["image"] = {
         "grid": image.grid.kind,
         "channels": image.channels,
@@ -185,22 +186,55 @@ def store_image(
         "azimuth_resolution_cell_m": image.azimuth_resolution_cell,
         "range_resolution_cell_m": image.range_resolution_cell,
     }
-    return picture
+    # what is dear first, pictures last; the record is written again with its times and warnings when all is done
+    save_record(folder, record)
+    with watch.stage("picture"):
+        return save_pictures(folder, image, console)
 
 
-def save_pictures(folder: OutputFolder, image: SarImage) -> Path:
+def save_pictures(folder: OutputFolder, image: SarImage, console: Console) -> Path:
     """Write quick-looks of every channel and of the bounce orders. Return the first channel's path."""
-    from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order, save
+    from sarmitsuba.view.quicklook import bounce_orders, quicklook, quicklook_by_order
 
-    with folder.writing(PICTURE) as first:
-        save(quicklook(image), first)
-    for channel in image.channels[1:]:
-        with folder.writing(picture_name(image.channels, channel)) as path:
-            save(quicklook(image, channel=channel), path)
+    for channel in image.channels:
+        name = picture_name(image.channels, channel)
+        draw_into(folder, name, partial(quicklook, image, channel=channel), console)
     if bounce_orders(image):
-        with folder.writing(PICTURE_ORDERS) as path:
-            save(quicklook_by_order(image), path)
-    return first
+        draw_into(folder, PICTURE_ORDERS, partial(quicklook_by_order, image), console)
+    return folder.path / PICTURE
+
+
+def draw_into(folder: OutputFolder, name: str, draw: "Drawing", console: Console) -> Path:
+    """Write a picture into the folder and return its path; one that cannot be drawn costs a warning, not the run.
+
+    Raises
+    ------
+    OutputError
+        The disk refused, or a file of the user's own has that name.
+    """
+    from sarmitsuba.view.quicklook import save
+
+    path = folder.path / name
+    try:
+        with folder.writing(name) as path:
+            save(draw(), path)
+    except SarmitsubaError:
+        raise
+    except (
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        MemoryError,
+        OSError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:  # whatever a drawing library makes of data and names
+        reason = one_line(error, 200) or type(error).__name__
+        console.warn(f"{path}: the picture could not be drawn ({reason}); the results are there")
+    return path
 
 
 def picture_name(channels: Sequence[str], channel: str | None) -> str:
@@ -270,6 +304,7 @@ __all__ = [
     "PICTURE_ORDERS",
     "RECORD",
     "Formats",
+    "draw_into",
     "expected_names",
     "least_bytes",
     "picture_name",

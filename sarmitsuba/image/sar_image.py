@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
+from sarmitsuba.image.averaging import block_means, block_middles
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.registry import late
 
@@ -204,11 +205,10 @@ class SarImage:
                 f"multilook: blocks of {azimuth} x {range} pixels of an image of {shape[0]} x {shape[1]}; give 1 or "
                 "more, up to its size"
             )
-        rows, columns = shape[0] // azimuth, shape[1] // range
         return Multilook(
             power=block_means(_power(self, channel, quantity), (azimuth, range)),
-            azimuth=self.grid.azimuth[: rows * azimuth].reshape(rows, azimuth).mean(axis=1),
-            range=self.grid.range[: columns * range].reshape(columns, range).mean(axis=1),
+            azimuth=block_middles(self.grid.azimuth, azimuth),
+            range=block_middles(self.grid.range, range),
             channel=channel or self.channels[0],
             quantity=quantity,
         )
@@ -268,13 +268,6 @@ def to_db(power: NDArray[np.float64], floor: float = -np.inf) -> NDArray[np.floa
         return np.asarray(np.maximum(10.0 * np.log10(power), floor))
 
 
-def block_means(values: NDArray[np.float64], block: tuple[int, int]) -> NDArray[np.float64]:
-    """Means over blocks of so many rows and columns; those left over at the far ends are dropped."""
-    rows, columns = values.shape[0] // block[0], values.shape[1] // block[1]
-    kept = np.asarray(values, dtype=np.float64)[: rows * block[0], : columns * block[1]]
-    return np.asarray(kept.reshape(rows, block[0], columns, block[1]).mean(axis=(1, 3)))
-
-
 @dataclass(frozen=True, eq=False)
 class Multilook:
     """Power of an image with speckle averaged out.
@@ -300,4 +293,4 @@ class Multilook:
         return to_db(self.power, floor)
 
 
-__all__ = ["ImageGrid", "Multilook", "Quantity", "SarImage", "block_means", "to_db"]
+__all__ = ["ImageGrid", "Multilook", "Quantity", "SarImage", "to_db"]

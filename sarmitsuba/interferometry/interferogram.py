@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import ImageGrid, SarImage, block_means
+from sarmitsuba.image.averaging import block_means, block_middles
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.interferometry.baseline import Baseline
 from sarmitsuba.interferometry.common_band import common_band_pair
 from sarmitsuba.interferometry.viewpoint import Viewpoint
@@ -247,11 +248,9 @@ def same_grid(a: ImageGrid, b: ImageGrid) -> bool:
 
 def block_grid(grid: ImageGrid, block: tuple[int, int]) -> ImageGrid:
     """Grid of the middles of blocks of pixels."""
-    axes = (grid.azimuth, grid.range)
-    means = [
-        axis[: axis.size // n * n].reshape(-1, n).mean(axis=1) for axis, n in zip(axes, block, strict=True)
-    ]
-    return replace(grid, azimuth=means[0], range=means[1])
+    return replace(
+        grid, azimuth=block_middles(grid.azimuth, block[0]), range=block_middles(grid.range, block[1])
+    )
 
 
 def automatic_looks(image: SarImage, share: tuple[float, float] = (1.0, 1.0)) -> tuple[int, int]:

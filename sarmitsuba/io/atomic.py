@@ -25,6 +25,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     # the suffix stays: some writers choose the format by it
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
+        temporary.unlink(missing_ok=True)  # a link there would be written through
         yield temporary
         os.replace(temporary, target)
     except OSError as error:

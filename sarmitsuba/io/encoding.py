@@ -20,8 +20,10 @@ def to_json(value: object, *, strict: bool = False) -> Json:
     """
 
     def convert(item: object) -> Json:
-        if item is None or isinstance(item, (str, bool, int)):
+        if item is None or isinstance(item, (bool, int)):
             return item
+        if isinstance(item, str):  # a file's name may hold what UTF-8 cannot
+            return item if item.isascii() else item.encode("utf-8", "replace").decode("utf-8")
         if isinstance(item, float):
             return item if math.isfinite(item) or not strict else str(item)
         if isinstance(item, complex):
@@ -31,12 +33,12 @@ def to_json(value: object, *, strict: bool = False) -> Json:
         if isinstance(item, np.generic):
             return convert(item.item())
         if isinstance(item, Mapping):
-            return {str(key): convert(entry) for key, entry in item.items()}
+            return {str(convert(str(key))): convert(entry) for key, entry in item.items()}
         if isinstance(item, (list, tuple, set, frozenset)):
             return [convert(entry) for entry in item]
         if dataclasses.is_dataclass(item) and not isinstance(item, type):
             return {field.name: convert(getattr(item, field.name)) for field in dataclasses.fields(item)}
-        return str(item.as_posix() if isinstance(item, PurePath) else item)
+        return convert(str(item.as_posix() if isinstance(item, PurePath) else item))
 
     return convert(value)
 

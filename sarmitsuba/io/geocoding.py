@@ -1,11 +1,12 @@
 """Images on a map: outline in degrees, and the magnitude on a north-up grid."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, uniform_filter
+from scipy.ndimage import map_coordinates
 
+from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
 F64 = NDArray[np.float64]
@@ -18,11 +19,14 @@ _PASSES = 3
 def outline(image: SarImage) -> F64:
     """(5, 3) float64: longitude and latitude (deg) and height (m) of the image's corners, closed, anticlockwise."""
     grid = image.grid.in_frame(np.zeros(3))
-    edge = 0.5 * np.array([grid.azimuth_spacing, grid.range_spacing])
-    first, last = (grid.positions_on_line(row) for row in (0, grid.shape[0] - 1))
-    # half a pixel out: pixels have an area
-    ends = [row + sign * edge[0] * grid.along for row, sign in ((first, -1.0), (last, 1.0))]
-    corners = np.array([ends[0][0], ends[0][-1], ends[1][-1], ends[1][0]])
+    # half a pixel out: pixels have an area; no slant range is shorter than the antenna's height
+    azimuth, ranges = (
+        axis[[0, -1]] + 0.5 * spacing * np.array([-1.0, 1.0])
+        for axis, spacing in ((grid.azimuth, grid.azimuth_spacing), (grid.range, grid.range_spacing))
+    )
+    if grid.kind == "slant":
+        ranges = np.maximum(ranges, grid.origin[2] - grid.height)
+    corners = replace(grid, azimuth=azimuth, range=ranges).positions().reshape(4, 3)[[0, 1, 3, 2]]
     (x0, y0), (x1, y1) = (corners[k, :2] - corners[:, :2].mean(axis=0) for k in (0, 1))
     corners = corners if x0 * y1 - x1 * y0 > 0.0 else corners[::-1]
     geodetic = image.anchor.to_geodetic(np.concatenate([corners, corners[:1]]))
@@ -97,14 +101,14 @@ def north_up(image: SarImage, spacing: float = 0.0) -> NorthUp:
         distance = np.hypot(distance, grid.origin[2] - grid.height)
     row = (offset @ grid.along - grid.azimuth[0]) / grid.azimuth_spacing
     column = (distance - grid.range[0]) / grid.range_spacing
-    size = np.maximum(np.round(spacing / steps), 1.0).astype(int)
+    widths = (float(spacing / steps[0]), float(spacing / steps[1]))
     out = [
         map_coordinates(
-            uniform_filter(image.sigma0(channel), size, mode="nearest"), [row, column], order=1, cval=np.nan
+            sliding_means(image.sigma0(channel), widths, "nearest"), [row, column], order=1, cval=np.nan
         )
         for channel in image.channels
     ]
-    magnitude = np.sqrt(np.maximum(np.stack(out), 0.0)).reshape(-1, rows, columns)
+    magnitude = np.sqrt(np.stack(out)).reshape(-1, rows, columns)
     return NorthUp(magnitude.astype(np.float32), int(zone[5:]), float(west), float(top), spacing)
 
 

@@ -16,6 +16,7 @@ from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
 from sarmitsuba.mesh.smooth_groups import smooth_groups
 from sarmitsuba.mesh.units import doubtful_unit
+from sarmitsuba.parameters import printable
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
@@ -95,7 +96,7 @@ def assemble(
     SceneError : there is nothing to see, or a mesh cannot be repaired
     RadarError : the radar does not see the scene
     """
-    label = path.name if path else name
+    label = printable(path.name if path else name)
     visible = any(not materials[s.material].invisible for s in surfaces)
     if volumes and not visible:
         raise SceneError(
@@ -128,7 +129,7 @@ def assemble(
     used = list(dict.fromkeys(with_parts([materials[s.material] for s in surfaces])))
     built, image, radar_notes = seen_by(label, geometry, places - offset, used, radar, offset)
     return Scene(
-        name=name,
+        name=printable(name),
         path=path,
         geometry=geometry,
         materials=tuple(materials),

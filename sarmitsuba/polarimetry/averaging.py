@@ -2,10 +2,9 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.image.sar_image import block_means
+from sarmitsuba.image.averaging import block_means, sliding_means
 
 C128 = NDArray[np.complex128]
 
@@ -17,8 +16,8 @@ def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], slidin
     ----------
     values : (n_azimuth, n_range) complex
     looks : pixels of a block or of the window
-    sliding : a window about every pixel (boxcar; mirrored at the rim) in place of blocks, whose rest at the far ends is
-        dropped
+    sliding : a window centred on every pixel (boxcar; mirrored at the rim) in place of blocks, whose rest at the far
+        ends is dropped
 
     Raises
     ------
@@ -29,7 +28,7 @@ def averaged(values: NDArray[np.complexfloating], looks: tuple[int, int], slidin
     parts = []
     for part in (values.real, values.imag):
         wide = np.asarray(part, dtype=np.float64)
-        parts.append(uniform_filter(wide, looks, mode="reflect") if sliding else block_means(wide, looks))
+        parts.append(sliding_means(wide, looks, "reflect") if sliding else block_means(wide, looks))
     return np.asarray(parts[0] + 1j * parts[1])
 
 

@@ -143,6 +143,7 @@ class _Wanted:
     given : description
     geometry : about the aim point
     box : what the image holds
+    faded : as long as the farthest that a pixel can be from what fades out beyond the image
     waveform, antenna : of the radar
     path : what the antenna flies along
     """
@@ -150,6 +151,7 @@ class _Wanted:
     given: RadarInput
     geometry: AimGeometry
     box: Box
+    faded: Box
     waveform: Waveform
     antenna: Antenna
     path: FlightPath
@@ -226,17 +228,35 @@ class _Wanted:
         ends, velocity = self.path.states(np.array([-0.5, 0.0, 0.5]) * (aperture / speed))
         at_once = MODES[self.given.sensor.mode].instantaneous_doppler
         wavelength = self.waveform.wavelength
-        spread = doppler_bandwidth(ends, velocity, self.box, wavelength, instantaneous=at_once)
-        return PRF_MARGIN * min(spread, beam_bandwidth(self.antenna, speed, wavelength, half_aperture))
+        spread, faded = (
+            doppler_bandwidth(ends, velocity, box, wavelength, instantaneous=at_once)
+            for box in (self.box, self.faded)
+        )
+        beam = beam_bandwidth(self.antenna, speed, wavelength, half_aperture)
+        return max(PRF_MARGIN * min(spread, beam), min(faded, PRF_MARGIN * beam))
 
 
 def automatic_track(
-    given: RadarInput, geometry: AimGeometry, box: Box, waveform: Waveform, antenna: Antenna, path: FlightPath
+    given: RadarInput,
+    geometry: AimGeometry,
+    box: Box,
+    faded: Box,
+    waveform: Waveform,
+    antenna: Antenna,
+    path: FlightPath,
 ) -> tuple[Track, float]:
     """Track along a path whose aperture, prf and number of pulses agree, and half the aperture of a pixel in sines.
 
     Where the beam passes over the pixels in turn, the track is as long as the aperture and the image together, so that
-    every pixel has its whole aperture.
+    every pixel has its whole aperture. The prf samples the Doppler bandwidth of the image, with a margin, and folds
+    nothing into it of what fades out beyond it.
+
+    Parameters
+    ----------
+    given, geometry : description, and the geometry about the aim point
+    box : what the image holds
+    faded : as long as the farthest that a pixel can be from what fades out beyond the image
+    waveform, antenna, path : of the radar
 
     Raises
     ------
@@ -247,13 +267,13 @@ def automatic_track(
     speed, n, prf = path.speed, s.n_pulses, s.prf
     whole = MODES[s.mode].path_length(geometry, MODES[s.mode].filled(s.mode_parameters))
     if whole > 0.0:
-        return _whole_path(given, whole, box, waveform, antenna, path), np.inf
+        return _whole_path(given, whole, (box, faded), waveform, antenna, path), np.inf
     if n and prf and s.azimuth_resolution > 0.0:
         raise RadarError(
             f"{where}: n_pulses = {n}, prf = {prf:g} Hz and azimuth_resolution = "
             f"{s.azimuth_resolution:g} m describe the aperture twice; set one of them to 0"
         )
-    wanted = _Wanted(given, geometry, box, waveform, antenna, path)
+    wanted = _Wanted(given, geometry, box, faded, waveform, antenna, path)
     half, longest = wanted.half_aperture(), wanted.longest
     length = wanted.track_length(half)
     if n and s.azimuth_resolution > 0.0:
@@ -278,9 +298,17 @@ def automatic_track(
 
 
 def _whole_path(
-    given: RadarInput, length: float, box: Box, waveform: Waveform, antenna: Antenna, path: FlightPath
+    given: RadarInput,
+    length: float,
+    boxes: tuple[Box, Box],
+    waveform: Waveform,
+    antenna: Antenna,
+    path: FlightPath,
 ) -> Track:
-    """Track of a length (m) that the mode sets; a closed path's last pulse is one step before its first."""
+    """Track of a length (m) that the mode sets; a closed path's last pulse is one step before its first.
+
+    ``boxes`` : of the image, and with what fades out beyond it.
+    """
     s, where = given.sensor, given.where
     if s.n_pulses and s.prf:
         raise RadarError(
@@ -296,8 +324,12 @@ def _whole_path(
     n = s.n_pulses
     if not n:
         position, velocity = path.states(np.linspace(-0.5, 0.5, 65) * (length / path.speed))
-        spread = doppler_bandwidth(position, velocity, box, waveform.wavelength, instantaneous=True)
-        needed = PRF_MARGIN * min(spread, beam_bandwidth(antenna, path.speed, waveform.wavelength))
+        spread, faded = (
+            doppler_bandwidth(position, velocity, box, waveform.wavelength, instantaneous=True)
+            for box in boxes
+        )
+        beam = beam_bandwidth(antenna, path.speed, waveform.wavelength)
+        needed = max(PRF_MARGIN * min(spread, beam), min(faded, PRF_MARGIN * beam))
         n = max(2, int(np.ceil(length * (s.prf or needed) / path.speed)))
     if n > MAX_PULSES:
         raise RadarError(

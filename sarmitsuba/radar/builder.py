@@ -24,7 +24,7 @@ from sarmitsuba.radar.description import RadarInput
 from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.geodesy import Anchor
-from sarmitsuba.radar.image_request import ImageRequest, build_image_request, image_box
+from sarmitsuba.radar.image_request import ImageRequest, build_image_request, faded_box, image_box
 from sarmitsuba.radar.mode import MODES, AimGeometry, right_of
 from sarmitsuba.radar.orbit import orbit_of
 from sarmitsuba.radar.parallel_pass import parallel_pass
@@ -103,8 +103,9 @@ def build_radar(
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
+        faded = faded_box(box, scene, image.fade_out(max(cells)), all_round=MODES[s.mode].all_round)
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
-        track, half_aperture = automatic_track(given, geometry, box, waveform, antenna, path)
+        track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
     track, geometry = parallel_pass(given, track, geometry)
     _check_height(given, track, scene, image, shift)
     receiver = receiver_track(given, track, aim, shift)

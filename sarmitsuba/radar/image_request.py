@@ -40,6 +40,17 @@ class ImageRequest:
     spacing_azimuth: float = 0.0
     spacing_range: float = 0.0
 
+    def fade_out(self, cell: float) -> float:
+        """Width beyond the image, m, over which scatterers fade out: 5 % of half its longer side, 10 cells at least.
+
+        What ends abruptly shows a frame of side lobes.
+
+        Parameters
+        ----------
+        cell : m, the coarser of the resolution cells
+        """
+        return max(0.025 * max(self.extent_azimuth, self.extent_range), 10.0 * cell)
+
     def moved(self, shift: F64) -> "ImageRequest":
         """The same image in a frame whose origin lies at ``-shift``, (3,) m."""
         x, y, z = (float(v) for v in shift)
@@ -160,6 +171,19 @@ def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -
         )
 
 
+def faded_box(box: Box, scene: Box, width: float, *, all_round: bool) -> Box:
+    """The image's box, made as long as the farthest that a pixel can be from what fades out beyond the image.
+
+    Parameters
+    ----------
+    box, scene : of the image and of all geometry, in the same axes
+    width : of the fade-out, m
+    all_round : the image is seen from every side, not only along the track
+    """
+    beyond = np.clip(np.maximum(box.low - scene.low, scene.high - box.high), 0.0, width)
+    return replace(box, high=box.high + beyond * [1.0, float(all_round), 0.0])
+
+
 def image_box(image: ImageRequest, scene: Box) -> Box:
     """Box over the image's area that reaches from the lowest to the highest geometry and the image plane."""
     shift = np.array([image.center_x, image.center_y]) - scene.origin[:2]
@@ -171,4 +195,4 @@ def image_box(image: ImageRequest, scene: Box) -> Box:
     return Box(scene.origin, scene.axes, low, high)
 
 
-__all__ = ["MAX_CELLS", "MAX_PIXELS", "ImageRequest", "build_image_request", "image_box"]
+__all__ = ["MAX_CELLS", "MAX_PIXELS", "ImageRequest", "build_image_request", "faded_box", "image_box"]

@@ -24,6 +24,7 @@ from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
+from sarmitsuba.simulation.sampling.folding import check_folding
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
@@ -109,6 +110,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
     notes += _check_energy(scene, run.statistics, data)
+    notes += check_folding(scene, run.sampling.windows if run.sampling is not None else ())
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
         notes += check_small_parts(run.sampling, run.shortfalls)

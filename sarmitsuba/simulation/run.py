@@ -15,6 +15,7 @@ from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
+from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
@@ -78,6 +79,10 @@ class Run:
             self.timer.lap("launch grid")
         self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
         self.scene = self.plan.apply(scene)
+        left_out = ""
+        if self.scene.points:
+            points, left_out = lit_points(self.scene)
+            self.scene = replace(self.scene, points=points)
         if self.sampling is not None and not self.scene.same_shapes(scene):
             # what moved was stopped, or something left out
             if self.scene.traced:
@@ -91,10 +96,10 @@ class Run:
         self.report: SamplingReport | None = None
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.finished: FinishedBlocks | None = None
-        self.notes = [*scene.notes, *self.plan.notes]
+        self.notes = [*scene.notes, *self.plan.notes, *([left_out] if left_out else [])]
         if self.sampling is not None and self.plan.flags.multi_bounce:
-            left_out = mirrors_outside(self.scene, self.sampling.windows)
-            self.notes += [left_out] if left_out else []
+            unlit = mirrors_outside(self.scene, self.sampling.windows)
+            self.notes += [unlit] if unlit else []
         self.timer.lap("plan")
 
     def at(self, factor: float) -> "Run":

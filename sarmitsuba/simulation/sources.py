@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.cropping import shares
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
 from sarmitsuba.trace.launch import project
-from sarmitsuba.trace.lines import LineNodes, LineScatterers, cut, longest_step
+from sarmitsuba.trace.lines import LineScatterers, cut, longest_step
 from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.source import PointSource, Source
 from sarmitsuba.trace.volumes import volume_passage, volume_scatterers
@@ -81,7 +82,8 @@ def _lines(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     )
     wavelength = radar.waveform.wavelength
     step = longest_step(sampling.range_cell, sampling.azimuth_cell, distance, wavelength)
-    nodes = _lit(cut(scene.lines, step), sampling)
+    nodes = cut(scene.lines, step)
+    nodes = nodes.weighted(shares(scene, nodes.point))
     if not len(nodes.point):
         return None
     return PointSource(LineScatterers(nodes, scene.lines, wavelength), most_bounces(scene))
@@ -92,24 +94,16 @@ def most_bounces(scene: Scene) -> int:
     return min(scene.settings.max_depth or MOST_BOUNCES, MOST_BOUNCES) if scene.geometry.n_faces else 1
 
 
-def _lit(nodes: LineNodes, sampling: SamplingPlan) -> LineNodes:
-    """Nodes in the lit part of the scene; lines that go on fade out beyond it, so that they do not end there."""
-    cell = max(sampling.range_cell, sampling.azimuth_cell)
-    beyond = np.full(len(nodes.point), np.inf)
-    for window in sampling.windows:
-        if window.footprint is not None:
-            beyond = np.minimum(beyond, window.footprint.beyond(nodes.point))
-    t = np.minimum(beyond / max(10.0 * cell, 10.0 * float(nodes.step.max())), 1.0)
-    return nodes.weighted(0.5 + 0.5 * np.cos(np.pi * t))
-
-
 def _volumes(sampling: SamplingPlan, flags: KernelFlags) -> Source | None:
     """What scatters within bodies that waves go through, straight and over the ground."""
     scene = sampling.scene
     if not scene.volumes:
         return None
     cell = sampling.azimuth_cell * scene.radar.waveform.range_cell
-    return PointSource(volume_scatterers(scene.volumes, cell, scene.settings.seed), most_bounces(scene))
+    scatterers = volume_scatterers(
+        scene.volumes, cell, scene.settings.seed, lambda places: shares(scene, places)
+    )
+    return PointSource(scatterers, most_bounces(scene)) if scatterers.n else None
 
 
 def passages_of(scene: Scene) -> tuple[Passage, ...]:

@@ -332,7 +332,9 @@ def volume_passage(volumes: Sequence[Volume]) -> VolumePassage:
     return VolumePassage(Bodies.of(volumes, number), device_array(mi.Float, table))
 
 
-def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) -> VolumeScatterers:
+def volume_scatterers(
+    volumes: Sequence[Volume], cell_area: float, seed: int, shares: Callable[[F64], F64] | None = None
+) -> VolumeScatterers:
     """Scatterers that stand for volumes.
 
     Parameters
@@ -340,6 +342,7 @@ def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) ->
     volumes : one at least
     cell_area : m^2, resolution cell across the line of elevation: ``PER_CELL`` scatterers share one
     seed : of their places and amplitudes
+    shares : amplitude (n,) that scatterers at places (n, 3) keep beside a cropped image; None: all keep theirs
     """
     media, number = _numbered(volumes)
     spacing = [scatterer_spacing(volume, cell_area) for volume in volumes]
@@ -350,6 +353,10 @@ def volume_scatterers(volumes: Sequence[Volume], cell_area: float, seed: int) ->
     place, key, body = place[inside], key[inside], body[inside]
     content = np.array([volume.content for volume in volumes])
     weight = np.sqrt(content / np.maximum(np.bincount(body, minlength=len(volumes)), 1))[body]
+    if shares is not None:
+        share = shares(place)
+        shown = share > 1e-6
+        place, key, body, weight = place[shown], key[shown], body[shown], (weight * share)[shown]
     rows = np.zeros((len(media), NODES, _ROW), dtype=np.float32)
     for row, medium in zip(rows, media, strict=True):
         for start, returned in ((0, medium.back), (_ROW // 2, medium.over_ground)):

@@ -37,7 +37,7 @@ def cost_figure(
     axes.set_xscale("log")
     axes.set_xlabel("time, whole scene (s)")
     axes.set_ylabel("error of the image (dB)")
-    axes.set_title(title)
+    axes.set_title(title, parse_math=False)
     axes.grid(alpha=0.3, which="both")
     axes.legend()
     return figure

@@ -92,7 +92,7 @@ def save_deviation(
             below.set_ylabel("deviation", fontsize=8)
         if row == rows - 1:
             below.set_xlabel(x_label, fontsize=8)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(title, fontsize=11, parse_math=False)
     figure.savefig(path, metadata={"Software": None})
 
 
@@ -104,7 +104,7 @@ def _draw(above: "Axes", below: "Axes", panel: DeviationPanel) -> None:
     above.plot(panel.x, panel.measured, ".", color=_MEASURED, ms=5 if n < 40 else 3, label="simulation")
     if panel.limits is not None:
         above.set_ylim(*panel.limits)
-    above.set_title("\n".join(textwrap.wrap(panel.title, _TITLE_WIDTH)), fontsize=9)
+    above.set_title("\n".join(textwrap.wrap(panel.title, _TITLE_WIDTH)), fontsize=9, parse_math=False)
     above.legend(fontsize=7)
     above.grid(alpha=0.3)
     above.tick_params(labelsize=7, labelbottom=False)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
+from sarmitsuba.image.averaging import block_means
 from sarmitsuba.image.calibration import backscatter
-from sarmitsuba.image.sar_image import SarImage, block_means
+from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.quality.looks import spectral_looks
 from sarmitsuba.units import db_from_power

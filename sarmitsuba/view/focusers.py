@@ -37,11 +37,19 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
         if result.image is None:
             above.set_axis_off()
             below.set_axis_off()
-            above.set_title(f"{result.name}: refused", fontsize=8)
-            above.text(0.5, 0.9, textwrap.fill(result.refusal, 34), ha="center", va="top", fontsize=8)
+            above.set_title(f"{result.name}: refused", fontsize=8, parse_math=False)
+            above.text(
+                0.5,
+                0.9,
+                textwrap.fill(result.refusal, 34),
+                ha="center",
+                va="top",
+                fontsize=8,
+                parse_math=False,
+            )
             continue
         draw(result.image, above, options)
-        above.set_title(f"{result.name}, {result.seconds:.2g} s", fontsize=8)
+        above.set_title(f"{result.name}, {result.seconds:.2g} s", fontsize=8, parse_math=False)
         if math.isinf(result.error_db):
             below.set_axis_off()
             below.text(0.5, 0.5, "reference", ha="center", fontsize=8)
@@ -57,7 +65,11 @@ def focusers_figure(results: Sequence[FocuserResult]) -> Figure:
             aspect="equal",
             interpolation="nearest",
         )
-        below.set_title(f"difference: {result.error_db:.1f} dB, coherence {result.coherence:.6f}", fontsize=8)
+        below.set_title(
+            f"difference: {result.error_db:.1f} dB, coherence {result.coherence:.6f}",
+            fontsize=8,
+            parse_math=False,
+        )
     if difference is not None:
         bar = figure.colorbar(difference, ax=panels[1].tolist(), shrink=0.8)
         bar.set_label("difference, dB of the brightest pixel", fontsize=8)

@@ -59,7 +59,7 @@ def interferogram_figure(pair: Interferogram, map_: HeightMap | None = None, *, 
         f"{b.perpendicular:.4g} m of {b.critical:.4g} m critical, height of ambiguity {b.height_of_ambiguity:.4g} m, "
         f"{pair.independent_looks:.3g} looks",
     ]
-    figure.suptitle("\n".join(line for line in lines if line), fontsize=9)
+    figure.suptitle("\n".join(line for line in lines if line), fontsize=9, parse_math=False)
     return figure
 
 
@@ -93,7 +93,9 @@ def _heights(figure: Figure, axes: Axes, pair: Interferogram, map_: HeightMap) -
     axes.set_facecolor("0.75")
     shown = _show(axes, pair, z, cmap="viridis", vmin=float(low), vmax=float(high))
     figure.colorbar(shown, ax=axes, shrink=0.8)
-    axes.set_title(f"height (m); grey: dark, or coherence below {LEAST_COHERENCE:g}", fontsize=9)
+    axes.set_title(
+        f"height (m); grey: dark, or coherence below {LEAST_COHERENCE:g}", fontsize=9, parse_math=False
+    )
 
 
 def _show(

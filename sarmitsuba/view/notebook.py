@@ -89,13 +89,14 @@ def scene_plan(scene: Scene, *, whole_beam: bool = False) -> Figure:
             arrowprops={"arrowstyle": "<|-", "color": "red"},
             color="red",
             fontsize=8,
+            parse_math=False,
         )
     axes.set_aspect("equal")
     axes.autoscale_view()
     draw_beam(axes, radar, image.height, whole=whole_beam)
     axes.set_xlabel("east (m)")
     axes.set_ylabel("north (m)")
-    axes.set_title(scene.name, fontsize=9)
+    axes.set_title(scene.name, fontsize=9, parse_math=False)
     return figure
 
 

@@ -58,7 +58,7 @@ def aspect_figure(
     polar = float(np.ptp(angle_deg)) >= POLAR_FROM
     size = (6.2 * len(curves), 7.0) if polar else (8.0, 3.4 * len(curves) + 0.6)
     figure = Figure(figsize=size, dpi=100, layout="constrained")
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(title, fontsize=10, parse_math=False)
     for i, one in enumerate(curves):
         place = (1, len(curves), i + 1) if polar else (len(curves), 1, i + 1)
         axes = figure.add_subplot(*place, projection="polar" if polar else None)
@@ -69,7 +69,9 @@ def aspect_figure(
                 style = {"color": "black", "linewidth": 1.3} if name == "sum" else {"linewidth": 0.8}
                 axes.plot(x, np.maximum(line, top - span_db), label=name, **style)
         axes.set_ylim(top - span_db, top)
-        axes.set_title(f"{one.title}, dBsm over {swept}" if polar else one.title, fontsize=9)
+        axes.set_title(
+            f"{one.title}, dBsm over {swept}" if polar else one.title, fontsize=9, parse_math=False
+        )
         axes.tick_params(labelsize=8)
         axes.grid(True, linewidth=0.3)
         if isinstance(axes, PolarAxes):

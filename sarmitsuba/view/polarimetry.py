@@ -42,7 +42,7 @@ def composite_figure(
     _labels(axes, image)
     first = str(image.metadata.get("scene", ""))
     law = f"{legend}\nbrightness: {SPAN_DB:g} dB of the sum,  blocks of {looks[0]} x {looks[1]} pixels"
-    axes.set_title("\n".join(line for line in (first, title, law) if line), fontsize=8)
+    axes.set_title("\n".join(line for line in (first, title, law) if line), fontsize=8, parse_math=False)
     return figure
 
 
@@ -68,11 +68,11 @@ def maps_figure(image: SarImage, report: PolarimetryReport) -> Figure:
             interpolation="nearest",
         )
         _labels(axes, image)
-        axes.set_title(name, fontsize=9)
+        axes.set_title(name, fontsize=9, parse_math=False)
         figure.colorbar(picture, ax=axes, fraction=0.046, pad=0.03).ax.tick_params(labelsize=7)
     scene = str(image.metadata.get("scene", ""))
     blocks = f"blocks of {report.looks[0]} x {report.looks[1]} pixels"
-    figure.suptitle(",  ".join(part for part in (scene, blocks) if part), fontsize=9)
+    figure.suptitle(",  ".join(part for part in (scene, blocks) if part), fontsize=9, parse_math=False)
     return figure
 
 
@@ -97,7 +97,7 @@ def plane_figure(decomposition: CloudePottier) -> Figure:
     for low, high, bounds in zip(edges[:-1], edges[1:], ALPHA_BOUNDS_DEG, strict=True):
         axes.hlines(bounds, low, high, color="0.5", linewidth=0.7)
     for number, place in _ZONE_PLACES.items():
-        axes.text(*place, str(number), fontsize=9, color="0.3", ha="center", va="center")
+        axes.text(*place, str(number), parse_math=False, fontsize=9, color="0.3", ha="center", va="center")
     for entropy, alpha in feasible_bounds():
         axes.plot(entropy, alpha, color="black", linewidth=1.0)
     axes.set_xlim(0.0, 1.0)

@@ -63,7 +63,9 @@ def profile(
     axes.set_xlim(float(position[0]), float(position[-1]))
     axes.set_xlabel(f"{axis} (m)")
     axes.set_ylabel("radar cross section (dBsm)" if quantity == "rcs" else f"{quantity} (dB)")
-    axes.set_title(f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9)
+    axes.set_title(
+        f"{channel or image.channels[0]}, {axis} cut at {other} {place:.2f} m", fontsize=9, parse_math=False
+    )
     axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     axes.grid(True, linewidth=0.3)
     return figure

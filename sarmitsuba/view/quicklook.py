@@ -1,6 +1,7 @@
 """Quick-look pictures: grey decibels unless told, axes in metres, range to the right, azimuth up, nothing smoothed."""
 
 import dataclasses
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
 from sarmitsuba.view.display import Display, PictureOptions, prepare, screen_size
+
+# makes a picture, when it is its turn
+Drawing = Callable[[], Figure]
 
 _DPI = 100.0
 _LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
@@ -64,7 +68,7 @@ def quicklook(
     _colour_bar(figure, picture, left + width + 18, _BOTTOM, height, display.label)
     first = title if title is not None else str(image.metadata.get("scene", ""))
     lines = (first, *_subtitle(image, options, display))
-    axes.set_title("\n".join(line for line in lines if line), fontsize=9)
+    axes.set_title("\n".join(line for line in lines if line), fontsize=9, parse_math=False)
     return figure
 
 
@@ -162,7 +166,9 @@ def quicklook_by_order(image: SarImage, options: PictureOptions | None = None, *
         left, bottom = _LEFT - 20 + i % columns * step_x, _BOTTOM - 10 + (rows - 1 - i // columns) * step_y
         axes = _axes(figure, left, bottom, width, height)
         picture = _draw(axes, display, image, options)
-        axes.set_title(f"{options.channel}, {order} bounce{'s' if order > 1 else ''}", fontsize=9)
+        axes.set_title(
+            f"{options.channel}, {order} bounce{'s' if order > 1 else ''}", fontsize=9, parse_math=False
+        )
         if i % columns:
             axes.set_ylabel("")
     _arrows(figure, str(image.metadata.get("look_side", "")))
@@ -273,4 +279,14 @@ def _subtitle(image: SarImage, options: PictureOptions, display: Display) -> tup
     return ",  ".join(facts), ",  ".join(more)
 
 
-__all__ = ["bounce_orders", "draw", "panel", "pixels", "png", "quicklook", "quicklook_by_order", "save"]
+__all__ = [
+    "Drawing",
+    "bounce_orders",
+    "draw",
+    "panel",
+    "pixels",
+    "png",
+    "quicklook",
+    "quicklook_by_order",
+    "save",
+]

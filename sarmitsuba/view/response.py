@@ -41,6 +41,7 @@ def quality_figure(image: SarImage, report: QualityReport) -> Figure:
             textcoords="offset points",
             color="tab:red",
             fontsize=7,
+            parse_math=False,
         )
     for area in report.areas:
         corner = (area.range[0], area.azimuth[0])
@@ -53,6 +54,7 @@ def quality_figure(image: SarImage, report: QualityReport) -> Figure:
             textcoords="offset points",
             color="tab:blue",
             fontsize=7,
+            parse_math=False,
         )
     for i, point in enumerate(shown):
         for column, axis in ((1, "azimuth"), (2, "range")):
@@ -72,6 +74,7 @@ def _response(axes: Axes, image: SarImage, channel: str, point: PointQuality, ax
     axes.set_title(
         f"{point.name}, {axis}: IRW {cut.irw:.3g} m, PSLR {cut.pslr_db:.1f}, ISLR {cut.islr_null_db:.1f} dB",
         fontsize=6,
+        parse_math=False,
     )
     axes.set_xlabel("m", fontsize=6, labelpad=0)
     axes.set_ylabel("dB", fontsize=6, labelpad=0)

@@ -1,6 +1,7 @@
 """What a run finds out before its simulation, what it uses again, and whose files it touches."""
 
 import json
+import os
 import shutil
 import sys
 import types
@@ -14,9 +15,10 @@ import pytest
 from sarmitsuba import cli
 from sarmitsuba.commands.output import MANIFEST
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw
+from sarmitsuba.io.journal import Journal
 from sarmitsuba.scene.scene import Scene
 
 
@@ -298,3 +300,97 @@ def test_formats_of_extensions_are_written(simulations: list[Scene], tmp_path: P
     capsys.readouterr()
     assert render(tmp_path / "c", "--format", "test_read_only") == 2
     assert "test_read_only can be read but not written" in capsys.readouterr().err
+
+
+def hostile(record: dict[str, Any], folder: Path, out: Path, rng: np.random.Generator) -> dict[str, Any]:
+    """The list with a name that leads elsewhere, in the folder but not a result's, or to what is no plain file."""
+    mine = folder / "mine.h5"
+    size = int(rng.choice([-1, mine.stat().st_size]))
+    kind = int(rng.integers(10))
+    if kind == 5:
+        (out / "raw_2.h5").symlink_to(mine)
+    if kind == 6:
+        (out / "sub").mkdir()
+        (out / "sub" / "raw.h5").write_text("mine")
+    if kind == 7:
+        (out / "quicklook_HH.png").symlink_to(folder / "nowhere")
+    name = [
+        "../mine.h5",
+        str(mine),
+        "./../mine.h5",
+        "thesis.txt",
+        "..",
+        "raw_2.h5",
+        "sub/raw.h5",
+        "quicklook_HH.png",
+        "raw.h5\x00",
+        "raw.h5/../../mine.h5",
+    ][kind]
+    record["files"][name] = size
+    return record
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_list_from_elsewhere_takes_no_file_of_others(
+    seed: int, simulations: list[Scene], tmp_path: Path, capsys: Any
+) -> None:
+    rng = np.random.default_rng([seed, 26])
+    out = tmp_path / "out"
+    assert render(out) == 0
+    (tmp_path / "mine.h5").write_text("mine")
+    (out / "thesis.txt").write_text("mine")
+    record = hostile(json.loads((out / MANIFEST).read_text()), tmp_path, out, rng)
+    (out / MANIFEST).write_text(json.dumps(record))
+    before = {p: p.lstat().st_ino for p in tmp_path.rglob("*") if p.is_symlink() or "mine" in p.name}
+    before |= {p: p.lstat().st_ino for p in out.rglob("*") if p.name == "thesis.txt" or p.parent != out}
+    capsys.readouterr()
+    assert render(out, "--seed", "9", "--force") == 0
+    assert {p: p.lstat().st_ino for p in before} == before
+    assert (tmp_path / "mine.h5").read_text() == (out / "thesis.txt").read_text() == "mine"
+    strange = [name for name in record["files"] if name not in ("raw_2.h5", "quicklook_HH.png")]
+    odd = [name for name in strange if "/" in name or name in ("..", "thesis.txt") or "\x00" in name]
+    said = [line for line in capsys.readouterr().err.splitlines() if "which no command writes" in line]
+    assert len(said) == bool(odd)
+    assert not any("\x00" in line for line in said)
+
+
+@pytest.mark.parametrize("name", ["raw.h5", "image.h5", "quicklook.png", "parameters.json", "raw.blocks"])
+@pytest.mark.parametrize("target", ["mine", "nowhere"])
+def test_nothing_is_written_through_a_link(
+    simulations: list[Scene], tmp_path: Path, capsys: Any, name: str, target: str
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (tmp_path / "mine").write_text("")
+    (out / name).symlink_to(tmp_path / target)
+    (out / MANIFEST).write_text(json.dumps({"mark": "", "files": {name: -1}}))
+    status = render(out, "--force")
+    assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
+    assert status == 2 or not (out / name).is_symlink()
+
+
+def test_a_list_that_is_a_pipe_or_too_long_is_one_line(
+    simulations: list[Scene], tmp_path: Path, capsys: Any
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    os.mkfifo(out / MANIFEST)
+    assert render(out) == 2
+    (out / MANIFEST).unlink()
+    (out / MANIFEST).write_text(" " * 2_000_000)
+    assert render(out) == 2
+    for line in capsys.readouterr().err.splitlines():
+        assert "the list of written files cannot be read" in line
+
+
+def test_a_journal_follows_no_link(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("")
+    for target in ("mine", "nowhere"):
+        (tmp_path / "raw.blocks").symlink_to(tmp_path / target)
+        with pytest.raises(OutputError, match="cannot write"):
+            Journal(tmp_path / "raw.blocks")
+        (tmp_path / "raw.blocks").unlink()
+    assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
+    os.mkfifo(tmp_path / "raw.blocks")
+    with pytest.raises(OutputError, match="is no plain file"):
+        Journal(tmp_path / "raw.blocks")

@@ -26,6 +26,7 @@ from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
 from sarmitsuba.io.phase_history import PhaseHistory, raw_of
+from sarmitsuba.parameters import printable
 from sarmitsuba.radar.collection import Signal
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
@@ -68,7 +69,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
     mode = radar.mode
     recording = Recording(
-        name=str(raw.metadata.get("scene", path.stem)),
+        name=printable(str(raw.metadata.get("scene", path.stem))),
         mode=mode,
         bistatic=radar.receiver is not None and not radar.receives_itself,
         channels=raw.channels,

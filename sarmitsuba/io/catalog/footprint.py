@@ -8,6 +8,7 @@ from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.geocoding import outline
+from sarmitsuba.parameters import printable
 
 _KML = "http://www.opengis.net/kml/2.2"
 
@@ -18,7 +19,7 @@ def write_geojson(path: Path, image: SarImage) -> None:
         "type": "Feature",
         "geometry": {"type": "Polygon", "coordinates": [outline(image).tolist()]},
         "properties": {
-            "name": str(image.metadata.get("scene", path.stem)),
+            "name": printable(str(image.metadata.get("scene", path.stem))),
             "channels": list(image.channels),
             "wavelength_m": image.wavelength,
         },
@@ -32,7 +33,7 @@ def write_kml(path: Path, image: SarImage) -> None:
     ET.register_namespace("", _KML)
     root = ET.Element(f"{{{_KML}}}kml")
     mark = ET.SubElement(root, f"{{{_KML}}}Placemark")
-    ET.SubElement(mark, f"{{{_KML}}}name").text = str(image.metadata.get("scene", path.stem))
+    ET.SubElement(mark, f"{{{_KML}}}name").text = printable(str(image.metadata.get("scene", path.stem)))
     ring = mark
     for name in ("Polygon", "outerBoundaryIs", "LinearRing"):
         ring = ET.SubElement(ring, f"{{{_KML}}}{name}")

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
+from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage
 
 F32 = NDArray[np.float32]
@@ -130,7 +130,7 @@ def estimate_error(
         totals.append(10.0 * float(np.log10(max(noise, 1e-60) / max(signal, 1e-60))))
         spreads.append(np.hypot(_chance_db(power), SHARED_SCATTER_DB))
         if pixels:
-            mean_power = np.maximum(uniform_filter(power, window, mode="nearest"), 0.0)
+            mean_power = sliding_means(power, (window, window), "nearest")
             maps.append(np.sqrt(mean_power) * 10.0 ** (SHARED_DB / 20.0))
     stack = np.stack(maps).astype(np.float32) if pixels else np.empty((0, *data.shape[1:]), np.float32)
     return ErrorBars(

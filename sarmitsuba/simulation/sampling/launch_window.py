@@ -27,18 +27,14 @@ class Footprint:
 
     Parameters
     ----------
-    axes : (3, 3) float64, rows along, across and up
-    middle : (3,) float64, m, scene frame; of the image
-    low, high : (3,) float64, m, corners along ``axes`` about ``middle``
+    low, high : (3,) float64, m, corners along, across and up about the image's middle
     """
 
-    axes: F64
-    middle: F64
     low: F64
     high: F64
 
     @staticmethod
-    def of(image: ImageRequest, axes: F64, away: F64, incidence: float, local: F64) -> "Footprint":
+    def of(image: ImageRequest, away: F64, incidence: float, local: F64) -> "Footprint":
         """Footprint of what stands at places ``local`` (n, 3), m, along the axes about the image's middle.
 
         What is tall lays over towards the radar, so the box reaches farther out, ``away``, by its height over the
@@ -49,21 +45,9 @@ class Footprint:
         far, near = max(0.0, high) / slope * away[:2], -max(0.0, -low) / slope * away[:2]
         half = np.array([0.5 * image.extent_azimuth, 0.5 * image.extent_range])
         return Footprint(
-            axes,
-            np.array([image.center_x, image.center_y, image.height]),
             np.append(-half + np.minimum(0.0, np.minimum(far, near)), low),
             np.append(half + np.maximum(0.0, np.maximum(far, near)), high),
         )
-
-    def local(self, points: F64) -> F64:
-        """Places (n, 3) along the axes about the middle, m, of points of the scene."""
-        return np.asarray((points - self.middle) @ self.axes.T)
-
-    def beyond(self, points: F64) -> F64:
-        """How far points (n, 3) of the scene lie beside the footprint, m, whatever their height; 0 within it."""
-        local = self.local(points)[:, :2]
-        gap = np.maximum(np.maximum(self.low[:2] - local, local - self.high[:2]), 0.0)
-        return np.asarray(np.linalg.norm(gap, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +63,7 @@ class LaunchWindow:
     half_x, half_y : m, half extents of the window in the plane
     taper : m, fade-out beyond; 0 where the scene ends within the window
     incidence : rad, on level ground at the centre
-    footprint : what of the lines can reach the image; None in a scene without
+    reach : m, how far along the track from the image's middle surfaces are lit at full weight
     """
 
     pulses: tuple[int, int]
@@ -90,7 +74,7 @@ class LaunchWindow:
     half_y: float
     taper: float
     incidence: float
-    footprint: Footprint | None = None
+    reach: float
 
     @property
     def area(self) -> float:
@@ -144,11 +128,11 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
 
     # image footprint and geometry in track-aligned axes (along, across, up), relative to the image's centre
     axes = np.stack([along, across, np.array([0.0, 0.0, 1.0])])
-    away = axes @ _across(sector, look)
-    footprint, found = None, np.zeros((0, 3))
+    away = axes @ across_sector(sector, look)
+    found = np.zeros((0, 3))
     if scene.lines:
         rods = (line_ends(scene.lines) - middle) @ axes.T
-        footprint = Footprint.of(image, axes, away, incidence, rods)
+        footprint = Footprint.of(image, away, incidence, rods)
         found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
     if bounds is None:
@@ -158,6 +142,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
         cut = False
 
     b_low, b_high = bounds
+    reach = float(np.abs(bounds[:, 0]).max())
     corners = np.array(
         [
             [x, y, z]
@@ -180,9 +165,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     taper = max(0.05 * float(half.max()), 10.0 * radar.waveform.range_cell) if cut else 0.0
     every = np.concatenate([corners, found @ axes + middle])
     box = np.stack([every.min(axis=0), every.max(axis=0)])
-    return LaunchWindow(
-        pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence, footprint
-    )
+    return LaunchWindow(pulses, box, center, frame, float(half[0]), float(half[1]), taper, incidence, reach)
 
 
 def _lit_mesh(
@@ -199,7 +182,7 @@ def _lit_mesh(
     local = np.concatenate([(scene.geometry.vertices - middle) @ axes.T, *moving, *bodies])
     if not local.size:
         return None, False
-    footprint = Footprint.of(image, axes, away, incidence, local)
+    footprint = Footprint.of(image, away, incidence, local)
     i_low, i_high = footprint.low, footprint.high
     g_low, g_high = local.min(axis=0), local.max(axis=0)
     b_low, b_high = np.maximum(i_low, g_low), np.minimum(i_high, g_high)
@@ -262,7 +245,7 @@ def bounding_antennas(track: Track, pulses: tuple[int, int]) -> F64:
     return np.asarray(track.position[[first, (first + end) // 2, end - 1]])
 
 
-def _across(sector: Track, look: F64) -> F64:
+def across_sector(sector: Track, look: F64) -> F64:
     """Horizontal unit vector across the flight of a sector, to the side that ``look`` points to."""
     along = sector.along
     right = np.array([along[1], -along[0], 0.0])
@@ -272,6 +255,7 @@ def _across(sector: Track, look: F64) -> F64:
 __all__ = [
     "SECTOR",
     "LaunchWindow",
+    "across_sector",
     "bounding_antennas",
     "launch_window",
     "launch_windows",

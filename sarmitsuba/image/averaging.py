@@ -1,0 +1,55 @@
+"""Means of neighbouring pixels: over blocks that lie side by side, or over a window centred on every pixel."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
+
+F64 = NDArray[np.float64]
+
+
+def block_means(values: NDArray[np.floating], block: tuple[int, int]) -> F64:
+    """Means over blocks of so many rows and columns; those left over at the far ends are dropped.
+
+    Their middles are those of :func:`block_middles`.
+    """
+    rows, columns = values.shape[0] // block[0], values.shape[1] // block[1]
+    kept = np.asarray(values, dtype=np.float64)[: rows * block[0], : columns * block[1]]
+    return np.asarray(kept.reshape(rows, block[0], columns, block[1]).mean(axis=(1, 3)))
+
+
+def block_middles(axis: F64, n: int) -> F64:
+    """(size // n,) middles of blocks of n pixels, from the (size,) middles of the pixels."""
+    blocks = axis.size // n
+    return np.asarray(axis[: blocks * n].reshape(blocks, n).mean(axis=1))
+
+
+def sliding_means(
+    values: NDArray[np.floating], widths: tuple[float, float], rim: Literal["nearest", "reflect"]
+) -> F64:
+    r"""Means over a window of ``widths`` pixels (rows, columns) whose middle is the middle of every pixel.
+
+    .. math:: \bar x_i = \frac{1}{w} \sum_j x_j \, |[i - w/2, i + w/2] \cap [j - 1/2, j + 1/2]|
+
+    A pixel at the window's end counts by the part of it that lies inside, so that a window of an even or of a broken
+    number of pixels shifts nothing.
+
+    Parameters
+    ----------
+    values : (n_azimuth, n_range) real
+    widths : pixels, at least 1
+    rim : how the values go on beyond the rim: the last one repeated, or mirrored about the rim
+    """
+    means = np.asarray(values, dtype=np.float64)
+    for axis, width in enumerate(widths):
+        reach = int(np.ceil(0.5 * (width - 1.0)))
+        if reach < 1:
+            continue
+        weights = np.ones(2 * reach + 1)
+        weights[[0, -1]] = 0.5 * (width - (2 * reach - 1))
+        means = correlate1d(means, weights / width, axis=axis, mode=rim)
+    return means
+
+
+__all__ = ["block_means", "block_middles", "sliding_means"]

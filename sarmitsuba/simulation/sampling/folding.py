@@ -1,0 +1,191 @@
+"""Warnings about sources whose echoes the pulse rate folds into the image, with the place and level of the ghost."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.focusing.aperture import direction_gain
+from sarmitsuba.radar.swath import beam_bandwidth
+from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.points import point_history
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
+from sarmitsuba.units import db_from_power
+
+F64 = NDArray[np.float64]
+
+# ghosts of a point that are named: those above this part of its own power
+_LEAST = 1e-4
+# points whose ghosts are looked for, the brightest first; and their orders
+_MOST_POINTS, _ORDERS = 16, 3
+# numbers of the search for a ghost's peak at once; bounds memory and time
+_MOST_TERMS = 4_000_000
+# resolution cells that a ghost's peak is looked for about its predicted place, azimuth and range
+_SEARCH = (6.0, 3.0)
+
+
+@dataclass(frozen=True)
+class _Ghost:
+    """A point's azimuth ambiguity in the image.
+
+    Parameters
+    ----------
+    power : m^2, about, at its peak
+    apart : m, along the track from where the point shows itself
+    """
+
+    power: float
+    apart: float
+
+
+def check_folding(scene: Scene, windows: tuple[LaunchWindow, ...] = ()) -> list[str]:
+    """Warn of what the pulse rate folds into the image from where else it is lit; the warnings' texts.
+
+    Parameters
+    ----------
+    scene : whose points are those that the image can show
+    windows : lit part of the scene, of the rays
+
+    Notes
+    -----
+    Of straight tracks; what a scene spread evenly leaves is said when the radar is built.
+    """
+    radar, track = scene.radar, scene.radar.track
+    if track.n_pulses < 3 or radar.all_round or not track.is_straight or radar.receiver is not None:
+        return []
+    speed = float(np.linalg.norm(track.velocity[track.center_index]))
+    wavelength = radar.waveform.wavelength
+    beam = beam_bandwidth(radar.antenna, speed, wavelength, radar.half_aperture)
+    moving = scene.moves
+    if track.prf >= beam and not moving:
+        return []
+    reach = float(np.linalg.norm(_middle(scene) - track.center_position))
+    apart = wavelength * reach * track.prf / (2.0 * speed)
+    notes = [*_of_points(scene, speed), *_of_windows(scene, windows, apart, beam)]
+    for note in notes:
+        warnings.warn(note, SarmitsubaWarning, stacklevel=4)
+    return notes
+
+
+def _of_points(scene: Scene, speed: float) -> list[str]:
+    """The brightest ghost of each bright point, if the image holds any."""
+    radar, found = scene.radar, []
+    bright = sorted(scene.points, key=lambda point: -point.rcs)[:_MOST_POINTS]
+    for point in bright:
+        history = point_history(radar, point, slice(None))
+        ghosts = [
+            ghost
+            for order in range(-_ORDERS, _ORDERS + 1)
+            if order
+            for ghost in _ghost(scene, point, history, order, speed)
+        ]
+        strongest = max(ghosts, key=lambda ghost: ghost.power, default=None)
+        if strongest is not None and strongest.power > _LEAST * point.rcs:
+            found.append((strongest, point))
+    if not found:
+        return []
+    ghost, point = max(found, key=lambda pair: pair[0].power)
+    place = ", ".join(f"{v:.6g}" for v in point.position + scene.offset)
+    more = f", and {len(found) - 1} more points leave weaker ones" if len(found) > 1 else ""
+    level = float(db_from_power(np.array(ghost.power)))
+    return [
+        f'{scene.name}: point_scatterer "{point.name}" at ({place}) m leaves a ghost of about {level:.1f} dBsm in the '
+        f"image, {ghost.apart:+.4g} m along the track from its own place{more}: prf = {radar.track.prf:.6g} Hz folds "
+        "it in; raise prf, or move the image"
+    ]
+
+
+def _ghost(
+    scene: Scene, point: PointTarget, history: tuple[F64, F64], order: int, speed: float
+) -> list[_Ghost]:
+    """The ghost of an order, where the image holds it; ``history`` is the point's slant range (m) and its rate."""
+    radar, track, image = scene.radar, scene.radar.track, scene.image
+    distance, rate = history
+    step = order * radar.waveform.wavelength * track.prf / (2.0 * speed)
+    sine, boresight = -rate / speed, radar.pointing.boresight @ track.along
+    own = np.isfinite(radar.half_aperture)
+    pulse = int(np.argmin(np.abs(sine + step - boresight))) if own else track.center_index
+    at = float(sine[pulse]) + step
+    if abs(at) >= 1.0 or (own and abs(at - boresight[pulse]) > 0.5 * radar.half_aperture):
+        return []
+    antenna = track.position[pulse]
+    across2 = float(distance[pulse]) ** 2 * (1.0 - at**2) - (antenna[2] - image.height) ** 2
+    if across2 <= 0.0:
+        return []
+    place = antenna + float(distance[pulse]) * at * track.along + np.sqrt(across2) * radar.across
+    place[2] = image.height
+    beside = (place - _middle(scene)) @ np.stack([track.along, radar.across], axis=1)
+    if (np.abs(beside) > 0.5 * np.array([image.extent_azimuth, image.extent_range])).any():
+        return []
+    return [_Ghost(point.rcs * _level(scene, point, distance, place), float(distance[pulse] * step))]
+
+
+def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float:
+    r"""Power of a point's echoes focused about another place, over its own: the greatest nearby.
+
+    .. math:: \left| \frac{\sum_t g_t \,\mathrm{sinc}((r_t - R_t) / \delta_r) e^{j 4 \pi (r_t - R_t) / \lambda}}
+              {\sum_t g_t} \right|^2
+
+    over the pulses of the place's own aperture, r_t its slant range and R_t the point's.
+    """
+    radar, track = scene.radar, scene.radar.track
+    wavelength, cell = radar.waveform.wavelength, radar.waveform.range_cell
+    position = point.position_at(track.time)
+    gain = direction_gain(radar, slice(None), _unit(position - track.position))
+    line = _unit(place - track.position)
+    mask = np.abs((line - radar.pointing.boresight) @ track.along) <= radar.half_aperture
+    own = float((direction_gain(radar, slice(None), line) * mask).sum())
+    if own == 0.0 or not mask.any():
+        return 0.0
+    turn = float(np.ptp(line[mask] @ track.along))
+    azimuth = wavelength / (2.0 * max(turn, 1e-9))
+    ground = cell / max(float(np.sqrt(1.0 - line[track.center_index, 2] ** 2)), 0.05)
+    shape = (int(4 * _SEARCH[0]) + 1, int(4 * _SEARCH[1]) + 1)
+    steps = (np.linspace(-s, s, n) for s, n in zip(_SEARCH, shape, strict=True))
+    along, across = np.meshgrid(*steps, indexing="ij")
+    places = (
+        place + azimuth * along.reshape(-1, 1) * track.along + ground * across.reshape(-1, 1) * radar.across
+    )
+    best, batch = 0.0, max(1, _MOST_TERMS // track.n_pulses)
+    for start in range(0, len(places), batch):
+        r = np.linalg.norm(places[start : start + batch, None] - track.position[mask], axis=2)
+        off = r - distance[mask]
+        terms = gain[mask] * np.sinc(off / cell) * np.exp(4j * np.pi / wavelength * off)
+        best = max(best, float((np.abs(terms.sum(axis=1)) ** 2).max()))
+    return best / own**2
+
+
+def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, beam: float) -> list[str]:
+    """Surfaces lit beside the image, for what moves into it, that fold into it."""
+    track, image = scene.radar.track, scene.image
+    half = 0.5 * image.extent_azimuth
+    if not windows or apart < 2.0 * half or track.prf >= beam:
+        return []
+    farthest = max(window.reach for window in windows)
+    if not scene.geometry.moves or farthest + half <= apart:
+        return []
+    names = [
+        name
+        for name, motion in zip(scene.geometry.mesh_names, scene.geometry.mesh_motion, strict=True)
+        if not motion.still
+    ]
+    needed = track.prf * (farthest + half) / apart
+    return [
+        f'{scene.name}: to show what moves ("{names[0]}"), surfaces are lit up to {farthest - half:.4g} m beyond the '
+        f"image, and those farther than {apart - 2.0 * half:.4g} m fold into it at their full level at prf = "
+        f"{track.prf:.6g} Hz; raise prf to {min(needed, beam):.4g} Hz, or enlarge the image"
+    ]
+
+
+def _middle(scene: Scene) -> F64:
+    return np.array([scene.image.center_x, scene.image.center_y, scene.image.height])
+
+
+def _unit(v: F64) -> F64:
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
+
+
+__all__ = ["check_folding"]

@@ -1,0 +1,278 @@
+"""Images smaller than their scenes: what is beside them leaves nothing in them, whatever it is and whoever looks."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sarmitsuba import FilmDescription, RadarDescription, Scene, SceneMesh, SceneVolume, build_scene, focus
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.focusing.ideal import ideal_echoes
+from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.materials.vegetation.medium import water_cloud
+from sarmitsuba.mesh import tessellate
+from sarmitsuba.radar.antenna import Pointing
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+from sarmitsuba.scene.geometry import PointTarget
+from sarmitsuba.scene.lines import LineTarget
+from sarmitsuba.scene.motion import Motion
+from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sampling.folding import check_folding
+from sarmitsuba.simulation.sampling.launch_window import launch_windows
+
+F64 = NDArray[np.float64]
+CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)
+MODES = ("spotlight", "stripmap", "sliding_spotlight")
+SEEDS = [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 24))]
+
+
+def drawn(seed: int) -> tuple[RadarDescription, F64, F64, np.random.Generator]:
+    """A radar of drawn mode, heading, side, squint and resolution; unit vectors along and across its track."""
+    rng = np.random.default_rng([seed, 24])
+    mode = MODES[seed % 3]
+    heading = float(rng.uniform(0.0, 360.0))
+    side = ("left", "right")[rng.integers(2)]
+    radar = RadarDescription(
+        mode=mode,
+        heading_deg=heading,
+        look_side=side,
+        slant_range=float(rng.uniform(4e3, 7e3)),
+        look_angle_deg=float(rng.uniform(30.0, 50.0)),
+        squint_angle_deg=float(rng.uniform(-6.0, 6.0)) if rng.integers(2) else 0.0,
+        azimuth_resolution=float(rng.uniform(1.2, 2.0)),
+        bandwidth=float(rng.uniform(80e6, 130e6)),
+        center_frequency=5e9,
+        speed=100.0,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    if mode != "spotlight":
+        radar = replace(radar, pattern="gaussian", antenna_length=1.8, antenna_height=0.1)
+    h = np.radians(heading)
+    along = np.array([np.sin(h), np.cos(h), 0.0])
+    across = np.array([along[1], -along[0], 0.0]) * (1.0 if side == "right" else -1.0)
+    return radar, along, across, rng
+
+
+def film(extent: float) -> FilmDescription:
+    """A square image on the ground."""
+    return FilmDescription(
+        image_extent_azimuth=extent,
+        image_extent_range=extent,
+        pixel_spacing_azimuth=0.6,
+        pixel_spacing_range=0.6,
+        image_grid="ground",
+        image_center_x=0.0,
+        image_center_y=0.0,
+    )
+
+
+def middle(image: SarImage, half: float) -> NDArray[np.complex64]:
+    """Pixels up to ``half`` (m) from the image's middle."""
+    grid = image.grid
+    rows, columns = (np.abs(axis - 0.5 * (axis[0] + axis[-1])) < half for axis in (grid.azimuth, grid.range))
+    return image.total()[rows][:, columns]
+
+
+def error_db(found: NDArray[np.complex64], wanted: NDArray[np.complex64]) -> float:
+    """Power of the difference over that of what is wanted, dB."""
+    return float(10.0 * np.log10((np.abs(found - wanted) ** 2).sum() / (np.abs(wanted) ** 2).sum()))
+
+
+def denser(radar: Radar) -> Radar:
+    """The same aperture with four times the pulses."""
+    track, p, window = radar.track, radar.pointing, radar.window
+    finer = Track.straight(
+        track.position.mean(axis=0), track.velocity[0], 4.0 * track.prf, 4 * track.n_pulses
+    )
+    axes = (np.repeat(axis, 4, axis=0) for axis in (p.boresight, p.azimuth_axis, p.elevation_axis))
+    return replace(
+        radar,
+        track=finer,
+        pointing=Pointing(*axes),
+        window=replace(window, start_range=np.repeat(window.start_range, 4)),
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_points_beside_leave_nothing_at_the_automatic_prf(seed: int) -> None:
+    """Against the exact sum over the points in the image and on its fade-out, at a prf of four times the program's."""
+    radar, along, across, rng = drawn(seed)
+    extent = float(rng.uniform(24.0, 90.0))  # 12 cells too, whose fade-out is nearly as long as the image
+    cell = max(radar.azimuth_resolution, 299792458.0 / (2.0 * radar.bandwidth))
+    fade = max(0.025 * extent, 10.0 * cell)
+    inside = rng.uniform(-0.35, 0.35, (3, 2)) * extent
+    edge = np.array([[0.5 * extent + rng.uniform(0.2, 0.9) * fade, 0.0]]) * rng.choice([-1.0, 1.0])
+    far = np.column_stack(
+        [rng.uniform(0.5, 3.0, 4) * extent + fade, rng.uniform(-0.4, 0.4, 4) * extent]
+    ) * rng.choice([-1.0, 1.0], (4, 1))
+    beyond = float(np.abs(edge[0, 0]) - 0.5 * extent)
+    places = [p[0] * along + p[1] * across for p in (*inside, *edge, *far)]
+    rcs = [1.0] * 3 + [2.0] + [1e5] * 4
+    points = [PointTarget(f"p{i}", p, s) for i, (p, s) in enumerate(zip(places, rcs, strict=True))]
+    scene = build_scene(points=points, radar=radar, film=film(extent))
+    raw = simulate(scene)
+    notes = [note for note in raw.metadata["notes"] if "left out" in note]
+    assert len(notes) == 1 and '"p4"' in notes[0] and "and 3 more" in notes[0]
+    share = 0.5 + 0.5 * np.cos(np.pi * beyond / fade)
+    lit = np.array([*rcs[:3], rcs[3] * share**2])
+    exact = focus(
+        ideal_echoes(denser(scene.radar), np.array(places[:4]), lit),
+        request=scene.image,
+        focuser="backprojection",
+    )
+    image = focus(raw, request=scene.image, focuser="backprojection")
+    # tol: the sum over pulses for the integral, at the apertures' ends
+    assert error_db(middle(image, 0.4 * extent), middle(exact, 0.4 * extent)) < -28.0
+
+
+def layered(radar: RadarDescription, extent: float, half: float, **changes: object) -> Scene:
+    """A layer that scatters and a grid of wires, ``half`` (m) to every side, over a mirror."""
+    vertices, faces = tessellate.cube()
+    box = np.array([-half, -half, 0.0]) + 0.5 * (vertices + 1.0) * np.array([2 * half, 2 * half, 2.0])
+    ground = 1.5 * half * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    wires = [
+        LineTarget(f"w{i}", np.array([-half, y, 3.0]), np.array([half, y, 3.0]), 0.005)
+        for i, y in enumerate(np.linspace(-half, half, 5))
+    ]
+    return build_scene(
+        [SceneMesh(ground, np.array([[0, 1, 2], [0, 2, 3]]), {"material": "pec"}, "ground")],
+        lines=wires,
+        volumes=[SceneVolume(box, faces, CLOUD, "layer")],
+        radar=replace(radar, **changes),
+        film=film(extent),
+        settings=TraceSettings(keep_subsets=False),
+    )
+
+
+@pytest.mark.parametrize(
+    ("seed", "method"),
+    [
+        pytest.param(seed, method, marks=() if (seed, method) == (0, "hybrid") else pytest.mark.slow)
+        for seed in range(12)
+        for method in ("hybrid", "image")
+        if method == "hybrid" or seed % 3 == 0
+    ],
+)
+def test_a_cropped_image_of_volumes_and_wires_is_the_whole_ones_middle(seed: int, method: str) -> None:
+    """The same scatterers in both: level and phase agree; folded, the level is off by decibels."""
+    radar, _, _, rng = drawn(seed)
+    if method == "image":
+        radar = replace(radar, squint_angle_deg=0.0)  # one look stands for one aperture
+    extent = float(rng.uniform(24.0, 32.0))
+    images = []
+    for size in (extent, 90.0):
+        scene = layered(radar, size, 25.0)
+        scene = replace(scene, settings=replace(scene.settings, method=method))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)  # of volumes beside the swath
+            images.append(render(scene) if method == "image" else focus(simulate(scene)))
+    cropped, whole = (middle(image, 0.3 * extent) for image in images)
+    level = 10.0 * np.log10((np.abs(cropped) ** 2).mean() / (np.abs(whole) ** 2).mean())
+    coherence = np.abs(np.vdot(cropped, whole)) / np.sqrt(
+        (np.abs(cropped) ** 2).sum() * (np.abs(whole) ** 2).sum()
+    )
+    # tol: side lobes of what is beside, which the whole image has; over some 50 cells
+    assert abs(level) < 0.2 and coherence > 0.995, (level, coherence)
+
+
+def test_a_mover_beside_the_image_stays_where_its_range_rate_shows_it_in_it() -> None:
+    radar, along, across, _ = drawn(0)
+    radar = replace(radar, squint_angle_deg=0.0)
+    still = build_scene(points=[PointTarget("aim", np.zeros(3))], radar=radar, film=film(60.0))
+    line = -still.radar.track.center_position
+    shift = 90.0
+    speed = shift * 100.0 / np.linalg.norm(line) / (line @ across / np.linalg.norm(line))
+    mover = PointTarget("car", shift * along, 100.0, motion=Motion(velocity=tuple(speed * across)))
+    gone = PointTarget("parked", shift * along, 100.0)
+    scene = build_scene(
+        points=[PointTarget("aim", -20.0 * along, 1e-6), mover, gone], radar=radar, film=film(60.0)
+    )
+    raw = simulate(scene)
+    image = focus(raw)
+    assert [point["name"] for point in raw.metadata["points"]] == ["aim", "car"]
+    peak = np.unravel_index(image.rcs().argmax(), image.grid.shape)
+    assert (
+        np.linalg.norm(image.grid.positions()[peak][:2]) < 3.0
+    )  # tol: its range walks on during the aperture
+    assert image.rcs().max() > 20.0  # tol: of 100 m^2; the walk blurs it
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 12))]
+)
+def test_a_ghost_that_a_low_prf_leaves_is_named_with_its_level(seed: int) -> None:
+    """By the image itself: a point in it, and its ghost at half the pulses that it needs."""
+    radar, along, _, rng = drawn(seed)
+    prf = 2.0 * 100.0 / (299792458.0 / 5e9) * 50.0 / radar.slant_range  # ghosts 50 m apart
+    place = float(rng.uniform(28.0, 40.0)) * along
+    radar = replace(radar, prf=prf)
+    with pytest.warns(SarmitsubaWarning) as said:
+        scene = build_scene(points=[PointTarget("ship", place, 1e4)], radar=radar, film=film(100.0))
+        image = focus(simulate(scene), range_window="rectangular", azimuth_window="rectangular")
+    texts = [str(w.message) for w in said if 'point_scatterer "ship"' in str(w.message)]
+    power, azimuth = image.rcs(), image.grid.azimuth
+    row = int(np.unravel_index(power.argmax(), power.shape)[0])
+    power[np.abs(azimuth - azimuth[row]) < 25.0] = 0.0
+    ghost = float(10.0 * np.log10(power.max()))
+    if ghost < 5.0 and not texts:  # the beam leaves nothing of it
+        return
+    (text,) = texts
+    told = float(text.split("ghost of about ")[1].split(" dBsm")[0])
+    assert told == pytest.approx(ghost, abs=2.0)  # tol: pixels, and where the processed band ends
+    apart = float(text.split("in the image, ")[1].split(" m along")[0])
+    at = azimuth[np.unravel_index(power.argmax(), power.shape)[0]] - azimuth[row]
+    assert apart == pytest.approx(at, abs=4.0)  # tol: the ghost is a few cells wide
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_ground_lit_for_a_mover_beside_the_image_is_said_to_fold(seed: int) -> None:
+    radar, along, across, _ = drawn(seed)
+    radar = replace(radar, squint_angle_deg=0.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    ground = SceneMesh(300.0 * square, faces, "concrete", "ground")
+    look = np.radians(radar.look_angle_deg)
+    for shift, said in ((90.0, True), (0.0, False)):
+        speed = shift * radar.speed / (radar.slant_range * np.sin(look))
+        car = SceneMesh(
+            square + shift * along + [0.0, 0.0, 1.0],
+            faces,
+            "metal",
+            "car",
+            motion=Motion(velocity=tuple(speed * across + 0.01 * along)),
+        )
+        scene = build_scene([ground, car], radar=radar, film=film(60.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            notes = check_folding(scene, launch_windows(scene))
+        assert len(notes) == said
+        if said:
+            assert '("car")' in notes[0]
+            prf = float(notes[0].split("raise prf to ")[1].split(" Hz")[0])
+            raised = build_scene([ground, car], radar=replace(radar, prf=1.01 * prf), film=film(60.0))
+            assert check_folding(raised, launch_windows(raised)) == []
+
+
+def test_an_image_beside_all_points_is_refused() -> None:
+    radar, along, _, _ = drawn(0)
+    scene = build_scene(points=[PointTarget("aim", np.zeros(3))], radar=radar, film=film(40.0))
+    away = replace(scene, points=(PointTarget("far", 300.0 * along),))
+    with pytest.raises(RadarError, match="shows none of the 1 ideal points, the nearest 280 m beside it"):
+        simulate(away)
+
+
+def test_a_scene_that_fits_its_image_keeps_its_pulses() -> None:
+    """Points within the image, one of them high: no share, no note, no other prf."""
+    radar, along, across, _ = drawn(2)
+    points = [PointTarget("a", 10.0 * along), PointTarget("high", 25.0 * across + np.array([0.0, 0.0, 20.0]))]
+    raw = simulate(build_scene(points=points, radar=radar, film=film(0.0)))
+    assert not [note for note in raw.metadata["notes"] if "left out" in note]
+    assert [point["rcs"] for point in raw.metadata["points"]] == [1.0, 1.0]
+    assert isinstance(raw.radar.track, Track)
