@@ -161,8 +161,8 @@ def trace_paths(
 
     Returns
     -------
-    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise: each stands in it as
-    ``amplitude sinc((r - slant_range) / range_cell)``
+    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
+    ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``
 
     Raises
     ------
