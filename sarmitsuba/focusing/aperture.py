@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -130,11 +131,30 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
     held = (distance >= start) & (distance <= last)
     exact = matched_weights(radar, point) * held
     total = exact.sum(axis=-1, keepdims=True)
-    if total.min() <= _DARK * total.max():
+    if _dark(total):
         return float("inf")
     exact = exact / total
     other = weights * held / np.maximum(weights.sum(axis=-1, keepdims=True), 1e-300)
     return float((np.sum((other - exact) ** 2, axis=-1) / np.sum(exact**2, axis=-1)).max())
+
+
+def image_places(grid: ImageGrid) -> F64:
+    """Points over the image, its edges and corners among them, (n, 3) m."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
+    return np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
+
+
+def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
+    """Whether one of some places (..., 3), m, is all but outside of the beam, over the brightest of them.
+
+    What a focuser shows there is other places' side lobes, at any level.
+    """
+    return _dark(matched_weights(radar, point).sum(axis=-1))
+
+
+def _dark(total: F64) -> bool:
+    """Whether a summed weight w g^2 is next to nothing beside the largest, or all are nothing."""
+    return bool(total.min() <= _DARK * total.max())
 
 
 def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
@@ -208,7 +228,9 @@ __all__ = [
     "direction_gain",
     "flight",
     "ground_cell_area",
+    "image_places",
     "incidence_angle",
+    "leaves_beam",
     "look_directions",
     "matched_weights",
     "pulse_ranges",

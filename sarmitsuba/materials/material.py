@@ -36,6 +36,7 @@ class Material:
     maps : what varies over the surface; None: nothing
     thickness : m, of a slab, of which every facet is one; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
+    facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness before them, on their normal's side
     dispersion : the permittivity over frequency; None: the same at all frequencies
 
     Raises
@@ -64,6 +65,7 @@ class Material:
     maps: "SurfaceMaps | None" = None
     thickness: float = 0.0
     sheet_resistance: float = 0.0
+    facet_depth: float = 0.0
     dispersion: Dispersion | None = None
 
     def __post_init__(self) -> None:

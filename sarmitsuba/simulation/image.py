@@ -13,20 +13,22 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
+from sarmitsuba.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.metadata import image_metadata
-from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
+from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import over_band, visible, way_through
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.simulation.tracing import MAX_LANES, Tracer
 from sarmitsuba.timing import StageTimer
+from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
@@ -44,10 +46,10 @@ class Imager:
 
     Notes
     -----
-    :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
-    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
-    the scene's.
+    :meth:`image` ignores azimuth ambiguities and what changes over the aperture (visibility, specular glints, curvature
+    of paths by several walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also
+    ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle is a random field of the
+    right statistics, not the scene's.
     """
 
     def __init__(
@@ -85,18 +87,30 @@ class Imager:
 
     @property
     def look(self) -> Look:
-        """Plan of the one look."""
+        """Plan of the looks.
+
+        Raises
+        ------
+        DataError
+            One impulse response does not serve all pixels; the error names the method that does.
+        RadarError
+            What moves would have to be seen at another instant in every place.
+        """
         if self._look is None:
-            # a cell less each way than raw data want: adding is most of the time, and -44 dB is below what one look
-            # leaves out
-            width = max(2, self.run.scene.settings.gridding_width - 1)
-            self._look = plan_look(
-                self.run.scene.radar,
+            scene = self.run.scene
+            look = plan_look(
+                scene.radar,
                 self.grid,
                 range_window=self.windows[0],
                 azimuth_window=self.windows[1],
-                width=width,
+                width=scene.settings.gridding_width,
             )
+            if look.grid.fan is not None and scene.moves and self.run.plan.on("moving_targets"):
+                raise RadarError(
+                    f"{scene.name}: method image sees what moves at one instant, and in mode {scene.radar.mode} the "
+                    "beam passes over each place at another; take method hybrid, or set moving_targets off"
+                )
+            self._look = look
             self.run.timer.lap("plan")
         return self._look
 
@@ -117,7 +131,7 @@ class Imager:
         run.statistics = TraceStatistics()
         planes: list[C64] = []
         for i, subset in enumerate(layers.subsets):
-            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_range_rate), np.complex64)
+            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
             if self.sampling is not None:
                 cells = self._traced(self._rays(pass_index)[i])
             if run.scene.points:
@@ -159,8 +173,10 @@ class Imager:
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         if self._raster is None:
-            self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
-        cell = self._look_cells().center
+            self._raster = Raster(
+                run.sampling, run.trace_scene, self.grid, *self.windows, self._passing_antenna()
+            )
+        cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
         run.timer.lap("raster")
@@ -181,79 +197,102 @@ class Imager:
         return self._lattices[pass_index]
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:
-        """Contributions of one ray subset on the look's grid."""
-        run, grid = self.run, self.look.grid
+        """Contributions of one ray subset on the grid of the looks."""
+        run, grid, time = self.run, self.look.grid, self.look.time
         if self._tracer is None:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-            self._tracer.pose(np.array([self.look.time]))
-        position, velocity = grid.position[None], grid.velocity[None]
+        wavelength = run.scene.radar.waveform.wavelength
+        most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
+        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
 
         def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[C64, TraceStatistics]:
             accumulator = ImageAccumulator(
-                grid,
-                len(run.layers.orders),
-                len(run.layers.channels),
-                run.layers.max_order,
-                run.scene.radar.waveform.wavelength,
+                grid, len(run.layers.orders), len(run.layers.channels), run.layers.max_order, wavelength
             )
             stats = TraceStatistics()
-            for lattice in rays:
-                stats = stats.plus(tracer.launch(lattice, position, velocity, slice(0, 1), accumulator, 1))
-            for part, record in tracer.parts(rays, 1):
-                stats = stats.plus(
-                    tracer.launch(part.grid, position, velocity, slice(0, 1), accumulator, 1, record)
-                )
-            return grid.filtered(np.asarray(accumulator.grid()), share), stats
+            for first in range(0, grid.n_looks, together):
+                pick = slice(first, min(first + together, grid.n_looks))
+                tracer.pose(time[pick])
+                accumulator.serve(pick.start, pick.stop)
+                state = (grid.position[pick], grid.velocity[pick])
+                for lattice in rays:
+                    stats = stats.plus(tracer.launch(lattice, *state, slice(0, 1), accumulator, 1))
+                for part, record in tracer.parts(rays, len(state[0])):
+                    batch = tracer.launch(part.grid, *state, slice(0, 1), accumulator, 1, record)
+                    stats = stats.plus(batch)
+            return grid.filtered(np.asarray(accumulator.grid()), share, wavelength), stats
 
         cells, stats = self._tracer.over_band(traced)
         run.statistics = run.statistics.plus(stats)
         return cells
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the look's grid, layers of the first order only."""
-        radar, grid = self.run.scene.radar, self.look.grid
-        points, time = self.run.scene.points, np.asarray(self.look.time)
+        """Ideal points of the scene on the grid of the looks, layers of the first order only."""
+        grid, wave = self.look.grid, self.run.scene.radar.waveform
+        shape = (len(layers), grid.n_range, grid.n_azimuth)
+        there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
+        hindered = in_the_way(there, self.run.plan.flags)
+        count = 1 if hindered is None else self.run.plan.sub_bands
+        bands = SubBands(wave.center_frequency, wave.bandwidth, count)
+        standing = (None,) if hindered is None else over_band(self.run.scene, hindered, bands)
+        out = np.zeros(shape, dtype=np.complex64)
+        for index, at in enumerate(standing):
+            part = np.zeros(shape, dtype=np.complex64)
+            for look in range(grid.n_looks):
+                self._add_points(
+                    part, layers, look, there, at, SPEED_OF_LIGHT / float(bands.frequencies[index])
+                )
+            out += grid.filtered(part, bands.range_filter(index), wave.wavelength)
+        return out
+
+    def _add_points(
+        self,
+        out: C64,
+        layers: tuple[Layer, ...],
+        look: int,
+        there: TraceScene | None,
+        hindered: TraceScene | None,
+        wavelength: float,
+    ) -> None:
+        """Add the ideal points as one look sees them.
+
+        Parameters
+        ----------
+        there : what can hide them; what moves is seen by one look alone
+        hindered : the same at a frequency, where something takes a part of the waves, else None
+        wavelength : m, at that frequency
+        """
+        radar, grid, flags = self.run.scene.radar, self.look.grid, self.run.plan.flags
+        points, time = self.run.scene.points, np.asarray(self.look.time[look])
+        antenna, way = grid.position[look], None
         position = np.array([p.position_at(time) for p in points])
-        velocity = grid.velocity - np.array([p.motion.velocity_at(time) for p in points])
-        leg = position - grid.position
+        velocity = grid.velocity[look] - np.array([p.motion.velocity_at(time) for p in points])
+        leg = position - antenna
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
-        flags, hindered = self.run.plan.flags, None
-        if self.run.trace_scene is not None:
-            there = self.run.trace_scene.at(self.look.time)
+        if there is not None:
             seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
             amplitude = amplitude * seen
-            hindered = in_the_way(there, flags)
-        wave, shape = radar.waveform, (len(layers), grid.n_range, grid.n_range_rate)
-
-        def spread(way: PointWay | None) -> C64:
-            seen_along = leg if way is None else leg - way.shift
-            apart = np.linalg.norm(seen_along, axis=1)
-            rate = -np.einsum("ni,ni->n", seen_along, velocity) / apart
-            plane = spread_points(grid, apart, rate, amplitude, wave.wavelength)
-            out = np.zeros(shape, dtype=np.complex64)
-            for i, layer in enumerate(layers):
-                if layer.order not in (0, 1):
-                    continue
-                if way is None:
-                    out[i] = plane * np.complex64(isotropic_response(layer.channel))
-                else:
-                    shown = amplitude * way.channel(way, layer.channel)
-                    out[i] = spread_points(grid, apart, rate, shown, wave.wavelength)
-            return out
-
-        if hindered is None:
-            return spread(None)
-        bands = SubBands(wave.center_frequency, wave.bandwidth, self.run.plan.sub_bands)
-        antenna, out = np.broadcast_to(grid.position, position.shape), np.zeros(shape, dtype=np.complex64)
-        for index, at in enumerate(over_band(self.run.scene, hindered, bands)):
-            wavelength = SPEED_OF_LIGHT / float(bands.frequencies[index])
-            way = way_through(at, flags, radar, position, antenna, wavelength)
-            out += grid.filtered(spread(way), bands.range_filter(index))
-        return out
+        if hindered is not None:
+            way = way_through(
+                hindered, flags, radar, position, np.broadcast_to(antenna, position.shape), wavelength
+            )
+            leg = leg - way.shift
+            distance = np.linalg.norm(leg, axis=1)
+        rate = -np.einsum("ni,ni->n", leg, velocity) / distance
+        place = (look, distance, rate)
+        plane = spread_points(grid, *place, amplitude, radar.waveform.wavelength)
+        for i, layer in enumerate(layers):
+            if layer.order not in (0, 1):
+                continue
+            if way is None:
+                out[i] += plane * np.complex64(isotropic_response(layer.channel))
+            else:
+                shown = amplitude * way.channel(way, layer.channel)
+                out[i] += spread_points(grid, *place, shown, radar.waveform.wavelength)
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
         """Receiver noise as it comes out of the focuser: flat over the response's band."""
@@ -264,7 +303,7 @@ class Imager:
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
             rng = noise_generator(radar, settings.seed, index, settings.pass_days)
-            shape = (1, look.grid.n_range, look.grid.n_range_rate)
+            shape = (1, look.grid.n_range, look.grid.n_azimuth)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
             noise *= (
@@ -274,14 +313,27 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Cells of the one look: one response for all pixels, that of the image's centre."""
+        """Cells of the image: of every pixel's own aperture, or those of one response for all."""
+        if self.look.grid.fan is None:
+            return self._middle_cells()
+        radar, window = self.run.scene.radar, self.windows[1]
+        return azimuth_cells(radar, self.grid, lambda p: matched_weights(radar, p, window), self.windows[0])
+
+    def _middle_cells(self) -> AzimuthCells:
+        """Cells of one response for all pixels, that of the image's centre."""
         radar, grid = self.run.scene.radar, self.grid
-        weights = matched_weights(
-            radar, grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2], self.windows[1]
-        )
-        # in coordinates of closest approach the response is the same on every row
-        rows = not self.look.grid.zero_doppler
-        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        weights = matched_weights(radar, middle, self.windows[1])
+        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0])
+
+    def _passing_antenna(self) -> NDArray[np.float64] | None:
+        """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
+        radar, grid = self.run.scene.radar, self.grid
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        time = passing_time(radar, middle) if sweeps(radar) else None
+        if time is None:
+            return None
+        return np.array([np.interp(time, radar.track.time, x) for x in radar.track.position.T])
 
     def _raster_cells(self, center: float) -> AzimuthCells:
         """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
@@ -328,22 +380,33 @@ class Imager:
 
 def spread_points(
     grid: LookGrid,
+    look: int,
     slant_range: NDArray[np.float64],
     rate: NDArray[np.float64],
     amplitude: NDArray[np.complex128],
     wavelength: float,
 ) -> C64:
-    """Spread a few paths on a look's grid, (n_range, n_range_rate) complex64: ``ImageAccumulator`` in NumPy."""
+    """Spread a few paths on the grid of looks, (n_range, n_azimuth) complex64: ``ImageAccumulator`` in NumPy.
+
+    Parameters
+    ----------
+    look : that sees them
+    slant_range, rate : (n,) m and m/s
+    amplitude : (n,) at that range
+    """
     kernel = grid.kernel
-    offset, x, y = grid.cells(slant_range, rate)
+    place, azimuth, distance = grid.coordinates(slant_range, rate, look)
+    if grid.fan is not None:  # as when the beam passes over them
+        amplitude = amplitude * (slant_range / distance) ** 2 * grid.share(azimuth, look)
+    offset, x, y = grid.cells(place, azimuth)
     inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)
-    inside &= (y >= kernel.margin) & (y <= grid.n_range_rate - 1 - kernel.margin)
+    inside &= (y >= kernel.margin) & (y <= grid.n_azimuth - 1 - kernel.margin)
     x, y, offset, amplitude = x[inside], y[inside], offset[inside], amplitude[inside]
     value = amplitude * np.exp(-4j * np.pi / wavelength * offset)
     base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
     taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
     i, j = base_x.astype(int) - kernel.lead, base_y.astype(int) - kernel.lead
-    out = np.zeros((grid.n_range, grid.n_range_rate), dtype=np.complex128)
+    out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex128)
     for p, tx in enumerate(taps_x):
         for q, ty in enumerate(taps_y):
             np.add.at(out, (i + p, j + q), value * tx * ty)

@@ -36,9 +36,8 @@ State = tuple[NDArray[np.float64], NDArray[np.float64]]
 MAX_LANES = 8_000_000
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
 # traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
-# cancel is so at the traced frequencies only (plates at B / f = 0.8, 0.22 wavelengths from ray to ray: median error
-# -49 dB, with 2 rad -40). In a block of pulses edges and corners keep the amplitude of its key pulse: there tubes count
-# as areas as long as they do at the carrier
+# cancel is so at the traced frequencies only. In a block of pulses edges and corners keep the amplitude of its key
+# pulse: there tubes count as areas as long as they do at the carrier
 EVERY_PULSE_UP_TO = 0.5
 # bytes of one accumulator grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
@@ -101,6 +100,7 @@ class Tracer:
         kept = INNER_UP_TO * frequency / self.bands.center_frequency
         other.kernel = replace(self.kernel, wavelength=wavelength, kept_up_to=kept)
         other.sources = tuple(source.at(wavelength) for source in self.sources)
+        other.by_frequency = (other,)
         return other
 
     @property

@@ -13,6 +13,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import (
     aperture_weights,
     direction_gain,
+    image_places,
     look_directions,
     weights_difference,
 )
@@ -87,12 +88,6 @@ class _Polar:
         return np.asarray(differences - self.places(differences) @ self.slope[self.nodes].T)
 
 
-def _edges(grid: ImageGrid) -> F64:
-    """Points over the image, its edges and corners among them, (n, 3) m."""
-    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
-    return np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
-
-
 def refusal(radar: Radar, grid: ImageGrid) -> str:
     """What keeps polar format from focusing a radar's data on a grid; empty when nothing does."""
     if radar.track.n_pulses < 8:
@@ -102,7 +97,7 @@ def refusal(radar: Radar, grid: ImageGrid) -> str:
     polar = _Polar.of(radar, grid)
     if np.linalg.matrix_rank(polar.slope, tol=1e-6) < 2:
         return "the aperture does not turn about the image"
-    points = _edges(grid)
+    points = image_places(grid)
     phase = 4.0 * np.pi / radar.waveform.wavelength * float(np.abs(polar.residual(radar, points)).max())
     if phase > LARGEST_PHASE:
         radius = float(np.linalg.norm(points - polar.center, axis=1).max())
@@ -119,7 +114,7 @@ def stated_error_db(radar: Radar, grid: ImageGrid) -> float:
     Powers add up of the phase that curvature leaves, of the change of R^2 over the aperture against that of the centre,
     of pulses weighed otherwise than backprojection weighs them, and of a floor.
     """
-    polar, points = _Polar.of(radar, grid), _edges(grid)
+    polar, points = _Polar.of(radar, grid), image_places(grid)
     phase = 4.0 * np.pi / radar.waveform.wavelength * polar.residual(radar, points)
     spread = np.std(2.0 * polar.differences(radar, points) / polar.distance[polar.nodes], axis=1)
     power = float((np.mean(phase**2, axis=1) + spread**2).max())
@@ -192,7 +187,10 @@ def _scale_and_places(radar: Radar, grid: ImageGrid, polar: _Polar, window: Wind
         [pulse_weights(radar, grid.positions_on_line(int(row))[columns], window).sum(axis=-1) for row in rows]
     )
     if rows.size > 1 and columns.size > 1:
-        spline = RectBivariateSpline(rows, columns, total, kx=1, ky=1)
+        # cubic: at the rim of a beam the sum falls steeply
+        spline = RectBivariateSpline(
+            rows, columns, total, kx=min(3, rows.size - 1), ky=min(3, columns.size - 1)
+        )
         total = spline(np.arange(grid.shape[0]), np.arange(grid.shape[1]))
     else:
         total = np.broadcast_to(total.mean(), grid.shape)
