@@ -71,8 +71,7 @@ def binned(table: PathTable, scene: Scene, pulse: int) -> np.ndarray:
 
 
 def assert_sums_to_raw(scene: Scene, pulses: list[int]) -> PathTable:
-    # a table holds the carrier's amplitudes
-    table, raw = trace_paths(scene, pulses), sarmitsuba.simulate(scene.replace(wideband="off"))
+    table, raw = trace_paths(scene, pulses), sarmitsuba.simulate(scene)
     assert raw.channels == table.channels
     for pulse in pulses:
         ours, theirs = binned(table, scene, pulse), raw.data[:, pulse]

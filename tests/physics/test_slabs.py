@@ -389,7 +389,6 @@ def test_an_ideal_point_shows_through_a_pane(method: str) -> None:
         scene = build_scene([aside, *shapes], [point], radar=radar, film=FILM).replace(
             method=method,
             coherent="off",
-            wideband="off",  # the level at the carrier
         )
         scenes.append(scene)
         images.append(render(scene, seed=1))

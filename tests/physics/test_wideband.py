@@ -324,15 +324,35 @@ def test_hybrid_and_image_agree_with_raw() -> None:
 
 
 def test_a_narrow_band_is_traced_at_the_carrier() -> None:
-    """Off by the rms of f over the band, B / fc / sqrt(12): -41 dB at 0.03, where the tolerance is -40."""
+    """On where the rms of f over the band, B / fc / sqrt(12), is 10 dB above the tolerance of -40 dB: from 0.11 on."""
     corners = facing(np.zeros(3), (0.5, 0.5))
-    for bandwidth, count in ((0.09e9, 1), (0.12e9, 2), (0.6e9, 3)):
+    for bandwidth, count in ((0.09e9, 1), (0.3e9, 1), (0.36e9, 2), (0.6e9, 3)):
         scene = scene_of([SceneMesh(corners, SQUARE, "pec", "plate")], bandwidth=bandwidth, method="raw")
         plan = plan_effects(scene)
-        assert plan.sub_bands == count
+        decision = plan.decision("wideband")
+        assert plan.sub_bands == count, bandwidth
         error = 20.0 * np.log10(bandwidth / FREQUENCY / np.sqrt(12.0))
-        assert abs(plan.decision("wideband").error_db - error) < 0.2  # tol: the corner's law, 1/f, is no line
+        assert abs(decision.error_db - error) < 0.2  # tol: the corner's law, 1/f, is no line
+        assert ("a quarter of a turn off" in decision.why) == (bandwidth == 0.3e9)
     assert plan_effects(scene.replace(wideband="off"), warn=False).sub_bands == 1
+
+
+@pytest.mark.parametrize("power", [1, -1])
+def test_what_is_odd_about_the_carrier_moves_neither_level_nor_place(power: int) -> None:
+    """At B / fc = 0.11 a return as f or 1/f has the peak and the place of a flat one, and -30 dB of it beside them."""
+    carrier, bandwidth = 1.0, 0.11
+    node, weight = np.polynomial.legendre.leggauss(200)
+    amplitude = (1.0 + 0.5 * bandwidth / carrier * node) ** power
+    cells = np.linspace(-3.0, 3.0, 6001)
+    got, flat = (
+        np.exp(1j * np.pi * np.outer(cells, node)) @ (0.5 * weight * a)
+        for a in (amplitude, np.ones_like(node))
+    )
+    assert abs(np.abs(got).max() - 1.0) < 1.1e-3  # tol: of second order, (B / fc)^2 / 12
+    assert abs(cells[np.abs(got).argmax()]) < 1e-9
+    assert np.abs(got - flat).max() < 10.0 ** (-25.0 / 20.0)
+    beside = np.abs(got[np.argmin(np.abs(cells - 1.0))])
+    assert 0.01 < beside < 0.03  # the first null of a flat return
 
 
 def test_a_table_of_paths_says_that_it_holds_the_carrier() -> None:

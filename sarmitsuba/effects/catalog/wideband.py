@@ -22,6 +22,9 @@ C128 = NDArray[np.complex128]
 LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
 # what interpolation leaves of one return is to be so much below the tolerance, dB: several add up
 _BELOW_TOLERANCE_DB = 10.0
+# how far above the tolerance may be what is odd about the carrier: a quarter of a turn off the return at its peak, it
+# moves neither level nor place to first order
+_ODD_ABOVE_TOLERANCE_DB = 10.0
 # phase from ray to ray up to which tubes count as areas, rad, and how far the part of a facet that a ray stands for
 # reaches beside its mean place, in tubes
 _AREAS_UP_TO, _REACH = 2.0, 2.0
@@ -33,12 +36,14 @@ _COSINES, _FREQUENCIES = COSINES[::6], 257
 class _Law:
     """A factor on echoes over the band: of what, (n, n_frequencies) complex, and dB of the image that have it.
 
-    One that does not decide counts for the number of frequencies alone.
+    ``above_db``: how far above the tolerance it may be before it calls for the effect; one that does not decide counts
+    for the number of frequencies alone.
     """
 
     of: str
     values: C128
     share_db: float = 0.0
+    above_db: float = 0.0
     decides: bool = True
 
     def error_db(self, band: SubBands, frequency: F64) -> float:
@@ -62,18 +67,23 @@ class Wideband(Effect):
 
     .. math:: \frac{B}{\sqrt{12} f_c}
 
+    That, the return of a facet's corner, as 1/f, and the coherent loss of a rough surface are real factors, and all but
+    a part of second order is odd about the carrier: a quarter of a turn off the return at its peak it moves neither
+    level nor place; it changes side lobes and fills the nulls between them. These call for the effect from 10 dB above
+    the tolerance on (by default from B / f_c = 0.11 on).
+
     Reflection coefficients, of half spaces and of slabs, and what panes let through are compared with those at the
-    carrier, over the incident wave; diffuse laws at both ends of the band. As many frequencies are traced as leave less
-    than the tolerance of any of these.
+    carrier, over the incident wave; diffuse laws at both ends of the band. They call for it from the tolerance on. As
+    many frequencies are traced as leave 10 dB less than the tolerance of any of these.
     """
 
     name = "wideband"
     title = "change of reflection over the band"
     documentation = "amplitudes and materials at several frequencies of the band; off: the carrier's for all"
-    off_when = "over the band no return changes by more than the tolerance"
+    off_when = "over the band no material changes by more than the tolerance, and B / f_c is below 0.11"
     off_means = "the carrier's amplitudes, permittivities and slabs at all frequencies"
     rank = 132
-    cost = 0.5
+    cost = 0.5  # of two frequencies, the fewest; a run with n traces n times
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
@@ -86,25 +96,39 @@ class Wideband(Effect):
         ends = np.linspace(-0.5, 0.5, _FREQUENCIES) * wave.bandwidth + wave.center_frequency
         relative = f"B / fc = {wave.bandwidth / wave.center_frequency:.2g}"
 
-        def worst(frequency: F64, count: int, laws: list[_Law]) -> tuple[float, str]:
+        def worst(count: int, frequency: F64, laws: list[_Law]) -> tuple[float, str]:
             band = SubBands(wave.center_frequency, wave.bandwidth, count)
             return max(((law.error_db(band, frequency), law.of) for law in laws), default=(-np.inf, ""))
 
+        def against_carrier(frequency: F64, laws: list[_Law]) -> tuple[bool, float, str]:
+            """Whether a law calls for the effect, the largest error without it, and what decides."""
+            band = SubBands(wave.center_frequency, wave.bandwidth, 1)
+            errors = [(law.error_db(band, frequency), law) for law in laws if law.decides]
+            calling = [(x, law) for x, law in errors if x > context.tolerance_db + law.above_db]
+            if not errors:
+                return False, -np.inf, "nothing changes over the band"
+            error, law = max(calling or errors, key=lambda pair: pair[0])
+            change = f"{law.of} changes by {error:.0f} dB over the band"
+            if not calling and error > context.tolerance_db:
+                most = context.tolerance_db + law.above_db
+                change += f", a quarter of a turn off its peak: up to {most:g} dB only side lobes change"
+            return bool(calling), max(x for x, _ in errors), change
+
         few = ends[:: (_FREQUENCIES - 1) // 8]
-        error, of = worst(few, 1, [law for law in _laws(few, context, decided) if law.decides])
-        wanted = context.scene.settings.effects.get(self.name, "auto")
-        if error <= context.tolerance_db and wanted != "on":
-            change = f"{of} changes by {error:.0f} dB" if of else "nothing changes"
-            return Assessment(False, f"{relative}: {change} over the band", error)
+        needed, error, change = against_carrier(
+            few, [law for law in _laws(few, context, decided) if law.decides]
+        )
+        wanted = context.scene.settings.effects.get(self.name, "auto") == "on"
+        if not (needed or wanted):
+            return Assessment(False, f"{relative}: {change}", error)
         laws = list(_laws(ends, context, decided))
-        error, of = worst(ends, 1, [law for law in laws if law.decides])
-        if error <= context.tolerance_db and wanted != "on":
-            return Assessment(False, f"{relative}: {of} changes by {error:.0f} dB over the band", error)
-        count, left = LEAST_SUB_BANDS, worst(ends, LEAST_SUB_BANDS, laws)
+        needed, error, change = against_carrier(ends, laws)
+        if not (needed or wanted):
+            return Assessment(False, f"{relative}: {change}", error)
+        count, left = LEAST_SUB_BANDS, worst(LEAST_SUB_BANDS, ends, laws)
         while left[0] > context.tolerance_db - _BELOW_TOLERANCE_DB and count < MOST_SUB_BANDS:
             count += 1
-            left = worst(ends, count, laws)
-        change = f"{of or 'nothing'} changes by {error:.0f} dB over the band"
+            left = worst(count, ends, laws)
         why, note = f"{relative}: {change}; {count} frequencies leave {left[0]:.0f} dB", ""
         if left[0] > context.tolerance_db:
             note = (
@@ -120,9 +144,11 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
     relative = (frequency / wave.center_frequency)[None].astype(np.complex128)
     if decided["coherent"].on:
         share = _coherent_db(context)
-        yield _Law("the return of an area, as f,", relative, share)
+        yield _Law("the return of an area, as f,", relative, share, _ODD_ABOVE_TOLERANCE_DB)
         if decided["tube_phase"].on:  # a side of a facet returns the same at all frequencies
-            yield _Law("the return of a facet's corner, as 1/f,", 1.0 / relative, share)
+            yield _Law(
+                "the return of a facet's corner, as 1/f,", 1.0 / relative, share, _ODD_ABOVE_TOLERANCE_DB
+            )
             if context.scene.settings.method != "raw" and context.sampling is not None:
                 reach = _REACH * min(_phase_over_tube(context, context.sampling.ray_spacing), _AREAS_UP_TO)
                 turning = relative * np.exp(1j * reach * (relative - 1.0))
@@ -133,7 +159,7 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
             yield from _reflection(material, frequency, context, slab=decided["slabs"].on)
         if decided["roughness"].on and mirrors and material.rms_height > 0.0:
             loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * relative))
-            yield _Law(f"the coherent loss of {material.name}", loss)
+            yield _Law(f"the coherent loss of {material.name}", loss, above_db=_ODD_ABOVE_TOLERANCE_DB)
         if decided["diffuse"].on and material.scatters:
             yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
 
