@@ -1,5 +1,7 @@
 """Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +21,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import over_band, visible, way_through
@@ -33,6 +36,7 @@ from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
 C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
 
 
 class Imager:
@@ -139,6 +143,7 @@ class Imager:
             planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
             run.timer.lap("form image")
         data = np.concatenate(planes)
+        check_traced(data, 0.0, run.scene.name)
         if not data.any():
             raise RadarError(
                 f"{run.scene.name}: none of {run.statistics.rays} rays returns an echo inside the image; check its "
@@ -179,6 +184,7 @@ class Imager:
         cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
+        check_traced(data, 0.0, run.scene.name)
         run.timer.lap("raster")
         layers = tuple(Layer(c) for c in run.scene.radar.channels)
         run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)
@@ -317,14 +323,18 @@ class Imager:
         if self.look.grid.fan is None:
             return self._middle_cells()
         radar, window = self.run.scene.radar, self.windows[1]
-        return azimuth_cells(radar, self.grid, lambda p: matched_weights(radar, p, window), self.windows[0])
+        return self._cells(lambda p: matched_weights(radar, p, window))
 
     def _middle_cells(self) -> AzimuthCells:
         """Cells of one response for all pixels, that of the image's centre."""
         radar, grid = self.run.scene.radar, self.grid
         middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
         weights = matched_weights(radar, middle, self.windows[1])
-        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0])
+        return self._cells(lambda _: weights)
+
+    def _cells(self, weights: Callable[[F64], F64]) -> AzimuthCells:
+        """Cells of pulse weights at places (3,), m; the scene is looked at without the beam, all of it lit alike."""
+        return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
 
     def _passing_antenna(self) -> NDArray[np.float64] | None:
         """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""

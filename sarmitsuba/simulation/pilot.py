@@ -6,6 +6,8 @@ geometry (separate pieces, concave edges) that random ones would miss. Patches f
 the rim of a patch on a smooth plain would return what the plain does not.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -15,7 +15,13 @@ from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import direction_gain, flight, look_directions, matched_weights
+from sarmitsuba.focusing.aperture import (
+    beam_turn,
+    direction_gain,
+    flight,
+    look_directions,
+    matched_weights,
+)
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     PULSE_STRIDE,
@@ -317,6 +323,7 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     table[:, 3] = weights[batch]
     table[:, 4:7] = radar.pointing.elevation_axis[batch]
     table[:, 8:11] = radar.pointing.boresight[batch]
+    table[:, 11] = beam_turn(radar)[batch]
     table[:, 12:15], table[:, 15], table[:, 7] = (part[batch] for part in flight(radar))
     return table.ravel()
 
