@@ -7,7 +7,7 @@ JOBS ?= auto
 BIN = $(VENV)/bin
 PIP = $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: demo test test-slow benchmarks validation docs clean
+.PHONY: demo test test-slow test-lowest benchmarks validation docs clean
 
 demo: $(VENV)/.run
 	$(BIN)/python -m sarmitsuba render urban_block -o $(OUT)/urban_block --force
@@ -23,6 +23,17 @@ test: $(VENV)/.test
 test-slow: $(VENV)/.test
 	$(BIN)/python -m pytest -m slow
 
+# files, meshes, pictures and focusing with the lowest versions that pyproject.toml allows
+LOWEST = tests/unit/test_meshes.py tests/unit/test_mesh_scenes.py tests/unit/test_io_files.py \
+	tests/unit/test_scene_loader.py tests/unit/test_surface_maps.py tests/unit/test_view.py \
+	tests/unit/test_focus_windows.py tests/unit/test_metrics.py tests/unit/test_gridding.py \
+	tests/physics/test_point_target_focus.py
+test-lowest:
+	$(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/pip --disable-pip-version-check --quiet install -e . -c tests/lowest.txt \
+		pytest pytest-xdist hypothesis miepython
+	.venv-lowest/bin/python -m pytest -m "not slow" -W default::DeprecationWarning -n $(JOBS) $(LOWEST)
+
 # docs/benchmarks.md; a quarter of an hour on two idle cores
 benchmarks: $(VENV)/.test
 	$(BIN)/python benchmarks/run_all.py
@@ -37,7 +48,7 @@ docs: $(VENV)/.test
 	@echo "The site is $(OUT)/site/index.html"
 
 clean:
-	rm -rf $(VENV) $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
+	rm -rf $(VENV) .venv-lowest $(OUT) .pytest_cache .mypy_cache .ruff_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:

@@ -5,7 +5,6 @@ import http
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import websockets.asyncio.server
@@ -17,7 +16,7 @@ from sarmitsuba.errors import SarmitsubaError
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _COOKIE = "sarmitsuba_studio"
 
-Answer = Callable[[Any, Request], Response | None]
+Answer = Callable[[object, Request], Response | None]
 
 
 class Guard:
@@ -50,7 +49,7 @@ class Guard:
     def around(self, answer: Answer | None) -> Answer:
         """The server's answer to those who may have it."""
 
-        def guarded(connection: Any, request: Request) -> Response | None:
+        def guarded(connection: object, request: Request) -> Response | None:
             reason = self.refusal(request)
             if reason:
                 body = f"{reason}\n".encode()
@@ -69,8 +68,8 @@ class Guard:
         module = websockets.asyncio.server
         plain = module.serve
 
-        def serve(*args: Any, process_request: Answer | None = None, **kwargs: Any) -> Any:
-            return plain(*args, process_request=self.around(process_request), **kwargs)
+        def serve(*args: object, process_request: Answer | None = None, **kwargs: object) -> object:
+            return plain(*args, process_request=self.around(process_request), **kwargs)  # type: ignore[arg-type]
 
         module.serve = serve  # type: ignore[misc,assignment]
         try:

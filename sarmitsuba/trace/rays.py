@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
     """Start every ray of the grid from every pulse: lane = pulse * n_rays + ray."""
-    f32, f64, u32 = mi.Float, mi.Float64, mi.UInt32
-    v32, v64 = mi.Vector3f, mi.Vector3d
+    f32, f64, u32, v32, v64 = mi.Float, mi.Float64, mi.UInt32, mi.Vector3f, mi.Vector3d
     grid, pulses, flags, constants = kernel.grid, kernel.pulses, kernel.flags, kernel.constants
     number = dr.arange(u32, grid.n_rays * pulses.n_pulses)
     n_rays = dr.opaque(u32, grid.n_rays)
