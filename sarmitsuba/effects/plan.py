@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
-from sarmitsuba.effects.context import PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -79,6 +79,14 @@ class EffectsPlan:
         kept = tuple(d for d in self.decisions if d.name != decision.name)
         return replace(self, decisions=(*kept, decision))
 
+    def with_measured(self, name: str, error_db: float, cost: float) -> "EffectsPlan":
+        """The plan with what an effect changes (dB) and takes (share), measured both ways."""
+        decisions = tuple(
+            replace(d, error_db=error_db, cost=cost, measured=True) if d.name == name else d
+            for d in self.decisions
+        )
+        return replace(self, decisions=decisions)
+
     def with_key_pulses(self, interval: int, error_db: float, asked: bool) -> "EffectsPlan":
         """The plan with the number of pulses that share one tracing, known once the run is laid out.
 
@@ -106,8 +114,8 @@ class EffectsPlan:
                 why,
                 interval,
                 error_db if interval > 1 else -np.inf,
-                0.0,
-                source,
+                measured=interval > 1 and not np.isnan(error_db),
+                source=source,
             )
         )
 
@@ -142,7 +150,8 @@ class EffectsPlan:
                     "why": d.why,
                     "value": d.value,
                     "error_db": round(d.error_db, 1) if np.isfinite(d.error_db) else None,
-                    "cost": d.cost,
+                    "error_is": d.error_is,
+                    "cost": None if np.isnan(d.cost) else round(d.cost, 3),
                     "source": d.source,
                 }
                 for d in self.decisions
@@ -158,6 +167,7 @@ def plan_effects(
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,
+    pairs: PairLevel | None = None,
     warn: bool = True,
     up_to: int | None = None,
 ) -> EffectsPlan:
@@ -169,10 +179,11 @@ def plan_effects(
     sampling : how the run will sample the scene; without it, what depends on it stays on
     pilot : what a pilot trace measured; without it, static context and safe defaults decide
     shape : of this scene's geometry, to save working it out again
+    pairs : what pairs of diffuse scatterers return; without it they are on where there may be any
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
     up_to : last rank to decide, None for all; what is not decided stays on
     """
-    context = SceneContext(scene, sampling, pilot, shape)
+    context = SceneContext(scene, sampling, pilot, shape, pairs)
     wanted = scene.settings.effects
     _check_switches(scene)
     decided: dict[str, Decision] = {}
@@ -185,14 +196,18 @@ def plan_effects(
         if up_to is not None and effect.rank > up_to:
             break
         assessment = effect.assess(context, decided)
-        decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), assessment)
+        decision = _decide(effect.name, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
         chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
-        if loses and assessment.error_db > context.tolerance_db:
+        if loses and not assessment.error_db <= context.tolerance_db:
+            known = (
+                f"at most {assessment.error_db:.0f} dB"
+                if np.isfinite(assessment.error_db)
+                else "without bound"
+            )
             notes.append(
-                f"{scene.name}: {effect.name} is switched off; predicted error {assessment.error_db:.0f} dB "
-                f"({assessment.why})"
+                f"{scene.name}: {effect.name} is switched off; predicted error {known} ({assessment.why})"
             )
     depth = decided["max_depth"].value or DEFAULT_DEPTH
     note = _depth_note(context, depth)
@@ -238,11 +253,11 @@ def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
     return filled(KernelFlags(extra=extra), fitting)
 
 
-def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:
+def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
     if switch == "auto":
         source = "user" if assessment.asked else "pilot" if assessment.measured else "fact"
         return Decision(
-            name, assessment.on, assessment.why, assessment.value, assessment.error_db, cost, source
+            name, assessment.on, assessment.why, assessment.value, assessment.error_db, source=source
         )
     on = switch == "on"
     # asked for what the context says too: the error of the other way stays; asked against them: nothing is known better
@@ -252,8 +267,7 @@ def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Deci
         f"set {switch} by the user; {assessment.why}",
         assessment.value,
         assessment.error_db,
-        cost,
-        "user",
+        source="user",
     )
 
 

@@ -16,6 +16,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
+from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
 from sarmitsuba.simulation.run import Run
@@ -108,7 +109,11 @@ class _Traced:
 
 
 def predict(
-    scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+    scene: Scene,
+    *,
+    plan: EffectsPlan | None = None,
+    both_ways: bool = False,
+    clock: Clock = time.perf_counter,
 ) -> tuple[EffectsPlan, Prediction]:
     """Plan a scene and predict what simulating and focusing it takes.
 
@@ -121,6 +126,7 @@ def predict(
     ----------
     scene : as loaded
     plan : overrides the automatic effects plan
+    both_ways : also measure what every effect changes and takes
     clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
 
     Notes
@@ -132,6 +138,8 @@ def predict(
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
+        if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
+            planned = measured_both_ways(run, scene, needs.key_pulses)
         return planned, Prediction.of(needs)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
@@ -145,6 +153,8 @@ def predict(
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
         stats, interval = traced.statistics, traced.interval
+        if both_ways:
+            planned = measured_both_ways(run, scene, stats.key_pulses)
         planned = planned.with_key_pulses(
             interval, traced.error_db, run.scene.settings.key_pulse_interval > 0
         )
@@ -204,7 +214,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
 
     stages = _steady(batch)
     more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
-    whole = stats.scaled(more / done)
+    whole = replace(stats.scaled(more / done), key_pulses=round(stats.key_pulses / done))
     layers = len(data) / len(lattices)
     speed = SpeedModel.measured(Work(rays=stats.rays, samples=layers * data[0].size * done), stages)
     predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
