@@ -5,6 +5,7 @@ every algorithm takes at all sizes. Of backprojection, whose rows all take the s
 are timed; the table says so.
 """
 
+import itertools
 import math
 import time
 import tracemalloc
@@ -17,7 +18,7 @@ import numpy as np
 from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focusing import FOCUSERS
+from sarmitsuba.focusing import FOCUSERS, default_grid
 from sarmitsuba.focusing.focuser import Focuser, FocusTask
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
@@ -25,11 +26,14 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import PointTargetMetrics, image_error_db, point_target
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import silent
+from sarmitsuba.radar.antenna import Antenna
 
 SIZES, SIZES_QUICK = (1024, 2048, 4096), (256, 512)
 RANGE, BANDWIDTH = 700e3, 100e6  # m, Hz: swaths of 1.3 to 5 km
 LONGEST = 2**33  # pixel-pulses that are timed at once: about a minute
 CHIP = 48  # pixels about a point
+# pixels of an edge, and the cell, m, which sets the number of pulses
+SMALL = ((32, 1.0), (128, 1.0), (64, 0.3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +154,35 @@ def size_rows(quick: bool) -> list[dict[str, Any]]:
         for focuser in FOCUSERS:
             print(f"... {focuser.name}, {n}", flush=True)
             rows.append(row(focuser, one, chips))
+    return rows
+
+
+def small_rows() -> list[dict[str, Any]]:
+    """Processor seconds of every focuser against its own estimate, on small images of few and of many pulses."""
+    rows = []
+    for (n, cell), antenna in itertools.product(SMALL, (None, Antenna("gaussian", 1.0, 0.03, 0.4))):
+        radar = ideal_radar(
+            resolution=cell, bandwidth=0.5 * SPEED_OF_LIGHT / cell, n_samples=300, antenna=antenna
+        )
+        step = 0.45 * cell
+        extent = {"extent_azimuth": step * (n - 1.5), "extent_range": step * (n - 1.5)}
+        request = {"grid": "slant", "center_x": 0.0, "center_y": 0.0, "height": 0.0, **extent}
+        grid = default_grid(radar, {**request, "spacing_azimuth": step, "spacing_range": step})
+        raw = ideal_echoes(radar, np.zeros(3))
+        for focuser in FOCUSERS:
+            if focuser.refusal(radar, grid):
+                continue
+            once(focuser, raw, grid)  # compiles
+            rows.append(
+                {
+                    "pixels": int(np.prod(grid.shape)),
+                    "pulses": radar.track.n_pulses,
+                    "pattern": radar.antenna.pattern,
+                    "focuser": focuser.name,
+                    "cpu_s": min(once(focuser, raw, grid)[1] for _ in range(2)),
+                    "stated_s": focuser.cpu_seconds(radar, grid),
+                }
+            )
     return rows
 
 

@@ -323,7 +323,7 @@ def run(quick: bool) -> harness.Report:
     speed, methods, quality = backprojection_table(quick), method_table(quick), quality_table()
     first, beside, layers = speed[0], fastsar_table(quick), layer_table(quick)
     sizes = focuser_sizes.size_rows(quick)
-    growth = focuser_sizes.exponents(sizes)
+    growth, small = focuser_sizes.exponents(sizes), focuser_sizes.small_rows()
     report = harness.Report(
         "focusers",
         "Focusers",
@@ -338,6 +338,7 @@ def run(quick: bool) -> harness.Report:
             "layers": layers,
             "sizes": sizes,
             "growth": growth,
+            "small": small,
         },
     )
     tables: tuple[Any, ...] = (
@@ -365,6 +366,18 @@ def run(quick: bool) -> harness.Report:
             "Growth: power of n with which processor time grows, fitted",
             [{"focuser": name, "power": power} for name, power in growth.items()],
             {"focuser": "focuser", "power of n": "power:.2f"},
+        ),
+        (
+            "Small images, where calls, profiles and weights take the time: lesser of two",
+            small,
+            {
+                "pixels": "pixels",
+                "pulses": "pulses",
+                "antenna": "pattern",
+                "focuser": "focuser",
+                "CPU seconds": "cpu_s:.3g",
+                "by its own estimate": "stated_s:.2g",
+            },
         ),
         (
             f"Backprojection: {first['pixels'][0]} x {first['pixels'][1]} pixels, {first['pulses']} pulses, isotropic "

@@ -1,47 +1,128 @@
-"""The grid of one look: slant range and range rate, the coordinates of an image before it is focused."""
+"""The grid of the image-domain method: where its contributions go before they are focused."""
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.samples import Samples
 
 F64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LookGrid:
-    r"""Where the contributions of one look go: a grid over range and range rate, about the look's position.
+@dataclass(frozen=True)
+class BeamFan:
+    r"""Coordinates of places in the plane of azimuth and closest range, by the pulse whose beam axis passes over them.
 
-    A path of slant range h and range rate h' goes to the cell of these two (``zero_doppler`` off; every pixel is seen
-    by the same pulses), or to that of its closest approach (on; the beam passes over every pixel in turn):
+    A steered beam sweeps over the plane as lines from the track that meet in its rotation centre (at infinity where the
+    beam is fixed to the track). A place at the distance a along the line through the fan's centre, and b across it, has
 
-    .. math:: r_c = h \sqrt{1 - (h' / v)^2}, \quad s = h h' / r_c
+    .. math:: p = \frac{2 a - \kappa (a^2 + b^2)}{1 + \sqrt{(1 - \kappa a)^2 + \kappa^2 b^2}}
 
-    Both are exact for straight paths on a straight track; the range rate of a path is the sine of its angle off the
-    zero-Doppler plane times the speed, so s is its azimuth times ``-v^2 / r_c``.
+    its distance along its own line from the circle about the rotation centre through the fan's centre, and c, the
+    azimuth of the antenna on that line. The gradient of p is the unit vector along the line, so that
+    :math:`\exp(-4 \pi j p / \lambda)` is, to first order about every place, the phase of an echo from there when the
+    beam axis passes over it: what is left of it over the aperture is the same everywhere.
 
     Parameters
     ----------
-    position, velocity : (3,) float64, m and m/s, scene frame; of the antenna at the look's time
-    zero_doppler : coordinates of closest approach instead of the look's own
-    reference_range : m; range of the origin, subtracted before the phase is formed
-    range0, range_step, n_range : range of cell 0 less ``reference_range`` (m), cell (m), number of cells
-    range_rate0, range_rate_step, n_range_rate : the same along the range rate, m/s
+    azimuth, closest_range : m, of the fan's centre
+    sine : of the angle of its line off the zero-Doppler plane, positive ahead
+    curvature : kappa, 1/m; inverse distance from there to the rotation centre, 0 for parallel lines
+    speed : m/s, effective, of the antenna along the azimuth
+    """
+
+    azimuth: float
+    closest_range: float
+    sine: float
+    curvature: float
+    speed: float
+
+    @property
+    def cosine(self) -> float:
+        """Of the angle of the centre's line off the zero-Doppler plane."""
+        return float(np.sqrt(1.0 - self.sine**2))
+
+    @property
+    def stretch(self) -> float:
+        """Distance across the centre's line over change of c."""
+        return self.cosine / (1.0 + self.curvature * self.closest_range / self.cosine)
+
+    def place(
+        self,
+        slant_range: Samples,
+        range_rate: Samples,
+        antenna: Samples,
+        numbers: tuple[Samples, ...] | None = None,
+        xp: ModuleType = np,
+    ) -> tuple[Samples, Samples, Samples]:
+        """Coordinates p and c, and distance from the antenna when the beam axis passes over, of resting places, m.
+
+        Parameters
+        ----------
+        slant_range, range_rate : m and m/s, as seen from one look; float64
+        antenna : m, azimuth of the antenna in that look
+        numbers : what :attr:`numbers` holds, for kernels that are not to be compiled for each value
+        xp : NumPy, or Dr.Jit
+        """
+        azimuth, closest, sine, cosine, curvature, per_rate = numbers or self.numbers
+        u = range_rate * per_rate
+        r = slant_range * xp.sqrt(xp.maximum(1.0 - u * u, 1e-6))
+        x = antenna + slant_range * u
+        across, along = r - closest, x - azimuth
+        a, b = across * cosine + along * sine, along * cosine - across * sine
+        ahead, aside = 1.0 - a * curvature, b * curvature
+        size = xp.sqrt(ahead * ahead + aside * aside)
+        p = (a * 2.0 - (a * a + b * b) * curvature) / (size + 1.0)
+        way = r / (ahead * cosine + aside * sine)
+        return p, x - way * (ahead * sine - aside * cosine), way * size
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """What :meth:`place` goes by: azimuth, closest range, sine, cosine, curvature and -1 / speed."""
+        return (
+            self.azimuth,
+            self.closest_range,
+            self.sine,
+            self.cosine,
+            self.curvature,
+            -1.0 / self.speed,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LookGrid:
+    """Where the contributions of looks go: a grid over a range and an azimuth coordinate.
+
+    Where every pixel is seen by the same pulses (``fan`` None) there is one look, and a path of slant range h and range
+    rate h' goes to the cell of these two. Where a beam passes over the pixels in turn there are as many looks as
+    lit apertures follow each other, and a path goes to the cell of its coordinates in the beam's ``fan``; it
+    belongs to the two looks whose antenna was nearest when the beam passed, shared linearly.
+
+    Parameters
+    ----------
+    position, velocity : (n_looks, 3) float64, m and m/s, scene frame; of the antenna
+    fan : coordinates of places that the beam passes over in turn
+    antenna : (n_looks,) float64, m, azimuth of the antenna in the fan's coordinates, at equal distances
+    reference_range : m; range coordinate of the origin, subtracted before the phase is formed
+    range0, range_step, n_range : range coordinate of cell 0 less ``reference_range`` (m), cell (m), number of cells
+    azimuth0, azimuth_step, n_azimuth : the same along range rate (m/s) or the fan's c (m)
     width : of the spreading kernel, both axes
     """
 
     position: F64
     velocity: F64
-    zero_doppler: bool
+    fan: BeamFan | None
+    antenna: F64
     reference_range: float
     range0: float
     range_step: float
     n_range: int
-    range_rate0: float
-    range_rate_step: float
-    n_range_rate: int
+    azimuth0: float
+    azimuth_step: float
+    n_azimuth: int
     width: int
 
     @property
@@ -50,25 +131,44 @@ class LookGrid:
         return spreading_kernel(self.width)
 
     @property
-    def speed(self) -> float:
-        """Antenna's speed, m/s."""
-        return float(np.linalg.norm(self.velocity))
+    def n_looks(self) -> int:
+        """Number of looks."""
+        return int(self.position.shape[0])
 
-    def coordinates(self, slant_range: F64, range_rate: F64) -> tuple[F64, F64]:
-        """Range and range-rate coordinate of paths, m and m/s, any shape."""
-        if not self.zero_doppler:
-            return slant_range, range_rate
-        sine = range_rate * (1.0 / self.speed)
-        cosine = np.sqrt(np.maximum(1.0 - sine * sine, 1e-6))
-        return slant_range * cosine, range_rate / cosine
+    @property
+    def spacing(self) -> float:
+        """Distance between the antenna's places in neighbouring looks, m; 1 for one look."""
+        return float(self.antenna[1] - self.antenna[0]) if self.n_looks > 1 else 1.0
 
-    def cells(self, slant_range: F64, range_rate: F64) -> tuple[F64, F64, F64]:
-        """Range less the reference (m), and the position of paths on the two axes in cells."""
-        r, s = self.coordinates(slant_range, range_rate)
-        offset = r - self.reference_range
+    def state(self, point: F64, look: int | NDArray[np.int64] = 0) -> tuple[F64, F64]:
+        """Slant range (m) and range rate (m/s) of points (..., 3) that rest, as seen from looks (...)."""
+        leg = point - self.position[look]
+        distance = np.linalg.norm(leg, axis=-1)
+        if isinstance(look, int):
+            return distance, np.asarray(-(leg @ self.velocity[look]) / distance)
+        return distance, np.asarray(-np.einsum("...i,...i->...", leg, self.velocity[look]) / distance)
+
+    def coordinates(
+        self, slant_range: F64, range_rate: F64, look: int | NDArray[np.int64] = 0
+    ) -> tuple[F64, F64, F64]:
+        """Range and azimuth coordinate of paths, and the distance (m) that their amplitudes are for, any shape."""
+        if self.fan is None:
+            return slant_range, range_rate, slant_range
+        return self.fan.place(slant_range, range_rate, self.antenna[look])
+
+    def share(self, azimuth: F64, look: int) -> F64:
+        """Part that a look has in places of that fan coordinate c."""
+        if self.n_looks == 1:
+            return np.ones_like(azimuth)
+        inside = np.clip(azimuth, self.antenna[0], self.antenna[-1])
+        return np.asarray(np.maximum(1.0 - np.abs(inside - self.antenna[look]) / self.spacing, 0.0))
+
+    def cells(self, range_coordinate: F64, azimuth: F64) -> tuple[F64, F64, F64]:
+        """Range coordinate less the reference (m), and the position on the two axes in cells."""
+        offset = range_coordinate - self.reference_range
         x = (offset - self.range0) * (1.0 / self.range_step)
-        y = (s - self.range_rate0) * (1.0 / self.range_rate_step)
+        y = (azimuth - self.azimuth0) * (1.0 / self.azimuth_step)
         return offset, x, y
 
 
-__all__ = ["LookGrid"]
+__all__ = ["BeamFan", "LookGrid"]

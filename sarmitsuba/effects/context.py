@@ -83,6 +83,7 @@ class PilotResult:
     hits : (n_orders,) hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
+    going_on : largest share of a patch's power, as launched, that still goes on after the last order
     """
 
     pulses: tuple[int, ...]
@@ -96,6 +97,7 @@ class PilotResult:
     peak: F64
     rays_per_second: float
     seconds: float
+    going_on: float = 0.0
 
     @property
     def n_orders(self) -> int:
@@ -126,6 +128,29 @@ class PilotResult:
         peak = np.atleast_2d(self.peak[rows])[:, first_order - 1 :]
         strongest = float(peak.max()) if peak.size else 0.0
         return _ratio_db(strongest, self.clutter if self.clutter > 0 else float(self.peak[3].max()))
+
+    def enough(self, tolerance_db: float) -> int:
+        """Fewest bounces after which what is left, two standard errors included, stays below the tolerance; 0: none."""
+        limit = self.cell_limit_db(tolerance_db)
+        for n in range(1, self.n_orders):
+            if self.energy_db(3, n + 1, upper=True) <= tolerance_db and self.cell_db(3, n + 1) <= limit:
+                return n
+        return 0
+
+    def settled(self, tolerance_db: float) -> bool:
+        """Whether enough bounces were followed, by their returns and by what power goes on after the last."""
+        return self.enough(tolerance_db) > 0 and self.going_on <= 10.0 ** (0.1 * tolerance_db)
+
+    def would_be_enough(self, tolerance_db: float) -> int:
+        """Bounces that :meth:`enough` would find beyond those followed, if returns fall as over the last half."""
+        middle, last = (self.n_orders + 1) // 2, self.n_orders
+        over, falls = 0.0, np.inf
+        for of, limit in ((self.energy_db, tolerance_db), (self.cell_db, self.cell_limit_db(tolerance_db))):
+            begin, end = of(3, middle), of(3, last)
+            if end > limit:
+                over = max(over, end - limit)
+                falls = min(falls, (begin - end) / (last - middle))
+        return last + int(np.ceil(over / max(falls, 1e-2)))
 
     def cell_limit_db(self, tolerance_db: float) -> float:
         """What ``cell_db`` may be of a return that is left out."""

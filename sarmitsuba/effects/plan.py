@@ -7,7 +7,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
+from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
@@ -272,17 +272,25 @@ def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
 
 
 def _depth_note(context: SceneContext, depth: int) -> str:
+    """What bounces that are not followed return, where that is above the tolerance, and how many it would take."""
     asked, pilot = context.scene.settings.max_depth, context.pilot
-    if pilot is None or depth >= pilot.n_orders:
+    if pilot is None or depth > pilot.n_orders:
         return ""
-    lost, cell = pilot.energy_db(3, depth + 1), pilot.cell_db(3, depth + 1)
-    if asked and (lost > context.tolerance_db or cell > pilot.cell_limit_db(context.tolerance_db)):
-        over = "clutter" if pilot.clutter > 0 else "peak"
-        return (
-            f"{context.scene.name}: max_depth = {depth} leaves out returns of {lost:.0f} dB of the image's "
-            f"energy, strongest cell {cell:.0f} dB over the {over}; raise max_depth or set it to auto"
-        )
-    return ""
+    tolerance, enough = context.tolerance_db, pilot.enough(context.tolerance_db)
+    if enough:
+        if depth >= enough or not asked:
+            return ""
+        remedy = f"set max_depth = {enough} or auto"
+    else:
+        likely = pilot.would_be_enough(tolerance)
+        remedy = f"it would take about max_depth = {likely}" if likely <= DEEPEST else "they hardly fall"
+    order = min(depth + 1, pilot.n_orders)
+    over = "clutter" if pilot.clutter > 0 else "peak"
+    return (
+        f"{context.scene.name}: max_depth = {depth} leaves out returns: those of bounce {order} and on hold "
+        f"{pilot.energy_db(3, order):.0f} dB of the image's energy, strongest cell {pilot.cell_db(3, order):.0f} dB "
+        f"over the {over}; {remedy}"
+    )
 
 
 def _figures(context: SceneContext, pilot: PilotResult) -> PilotFigures:

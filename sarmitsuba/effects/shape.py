@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from sarmitsuba.mesh.closed import enclosed_volume, is_closed
 from sarmitsuba.mesh.convexity import SLACK, face_edges, is_convex_body, joined, one_sided
 from sarmitsuba.scene.geometry import Geometry
 
@@ -15,6 +16,10 @@ F64 = NDArray[np.float64]
 
 # products of planes and vertices that a proof may cost; 5e7 take about 0.2 s
 _MAX_PRODUCTS = 50_000_000
+# faces up to which all pairs are looked at
+_MAX_FACING = 1500
+# bounces that only faces turned towards each other can have between them
+DEEP = 8
 # faces up to which edges are searched for
 _MAX_FACES = 200_000
 
@@ -40,6 +45,7 @@ class ShapeAnalysis:
         self.thorough = thorough
         keep = visible[geometry.face_material] if geometry.n_faces else np.zeros(0, dtype=bool)
         self.faces = geometry.faces[keep]
+        self.mesh = np.repeat(np.arange(len(geometry.mesh_names)), np.diff(geometry.mesh_face_offset))[keep]
         self.vertices = geometry.vertices
         self.antenna = antenna
         self.stated_convex = _one_convex_mesh(geometry, keep)
@@ -163,6 +169,45 @@ class ShapeAnalysis:
             empty_below, a_high < self.slack, True
         )
         return "every face bulges towards the antenna" if outside.all() else ""
+
+    def facing(self, *, both_sides: bool = False) -> bool:
+        """Whether two nearly parallel faces may look at each other, as those of a duct, a street, a pane and its wall.
+
+        Between two planes at an angle a there are pi / a reflections at most: more than ``DEEP`` of them take faces
+        that are turned towards each other to within ``pi / DEEP``. True where there are too many faces to tell.
+
+        Parameters
+        ----------
+        both_sides : waves get within closed meshes
+
+        Notes
+        -----
+        Ignores what stands between, and waves that creep along hollow surfaces.
+        """
+        if self.n_faces > _MAX_FACING:
+            return True
+        corner = self.vertices[self.faces]
+        middle = corner.mean(axis=1)
+        reach = np.linalg.norm(corner - middle[:, None], axis=2).max(axis=1)
+        outer = np.zeros(self.n_faces, dtype=bool) if both_sides else self._of_closed_meshes
+        close, away = np.cos(np.pi / DEEP), middle[None] - middle[:, None]
+        turned = self.normals @ self.normals.T
+        height = np.einsum("ij,ikj->ik", self.normals, away)  # of the second face over the first
+        aside = np.sqrt(np.maximum(np.square(away).sum(axis=2) - np.square(height), 0.0))
+        near = (np.abs(turned) > close) & (np.abs(height) > self.slack) & (aside < reach + reach[:, None])
+        # the first face's side that the second is on, and the second's that the first is on, must be open
+        near &= (~outer[:, None] | (height > 0.0)) & (~outer[None] | (height * turned < 0.0))
+        return bool(near.any())
+
+    @cached_property
+    def _of_closed_meshes(self) -> NDArray[np.bool_]:
+        """(n_faces,) of closed meshes that point outwards."""
+        found = np.zeros(self.n_faces, dtype=bool)
+        for number in np.unique(self.mesh):
+            faces = self.faces[self.mesh == number]
+            if is_closed(self.vertices, faces) and enclosed_volume(self.vertices, faces) > 0.0:
+                found[self.mesh == number] = True
+        return found
 
     @cached_property
     def convex_body(self) -> bool:

@@ -7,7 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import DataError
+from sarmitsuba.focusing.narrow_beam import beam_over_cell
 from sarmitsuba.focusing.windows import Window, parse_window
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -73,7 +75,7 @@ def band_weights(offset: F64, step: F64 | float, half_aperture: float, window: W
     Parameters
     ----------
     offset : sine along the flight less the band's centre, any shape
-    step : distance of neighbouring samples in sines
+    step : distance of neighbouring samples' offsets
     half_aperture : half of the band, see :class:`sarmitsuba.radar.radar.Radar`
     window : over the band
     """
@@ -89,6 +91,12 @@ def flight(radar: Radar) -> tuple[F64, F64, F64]:
     return forward, np.einsum("ij,ij->i", forward, radar.pointing.boresight), gap
 
 
+def beam_turn(radar: Radar) -> F64:
+    """Change of the boresight's sine along the flight from one pulse to the next, (n_pulses,); 0 in stripmap."""
+    _, center, _ = flight(radar)
+    return np.gradient(center) if center.size > 1 else np.zeros(1)
+
+
 def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Window) -> F64:
     """Weight w of every pulse at points (..., 3), (..., n_pulses): over the pulse index, or the pixel's own band."""
     window = parse_window(azimuth_window)
@@ -98,7 +106,7 @@ def aperture_weights(radar: Radar, point: ArrayLike, azimuth_window: str | Windo
     line = np.asarray(point, dtype=np.float64)[..., None, :] - radar.track.position
     distance = np.linalg.norm(line, axis=-1)
     sine = np.sum(line * forward, axis=-1) / distance
-    step = np.maximum(gap * (1.0 - sine**2) / distance, 1e-30)
+    step = np.maximum(np.abs(gap * (1.0 - sine**2) / distance + beam_turn(radar)), 1e-30)
     return band_weights(sine - center, step, radar.half_aperture, window)
 
 
@@ -130,14 +138,35 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
     held = (distance >= start) & (distance <= last)
     exact = matched_weights(radar, point) * held
     total = exact.sum(axis=-1, keepdims=True)
-    if total.min() <= _DARK * total.max():
+    if _dark(total):
         return float("inf")
     exact = exact / total
     other = weights * held / np.maximum(weights.sum(axis=-1, keepdims=True), 1e-300)
     return float((np.sum((other - exact) ** 2, axis=-1) / np.sum(exact**2, axis=-1)).max())
 
 
-def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window) -> float:
+def image_places(grid: ImageGrid) -> F64:
+    """Points over the image, its edges and corners among them, (n, 3) m."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
+    return np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
+
+
+def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
+    """Whether one of some places (..., 3), m, is all but outside of the beam, over the brightest of them.
+
+    What a focuser shows there is other places' side lobes, at any level.
+    """
+    return _dark(matched_weights(radar, point).sum(axis=-1))
+
+
+def _dark(total: F64) -> bool:
+    """Whether a summed weight w g^2 is next to nothing beside the largest, or all are nothing."""
+    return bool(total.min() <= _DARK * total.max())
+
+
+def ground_cell_area(
+    radar: Radar, point: ArrayLike, weights: F64, range_window: str | Window, *, lit_alike: bool = False
+) -> float:
     r"""Noise-equivalent area of the impulse response on the horizontal plane, m^2.
 
     The image of unit clutter (sigma0 = 1) has this mean intensity,
@@ -147,12 +176,16 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     .. math:: A = \frac{(2 \pi)^2}{(4 \pi / c)^2}
               \frac{\sum_t W_t^2 / |\mathbf u \times \dot{\mathbf u}| \int V^2 / f \, df}{(\sum_t W_t)^2 (\int V df)^2}
 
+    times :func:`sarmitsuba.focusing.narrow_beam.beam_over_cell`, where a beam is so narrow that it changes within the
+    cell.
+
     Parameters
     ----------
     radar : gives track and waveform
     point : (3,) m, scene frame
     weights : (n_pulses,) weight of every pulse at that point
     range_window : over the band
+    lit_alike : all clutter has the antenna's gain at the point, as in an image made without the pattern
 
     Raises
     ------
@@ -166,6 +199,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     """
     if radar.track.n_pulses < 2:
         raise DataError("focus: 1 pulse makes no aperture; at least 2 are needed for an image")
+    narrow = 1.0 if lit_alike else beam_over_cell(radar, np.asarray(point, dtype=np.float64), weights)
     u, weights = _by_direction(range_gradients(radar, point)[:, :2], weights)
     seen = weights > 0.0
     turn = np.zeros(1)
@@ -182,7 +216,7 @@ def ground_cell_area(radar: Radar, point: ArrayLike, weights: F64, range_window:
     V = parse_window(range_window)(v)
     band = float(np.mean(V**2 / f) / (np.mean(V) ** 2 * wave.bandwidth))
     aperture = float(np.sum(weights[seen] ** 2 / turn[seen]) / weights.sum() ** 2)
-    return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2
+    return aperture * band * (SPEED_OF_LIGHT / 2.0) ** 2 * narrow
 
 
 def _by_direction(u: F64, weights: F64) -> tuple[F64, F64]:
@@ -205,10 +239,13 @@ def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
 __all__ = [
     "aperture_weights",
     "band_weights",
+    "beam_turn",
     "direction_gain",
     "flight",
     "ground_cell_area",
+    "image_places",
     "incidence_angle",
+    "leaves_beam",
     "look_directions",
     "matched_weights",
     "pulse_ranges",

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 PULSE_STRIDE = 4  # float64 per pulse: antenna x, y, z, slant range of the first sample in profile samples
 AXES_STRIDE = (
-    16  # float32 per pulse: azimuth axis, weight; elevation axis, distance to the next pulse; boresight, 0;
+    16  # float32 per pulse: azimuth axis, weight; elevation axis, distance to the next pulse; boresight, the
 )
-# unit vector of flight, the boresight's sine along it
+# change of its sine along the flight to the next pulse; unit vector of flight, the boresight's sine along it
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,17 @@ class ApertureBand:
     window: dr.ArrayBase
 
     def share(self, offset: dr.ArrayBase, per_step: dr.ArrayBase) -> dr.ArrayBase:
-        """Part of a pulse within the band: its sine is ``offset`` from the centre, the next 1 / ``per_step`` on."""
+        """Part of a pulse within the band, ``offset`` from its centre; the next pulse's is 1 / ``per_step`` on."""
         return dr.clip(dr.fma(self.half - dr.abs(offset), per_step, 0.5), 0.0, 1.0)
+
+    def per_step(
+        self, sine: dr.ArrayBase, inverse: dr.ArrayBase, gap: dr.ArrayBase, turn: dr.ArrayBase
+    ) -> dr.ArrayBase:
+        """One over the distance of neighbouring pulses' offsets.
+
+        Of a pixel at a sine and 1 / ``inverse`` metres, from pulses ``gap`` metres apart whose beam turns by ``turn``.
+        """
+        return dr.rcp(dr.maximum(dr.abs(gap * inverse * (1.0 - sine * sine) + turn), 1e-12))
 
     def shape(self, types: ModuleType, offset: dr.ArrayBase) -> dr.ArrayBase:
         """The window ``offset`` from the band's centre; its ends go on straight, without a kink."""
@@ -314,7 +323,8 @@ class Weighting:
         if self.band is not None:
             sines = [dot(u, forward) - forward[3] for u in directions]
             middle = sines[0] + forward[3]
-            per_step = dr.rcp(elevation[3] * types.Float32(sight.inverse) * (1.0 - middle * middle))
+            inverse = types.Float32(sight.inverse)
+            per_step = self.band.per_step(middle, inverse, elevation[3], boresight[3])
             shares = [self.band.share(sine, per_step) for sine in parabola(line, sines)]
             shape = parabola(line, [self.band.shape(types, sine) for sine in sines])
             w = [share * value for share, value in zip(shares, shape, strict=True)]

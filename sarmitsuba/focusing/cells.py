@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypedDict
 
 import numpy as np
@@ -93,6 +94,7 @@ def azimuth_cells(
     range_window: str | Window,
     *,
     rows: bool = True,
+    lit_alike: bool = False,
 ) -> AzimuthCells:
     """Noise-equivalent azimuth cells of an image.
 
@@ -105,16 +107,16 @@ def azimuth_cells(
     pulse_weights : weight of every pulse at a point, see :class:`sarmitsuba.focusing.focuser.Focused`
     range_window : over the band
     rows : False takes all rows for the middle one
+    lit_alike : see :func:`sarmitsuba.focusing.aperture.ground_cell_area`
     """
+    area_of = partial(ground_cell_area, radar, range_window=range_window, lit_alike=lit_alike)
     line = grid.positions_on_line(grid.azimuth.size // 2)
     incidence = incidence_angle(radar, line)
     range_cell = radar.waveform.range_cell * parse_window(range_window).broadening
     columns = np.unique(np.linspace(0, grid.range.size - 1, _COLUMN_NODES).round().astype(int))
-    area = np.array([ground_cell_area(radar, line[i], pulse_weights(line[i]), range_window) for i in columns])
+    area = np.array([area_of(line[i], pulse_weights(line[i])) for i in columns])
     center, polynomial = fit_columns(grid, columns, area * np.sin(incidence[columns]) / range_cell)
-    return AzimuthCells(
-        center, polynomial, _cell_rows(radar, grid, pulse_weights, range_window) if rows else None
-    )
+    return AzimuthCells(center, polynomial, _cell_rows(grid, pulse_weights, area_of) if rows else None)
 
 
 def fit_columns(grid: ImageGrid, columns: NDArray[np.int64], cell: F64) -> tuple[float, CellPolynomial]:
@@ -128,7 +130,7 @@ def fit_columns(grid: ImageGrid, columns: NDArray[np.int64], cell: F64) -> tuple
 
 
 def _cell_rows(
-    radar: Radar, grid: ImageGrid, pulse_weights: Callable[[F64], F64], range_window: str | Window
+    grid: ImageGrid, pulse_weights: Callable[[F64], F64], area_of: Callable[[F64, F64], float]
 ) -> CellTable | None:
     """How the azimuth cell varies from row to row; None where it does not by more than 0.01 dB.
 
@@ -137,8 +139,9 @@ def _cell_rows(
 
     Parameters
     ----------
-    radar, grid : track and image
-    pulse_weights, range_window : as for :func:`azimuth_cells`
+    grid : the image's
+    pulse_weights : as for :func:`azimuth_cells`
+    area_of : noise-equivalent area (m^2) of a place and the weights there
     """
 
     def ratios(n_rows: int, n_columns: int) -> tuple[NDArray[np.int64], NDArray[np.int64], F64]:
@@ -152,7 +155,7 @@ def _cell_rows(
         area = np.full(lines.shape[:2], np.nan)
         for index in np.ndindex(area.shape):
             with suppress(DataError):  # not seen
-                area[index] = ground_cell_area(radar, lines[index], pulse_weights(lines[index]), range_window)
+                area[index] = area_of(lines[index], pulse_weights(lines[index]))
         return rows, columns, area[1:] / area[0]
 
     rows, columns, ratio = ratios(5, 3)

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from sarmitsuba.echo.in_pulse import standing_still
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.aperture import flight, incidence_angle
@@ -82,7 +83,7 @@ def focus(
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
     raw = range_compress(raw, method=compression)
     halfway = start_stop_phase(raw.radar)
-    raw = replace(raw, radar=raw.radar.start_stop())
+    raw = standing_still(raw)
     if grid is None:
         grid = default_grid(raw, request)
     grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)

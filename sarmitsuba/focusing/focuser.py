@@ -96,7 +96,9 @@ class Focuser(WithOptions, ABC):
         rate = PIXEL_PULSE_SECONDS * (OWN_APERTURES if np.isfinite(radar.half_aperture) else 1.0)
         if radar.antenna.pattern != "isotropic":
             rate += PATTERN_SECONDS
-        return rate * radar.track.n_pulses * float(np.prod(grid.shape))
+        pixels, pulses = float(np.prod(grid.shape)), radar.track.n_pulses
+        profiles = PROFILE_SECONDS * pulses * radar.window.n_samples
+        return CALL_SECONDS + profiles + (PIXEL_SECONDS + rate * pulses) * pixels
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
@@ -114,6 +116,9 @@ class Focuser(WithOptions, ABC):
 # of one core, float64 ranges and a kernel of six taps (benchmarks/focusers.py measures it), how many times that
 # with apertures of the pixels' own, and what an antenna's pattern adds (benchmarks/focuser_limits.py)
 PIXEL_PULSE_SECONDS, OWN_APERTURES, PATTERN_SECONDS = 1.2e-9, 1.9, 1.9e-9
+# of what small images take the most of: a call, a sample of the raw data on its way to a profile, a pixel in NumPy, and
+# the weight of a pulse at one of the places where a pattern's weights are summed (benchmarks/focusers.py prints both)
+CALL_SECONDS, PROFILE_SECONDS, PIXEL_SECONDS, WEIGHT_SECONDS = 0.01, 6e-8, 4e-7, 1.0e-7
 
 
 FOCUSERS: Registry[Focuser] = Registry("focuser", "sarmitsuba.focusing.focusers")
@@ -205,8 +210,11 @@ def check_focuser(focuser: Focuser, radar: Radar, grid: ImageGrid) -> None:
 
 
 __all__ = [
+    "CALL_SECONDS",
     "FOCUSERS",
     "PIXEL_PULSE_SECONDS",
+    "PROFILE_SECONDS",
+    "WEIGHT_SECONDS",
     "Auto",
     "FocusTask",
     "Focused",

@@ -191,7 +191,8 @@ def natural_spacing(radar: Radar, center: F64, kind: str) -> tuple[float, float]
     weights = matched_weights(radar, center)
     angle = float(incidence_angle(radar, center))
     cell_range = radar.waveform.range_cell
-    cell_azimuth = ground_cell_area(radar, center, weights, "rectangular") * np.sin(angle) / cell_range
+    area = ground_cell_area(radar, center, weights, "rectangular", lit_alike=True)
+    cell_azimuth = area * np.sin(angle) / cell_range
     seen = weights > _WEAK * weights.max()
     look = range_gradients(radar, center)[seen]
     along = look @ radar.track.along

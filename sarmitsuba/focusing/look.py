@@ -1,4 +1,4 @@
-"""One look as an image: plan of its grid, convolution with the impulse response, resampling to the pixels."""
+"""Looks as an image: plan of their grid, convolution with the impulse response, resampling to the pixels."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.look_grid import LookGrid
-from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.look_geometry import LookGeometry, geometries
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -19,35 +18,42 @@ C64 = NDArray[np.complex64]
 
 # resolution cells about the image from which side lobes are taken in
 _MARGIN = 24.0
-# pixels that are resampled together; bounds the temporaries
+# pixels that are resampled together, and cells of the response that are made together; bounds the temporaries
 _BATCH = 1 << 20
+# part of a cycle per cell up to which a bent response is kept
+_USED = 0.4
+# part of the distance to the first azimuth ambiguity up to which the response is made good for the spread of pulses
+_FADED = 0.75
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """One look at a scene and how it becomes an image.
+    """Looks at a scene and how they become an image.
 
     Parameters
     ----------
-    time : s, of the look
+    time : (n_looks,) float64, s, of each look
     grid : where contributions are added
     image : the pixels
     offset : (n_azimuth, n_range) float64, m; range coordinate of each pixel less the grid's reference range
     x, y : (n_azimuth, n_range) float32, pixels on the grid, in cells
     gain : (n_azimuth, n_range) float32, range^2 / K: from received amplitude to square root of RCS
-    response : (n_range, n_range_rate) float32, spectrum of the impulse response, both spreadings divided out, FFT order
+    response : (n_range, n_azimuth) float32 or complex64, spectrum of the impulse response, both spreadings divided out,
+        FFT order
     noise_gain : rms of a pixel's noise over that of one range-compressed sample times ``gain``
+    agreement : coherence with backprojection's image of clutter where it is least, as the pulses' directions tell
     """
 
-    time: float
+    time: F64
     grid: LookGrid
     image: ImageGrid
     offset: F64
     x: NDArray[np.float32]
     y: NDArray[np.float32]
     gain: NDArray[np.float32]
-    response: NDArray[np.float32]
+    response: NDArray[np.float32] | C64
     noise_gain: float
+    agreement: float
 
 
 def plan_look(
@@ -56,162 +62,234 @@ def plan_look(
     *,
     range_window: str = "rectangular",
     azimuth_window: str = "rectangular",
-    width: int = 4,
+    width: int = 5,
 ) -> Look:
-    r"""Plan the one look that stands for the whole aperture.
+    r"""Plan the looks that stand for the apertures of all pixels.
 
-    It is taken from the aperture's centroid as seen from the image's centre. Every pulse t and frequency f of the
-    aperture samples the spectrum of the image over (range, range rate) at
+    Where all pixels are seen by the same pulses it is one, from the aperture's centroid as seen from the image's
+    centre. Every pulse t and frequency f of the aperture samples the spectrum of the image over (range, range rate) at
 
     .. math:: k_R = 4 \pi f / c, \quad k_s = 4 \pi (f_c + f) (t - t_c) / c,
 
-    f the baseband frequency: the support of the response is that band with its windows.
+    f the baseband frequency: the support of the response is that band with its windows. Where a beam passes over the
+    pixels in turn, the coordinates are those of its fan, p and c, and there
+
+    .. math:: k_p = 4 \pi ((f_c + f) \cos\delta - f_c) / c, \quad k_c = 4 \pi (f_c + f) \sin\delta \; (db / dc) / c,
+
+    delta the angle of the pulse's line of sight off the pixel's own beam axis.
 
     Parameters
     ----------
     radar : gives track, waveform and, for the weights of the pulses, antenna
     image : pixels wanted
     range_window, azimuth_window : as for :func:`sarmitsuba.focusing.focus`
-    width : of the spreading kernel
+    width : of the spreading kernel that raw data want
+
+    Raises
+    ------
+    DataError
+        One impulse response does not serve all pixels: another method must be taken.
 
     Notes
     -----
     Ignores how visibility, amplitude and wavefront curvature change over the aperture, and the defocusing of
     objects off the image plane by a track that is not straight.
     """
-    weights, time, position, velocity = _centroid(radar, image, azimuth_window)
-    # a beam fixed to the track passes over every pixel in turn: each has an aperture of its own
-    zero_doppler = (
-        radar.mode_law.own_apertures and radar.antenna.pattern != "isotropic" and radar.track.is_straight
-    )
-    leg = image.positions() - position
-    distance = np.linalg.norm(leg, axis=-1)
-    range_rate = -(leg @ velocity) / distance
-
-    wave = radar.waveform
-    tau, cosine = radar.track.time - time, 1.0
-    if zero_doppler:  # pulses relative to the closest approach of the image's centre
-        center = tuple(n // 2 for n in image.shape)
-        tau = tau + range_rate[center] * distance[center] / float(velocity @ velocity)
-        # range along closest approach changes by the cosine of the squint, azimuth by its sine, not its tangent
-        cosine = float(np.sqrt(1.0 - range_rate[center] ** 2 / float(velocity @ velocity)))
-        tau = tau * cosine
-    lit = np.flatnonzero(weights > 0.0)
-    weights, tau = weights[lit[0] : lit[-1] + 1], tau[lit[0] : lit[-1] + 1]
-    edges = _edges(tau)
-    reach = float(np.abs(edges).max())
-    highest = wave.center_frequency + 0.5 * wave.bandwidth
-    range_step = 0.5 * wave.range_cell
-    range_rate_step = SPEED_OF_LIGHT / (
-        8.0 * highest * reach
-    )  # 1/4 cycle per cell at the end of the aperture
-    bare = LookGrid(position, velocity, zero_doppler, 0.0, 0.0, range_step, 1, 0.0, range_rate_step, 1, width)
-    r, s = bare.coordinates(distance, range_rate)
-    margin_r, margin_s = 2.0 * _MARGIN * range_step, 2.0 * _MARGIN * range_rate_step
-    n_range = int(scipy.fft.next_fast_len(int(np.ceil((np.ptp(r) + 2.0 * margin_r) / range_step)) + 1))
-    n_range_rate = int(
-        scipy.fft.next_fast_len(int(np.ceil((np.ptp(s) + 2.0 * margin_s) / range_rate_step)) + 1)
-    )
+    geometry = geometries(radar, image, azimuth_window)
+    if geometry.fan is None:
+        # a cell less each way: adding is most of the time, and -44 dB is below what one look leaves out
+        width = max(2, width - 1)
+    steps = _steps(radar, geometry)
+    places = image.positions()
+    bare = geometry.grid(width, steps)
+    pixel_look = geometry.nearest(bare, places)
+    distance, range_rate = bare.state(places, pixel_look)
+    r, s, distance = bare.coordinates(distance, range_rate, pixel_look)
+    margin_r, margin_s = (2.0 * _MARGIN * step for step in steps)
+    n_range, n_azimuth = (_cells(v, step) for v, step in zip((r, s), steps, strict=True))
     reference = float(0.5 * (r.min() + r.max()))
-    grid = LookGrid(
-        position=position,
-        velocity=velocity,
-        zero_doppler=zero_doppler,
-        reference_range=reference,
-        range0=float(r.min()) - margin_r - reference,
-        range_step=range_step,
-        n_range=n_range,
-        range_rate0=float(s.min()) - margin_s,
-        range_rate_step=range_rate_step,
-        n_range_rate=n_range_rate,
-        width=width,
+    grid = geometry.grid(
+        width,
+        steps,
+        reference,
+        (float(r.min()) - margin_r - reference, float(s.min()) - margin_s),
+        (n_range, n_azimuth),
     )
-    response = _response(radar, grid, edges, weights, range_window, cosine)
+    weights = geometry.weights
     broadening = parse_window(range_window).broadening
     return Look(
-        time=time,
+        time=geometry.time,
         grid=grid,
         image=image,
         offset=r - reference,
-        x=((r - reference - grid.range0) / range_step).astype(np.float32),
-        y=((s - grid.range_rate0) / range_rate_step).astype(np.float32),
+        x=((r - reference - grid.range0) / grid.range_step).astype(np.float32),
+        y=((s - grid.azimuth0) / grid.azimuth_step).astype(np.float32),
         gain=(distance**2 / radar.amplitude_constant).astype(np.float32),
-        response=response,
+        response=_response(radar, grid, geometry, range_window),
         noise_gain=float(np.sqrt(broadening * np.sum(weights**2)) / np.sum(weights)),
+        agreement=geometry.agreement,
     )
 
 
-def _centroid(radar: Radar, image: ImageGrid, azimuth_window: str) -> tuple[F64, float, F64, F64]:
-    """Weights of the pulses at the image's centre, their mean time, and the antenna's place and velocity then."""
-    track = radar.track
-    middle = image.positions_on_line(image.shape[0] // 2)[image.shape[1] // 2]
-    weights = matched_weights(radar, middle, azimuth_window)
-    if not weights.any():
-        raise DataError("image: no pulse illuminates the image's centre; move the image into the beam")
-    share = weights / weights.sum()
-    time = float(share @ track.time)
-    position = np.array([np.interp(time, track.time, track.position[:, i]) for i in range(3)])
-    centered = track.time - time
-    spread = float(share @ centered**2)
-    if spread == 0.0:
-        return weights, time, position, track.velocity[track.center_index]
-    velocity = (share * centered) @ (track.position - share @ track.position) / spread
-    return weights, time, position, np.asarray(velocity)
+def look_size(radar: Radar, image: ImageGrid) -> tuple[int, int, int]:
+    """Cells of range and azimuth of the grid that :func:`plan_look` makes, about, and the number of looks.
+
+    Raises
+    ------
+    DataError
+        As :func:`plan_look` does.
+    """
+    geometry = geometries(radar, image, "rectangular")
+    steps = _steps(radar, geometry)
+    bare = geometry.grid(1, steps)
+    lines = np.array([image.positions_on_line(i) for i in (0, image.shape[0] // 2, image.shape[0] - 1)])
+    look = geometry.nearest(bare, lines)
+    r, s, _ = bare.coordinates(*bare.state(lines, look), look)
+    return _cells(r, steps[0]), _cells(s, steps[1]), bare.n_looks
 
 
-def _edges(tau: F64) -> F64:
-    """(n + 1,) limits of the time that each of n pulses stands for, s."""
-    if tau.size < 2:
-        return np.array([tau[0] - 0.5, tau[0] + 0.5]) * 1e-6
-    middle = 0.5 * (tau[1:] + tau[:-1])
-    return np.concatenate([[2.0 * tau[0] - middle[0]], middle, [2.0 * tau[-1] - middle[-1]]])
+def _cells(values: F64, step: float) -> int:
+    """Cells that hold the values with a margin on either side, as many as transform fast."""
+    return int(
+        scipy.fft.next_fast_len(int(np.ceil((np.ptp(values) + 2.0 * (2.0 * _MARGIN * step)) / step)) + 1)
+    )
+
+
+def _steps(radar: Radar, geometry: LookGeometry) -> tuple[float, float]:
+    """Cells of the grid's range and azimuth coordinate: 1/4 cycle per cell at the ends of the band."""
+    wave = radar.waveform
+    reach = float(np.abs(geometry.edges).max())
+    highest = wave.center_frequency + 0.5 * wave.bandwidth
+    if geometry.fan is None:
+        return 0.5 * wave.range_cell, SPEED_OF_LIGHT / (8.0 * highest * reach)
+    # a band whose directions turn reaches further down along the central one
+    turned = wave.bandwidth + 2.0 * wave.center_frequency * (1.0 - np.cos(reach))
+    # side lobes of the band's ends move by what the aperture does from place to place
+    fan = geometry.fan
+    lobes = 0.5 * _MARGIN * SPEED_OF_LIGHT / (4.0 * wave.center_frequency * np.sin(reach))
+    bent = 1.0 + min(1.0, lobes * (fan.cosine / fan.closest_range + fan.curvature) / np.sin(reach))
+    return (
+        SPEED_OF_LIGHT / (4.0 * turned),
+        SPEED_OF_LIGHT / (8.0 * highest * np.sin(reach) * fan.stretch * bent),
+    )
 
 
 def _response(
-    radar: Radar, grid: LookGrid, edges: F64, weights: F64, range_window: str, cosine: float
-) -> NDArray[np.float32]:
-    """Spectrum of the impulse response on the grid's FFT bins, each bin by the part of the band that it holds.
+    radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str
+) -> NDArray[np.float32] | C64:
+    """Spectrum of the impulse response on the grid's FFT bins, both spreadings divided out."""
+    kernel = grid.kernel
+    correction = np.outer(
+        kernel.transform(scipy.fft.fftfreq(grid.n_range)),
+        kernel.transform(scipy.fft.fftfreq(grid.n_azimuth)),
+    )
+    if grid.fan is None:
+        spectrum = _one_spectrum(radar, grid, geometry, range_window)
+        spectrum *= spectrum.size / spectrum.sum()  # unit peak
+        return np.asarray(spectrum / np.where(spectrum > 0.0, correction, 1.0) ** 2, dtype=np.float32)
+    bent = _fan_response(radar, grid, geometry, range_window)
+    bent[:, np.abs(scipy.fft.fftfreq(grid.n_azimuth)) > _USED] = 0.0
+    bent /= (correction**2).astype(np.float32)
+    return bent
 
-    ``cosine`` : change of slant range over that of the grid's range coordinate
+
+def _fan_response(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> C64:
+    r"""Spectrum of a fan's response, with what the aperture of a pixel does to scatterers across its beam axis.
+
+    During the pixel's own aperture a scatterer at b across its axis is seen with its own gains, and off by the
+    curvature of the wavefront and that of the fan's circles,
+
+    .. math:: \exp\left(-\frac{2 \pi j}{\lambda} b^2 (1 / R + \kappa)\right)
     """
-    wave = radar.waveform
+    assert grid.fan is not None
+    fan = grid.fan
+    index = scipy.fft.fftfreq(grid.n_azimuth, 1.0 / grid.n_azimuth)
+    shift = index * grid.azimuth_step
+    bend = fan.cosine / fan.closest_range + fan.curvature
+    wavelength = radar.waveform.wavelength
+    phase = np.exp(-2j * np.pi / wavelength * bend * (shift * fan.stretch) ** 2)
+    # pulses are single directions, and the spectrum has each spread to the next one: that fades what is far off
+    apart = float(np.mean(np.diff(geometry.edges))) * 2.0 * fan.stretch / wavelength
+    phase /= np.sinc(np.clip(shift * apart, -_FADED, _FADED))
+    out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex64)
+    total = 0.0
+    for weights, change in geometry.lit_across:
+        part = np.interp(shift, geometry.shifts, change, left=0.0, right=0.0)
+        spectrum = _fan_spectrum(radar, grid, geometry, weights, range_window).astype(np.complex64)
+        total += float(spectrum.real.sum(dtype=np.float64) * part[0])
+        field = scipy.fft.ifft(spectrum, axis=1, workers=-1, overwrite_x=True)
+        field *= (phase * part).astype(np.complex64)
+        out += field
+    out *= np.float32(out.size / total)  # unit peak
+    return np.asarray(scipy.fft.fft(out, axis=1, workers=-1, overwrite_x=True))
+
+
+def _cumulative(range_window: str) -> tuple[F64, F64]:
+    """Places on the band, -1/2 to 1/2, and the integral of the window up to there."""
+    fine = np.linspace(-0.5, 0.5, 4097)
+    window = parse_window(range_window)(fine)
+    return fine, np.concatenate([[0.0], np.cumsum(0.5 * (window[1:] + window[:-1]) * np.diff(fine))])
+
+
+def _one_spectrum(radar: Radar, grid: LookGrid, geometry: LookGeometry, range_window: str) -> F64:
+    """Band over baseband frequency and range rate of pixels that the same pulses see."""
+    wave, edges = radar.waveform, geometry.edges
     bins = (
         scipy.fft.fftfreq(grid.n_range) * SPEED_OF_LIGHT / (2.0 * grid.range_step)
     )  # baseband frequency, Hz
     half = 0.25 * SPEED_OF_LIGHT / (grid.n_range * grid.range_step)
-    bins, half = bins / cosine, half / cosine
-    fine = np.linspace(-0.5, 0.5, 4097)
-    window = parse_window(range_window)(fine)
-    cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (window[1:] + window[:-1]) * np.diff(fine))])
+    fine, cumulative = _cumulative(range_window)
     band = np.interp((bins + half) / wave.bandwidth, fine, cumulative)
     band -= np.interp((bins - half) / wave.bandwidth, fine, cumulative)
 
-    summed = np.concatenate([[0.0], np.cumsum(weights)])
-    wave_rate = scipy.fft.fftfreq(grid.n_range_rate) / grid.range_rate_step  # cycles per m/s
-    half_rate = 0.5 / (grid.n_range_rate * grid.range_rate_step)
+    summed = np.concatenate([[0.0], np.cumsum(geometry.weights)])
+    wave_rate = scipy.fft.fftfreq(grid.n_azimuth) / grid.azimuth_step  # cycles per m/s
+    half_rate = 0.5 / (grid.n_azimuth * grid.azimuth_step)
     seconds = SPEED_OF_LIGHT / (2.0 * (wave.center_frequency + bins))[:, None]
     aperture = np.interp((wave_rate + half_rate) * seconds, edges, summed)
     aperture -= np.interp((wave_rate - half_rate) * seconds, edges, summed)
+    return np.asarray(band[:, None] * aperture)
 
-    spectrum = band[:, None] * aperture
-    spectrum *= spectrum.size / spectrum.sum()  # unit peak
-    kernel = grid.kernel
-    correction = np.outer(
-        kernel.transform(scipy.fft.fftfreq(grid.n_range)),
-        kernel.transform(scipy.fft.fftfreq(grid.n_range_rate)),
-    )
-    return np.asarray(spectrum / np.where(spectrum > 0.0, correction, 1.0) ** 2, dtype=np.float32)
+
+def _fan_spectrum(
+    radar: Radar, grid: LookGrid, geometry: LookGeometry, weights: F64, range_window: str
+) -> F64:
+    """Band over the fan's coordinates: frequencies are circles about the origin, pulses are lines from there.
+
+    ``weights`` (n,) : of the lit pulses
+    """
+    assert grid.fan is not None
+    wave, edges = radar.waveform, geometry.edges
+    fine, cumulative = _cumulative(range_window)
+    summed = np.concatenate([[0.0], np.cumsum(weights)])
+    # both wavenumbers as frequencies, Hz
+    ahead = wave.center_frequency + scipy.fft.fftfreq(grid.n_range, grid.range_step) * 0.5 * SPEED_OF_LIGHT
+    unit = 0.5 * SPEED_OF_LIGHT / grid.fan.stretch
+    aside = scipy.fft.fftfreq(grid.n_azimuth, grid.azimuth_step) * unit
+    half_ahead = 0.25 * SPEED_OF_LIGHT / (grid.n_range * grid.range_step)
+    half_aside = 0.5 * unit / (grid.n_azimuth * grid.azimuth_step)
+    spectrum = np.empty((grid.n_range, grid.n_azimuth))
+    rows = max(1, _BATCH // grid.n_azimuth)
+    for start in range(0, grid.n_range, rows):
+        row = ahead[start : start + rows, None]
+        frequency, angle = np.hypot(row, aside), np.arctan2(aside, row)
+        place, half = (frequency - wave.center_frequency) / wave.bandwidth, half_ahead / wave.bandwidth
+        band = np.interp(place + half, fine, cumulative) - np.interp(place - half, fine, cumulative)
+        half_angle = half_aside / frequency
+        band *= np.interp(angle + half_angle, edges, summed) - np.interp(angle - half_angle, edges, summed)
+        spectrum[start : start + rows] = band
+    return spectrum
 
 
 def form_image(cells: NDArray[np.complexfloating], look: Look, radar: Radar) -> C64:
-    r"""Make the pixels from the look's filled grid.
+    r"""Make the pixels from the filled grid of the looks.
 
     A path of amplitude :math:`K \sqrt\sigma / R^2` becomes the impulse response with peak :math:`\sqrt\sigma`, and
     the carrier's phase at every pixel is that of backprojection, :math:`4 \pi f_c (R_{pixel} - R_{path}) / c`.
 
     Parameters
     ----------
-    cells : (n_layers, n_range, n_range_rate) complex, any strides
+    cells : (n_layers, n_range, n_azimuth) complex, any strides
 
     Returns
     -------
@@ -238,18 +316,16 @@ def resample(smooth: C64, look: Look) -> C64:
         base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
         taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
         first = (
-            (base_x.astype(np.int64) - kernel.lead) * grid.n_range_rate
-            + base_y.astype(np.int64)
-            - kernel.lead
+            (base_x.astype(np.int64) - kernel.lead) * grid.n_azimuth + base_y.astype(np.int64) - kernel.lead
         )
         total = np.zeros(x.size, dtype=np.complex64)
         for i, tx in enumerate(taps_x):
             row = np.zeros(x.size, dtype=np.complex64)
             for j, ty in enumerate(taps_y):
-                row += flat[first + (i * grid.n_range_rate + j)] * ty
+                row += flat[first + (i * grid.n_azimuth + j)] * ty
             total += row * tx
         out[start : start + _BATCH] = total
     return out.reshape(look.image.shape)
 
 
-__all__ = ["Look", "form_image", "plan_look", "resample"]
+__all__ = ["Look", "form_image", "look_size", "plan_look", "resample"]

@@ -1,7 +1,6 @@
 """Bytes that focusing takes, from the sizes of data and image alone."""
 
 import numpy as np
-import scipy.fft
 
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits
@@ -18,8 +17,8 @@ PROFILE, BATCH, COPIES = 32, 5 << 20, 5
 PIXEL, FINISHING = 8, 16
 # bytes of a pixel: while a look is planned, and of its plan and one layer's field
 LOOK_PIXEL, LOOK_FIELD = 60, 44
-# cells that the grid of a look keeps free along each axis
-LOOK_MARGIN = 96
+# bytes of a cell of the grid that several looks fill, while its impulse response is made
+LOOK_CELL = 40
 
 
 def backprojection_bytes(radar: Radar, grid: ImageGrid, n_layers: int, per_line: int = 1) -> int:
@@ -37,20 +36,10 @@ def focusing_bytes(grid: ImageGrid, n_layers: int, making: int) -> int:
     return max(making, (PIXEL + FINISHING) * int(np.prod(grid.shape)) * n_layers)
 
 
-def look_shape(radar: Radar, grid: ImageGrid, azimuth_cell: float) -> tuple[int, int]:
-    """About as many cells of range and range rate as the grid of a look has: two per resolution cell."""
-    lines = [grid.positions_on_line(i) for i in (0, grid.shape[0] // 2, grid.shape[0] - 1)]
-    distance = np.linalg.norm(np.array(lines) - radar.track.center_position, axis=-1)
-    n_range = 2.0 * float(np.ptp(distance)) / radar.waveform.range_cell
-    n_azimuth = 2.0 * float(np.ptp(grid.azimuth)) / azimuth_cell
-    first, second = (int(scipy.fft.next_fast_len(int(n) + LOOK_MARGIN)) for n in (n_range, n_azimuth))
-    return first, second
-
-
-def look_bytes(grid: ImageGrid, n_layers: int) -> int:
-    """Bytes of an image made from one look, its plan included."""
+def look_bytes(grid: ImageGrid, n_layers: int, n_cells: int) -> int:
+    """Bytes of an image made from looks, its plan and their grid's cells included."""
     each = max(LOOK_PIXEL, LOOK_FIELD + PIXEL * n_layers, (PIXEL + FINISHING) * n_layers)
-    return int(np.prod(grid.shape)) * each
+    return max(int(np.prod(grid.shape)) * each, LOOK_CELL * n_cells)
 
 
 def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
@@ -69,4 +58,4 @@ def check_image_fits(grid: ImageGrid, n_layers: int, making: int) -> None:
     )
 
 
-__all__ = ["backprojection_bytes", "check_image_fits", "focusing_bytes", "look_bytes", "look_shape"]
+__all__ = ["backprojection_bytes", "check_image_fits", "focusing_bytes", "look_bytes"]

@@ -14,8 +14,8 @@ from sarmitsuba.radar.radar import Radar
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
 
-# default upsampling of the receiver's rate by kernel width; linear errs by -49 dB then, and more would make it slower
-# than the better kernel of four taps
+# default upsampling of the receiver's rate by kernel width; linear errs by -47 to -50 dB then, and more would make it
+# slower than the better kernel of four taps
 _DEFAULT_OVERSAMPLING = {2: 6, 4: 2, 6: 2, 8: 2}
 # receiver samples of zeros between the end of a profile and its periodic repetition
 _GUARD = 64

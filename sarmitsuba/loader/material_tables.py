@@ -74,6 +74,16 @@ RADAR_MATERIAL = ParamTable(
             0.0,
             1e9,
         ),
+        Param(
+            "facet_depth",
+            "float",
+            0.0,
+            "where in the slab its facets lie, as a share of its thickness: 0 = at the face on their normals' side, "
+            "0.5 = in the middle, 1 = at the other face",
+            "",
+            0.0,
+            1.0,
+        ),
         Param("rms_height", "float", 0.0, "standard deviation of the surface height", "m", 0.0, 1e3),
         Param(
             "diffuse_law",

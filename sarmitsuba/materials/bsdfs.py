@@ -88,6 +88,7 @@ def radar_material(
         texture_length=float_value(values, "texture_length"),
         thickness=float_value(values, "thickness"),
         sheet_resistance=float_value(values, "sheet_resistance"),
+        facet_depth=float_value(values, "facet_depth"),
     )
     _check_slab(surface, string_value(values, "material"), where)
     kind = string_value(values, "material")
@@ -362,7 +363,13 @@ def _check_slab(surface: Material, kind: str, where: str) -> None:
             f"{where}: thickness = {surface.thickness:g} m has no effect with material = {kind}, which lets nothing "
             "through; leave it out"
         )
-    if surface.sheet_resistance > 0.0 and not (surface.thickness or (kind and MATERIALS[kind].thickness)):
+    slab = surface.thickness or (kind and MATERIALS[kind].thickness)
+    if surface.facet_depth > 0.0 and not slab:
+        raise SceneError(
+            f"{where}: facet_depth = {surface.facet_depth:g} has no effect without a slab; give its thickness in m, "
+            "above 0"
+        )
+    if surface.sheet_resistance > 0.0 and not slab:
         raise SceneError(
             f"{where}: sheet_resistance = {surface.sheet_resistance:g} ohm needs a slab that bears the sheet; give its "
             "thickness in m, above 0"

@@ -35,6 +35,7 @@ class Material:
     maps : what varies over the surface; None: nothing
     thickness : m, of a slab, of which every facet is one; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
+    facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness before them, on their normal's side
 
     Raises
     ------
@@ -62,6 +63,7 @@ class Material:
     maps: "SurfaceMaps | None" = None
     thickness: float = 0.0
     sheet_resistance: float = 0.0
+    facet_depth: float = 0.0
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:

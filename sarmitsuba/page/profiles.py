@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sarmitsuba.echo.in_pulse import standing_still
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.aperture import beam_turn, flight
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
@@ -109,6 +110,7 @@ class PageProfiles:
             header["band"] = {"half": radar.half_aperture}
             forward, center, gap = flight(radar)
             arrays |= {"band.forward": forward.astype(np.float32), "band.center": center, "band.gap": gap}
+            arrays["band.turn"] = beam_turn(radar)
         own = (self.range_window, self.azimuth_window)
         windows = {str(window): window for window in (*own, *map(parse_window, _OFFERED))}
         header["windows"] = {"texts": list(windows), "range": str(own[0]), "azimuth": str(own[1])}
@@ -147,7 +149,8 @@ def page_profiles(
     """
     if raw.domain != "compressed":
         raise DataError("page: the data are not range compressed; call range_compress first")
-    radar, grid = raw.radar.start_stop(), grid.in_frame(raw.radar.offset)
+    raw = standing_still(raw)
+    radar, grid = raw.radar, grid.in_frame(raw.radar.offset)
     if radar.receiver is not None:
         raise DataError("page: it focuses the echoes of one antenna, and these have two")
     window = radar.window

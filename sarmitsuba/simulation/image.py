@@ -1,5 +1,7 @@
 """Images without raw data: the coherent multi-bounce paths of one look, or one bounce by projection."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
 from sarmitsuba.focusing.cells import AzimuthCells, azimuth_cells, fit_columns
 from sarmitsuba.focusing.look import Look, form_image, plan_look
+from sarmitsuba.focusing.look_geometry import passing_time, sweeps
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
@@ -24,12 +27,13 @@ from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import Tracer
+from sarmitsuba.simulation.tracing import MAX_LANES, Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
 C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
 
 
 class Imager:
@@ -43,10 +47,10 @@ class Imager:
 
     Notes
     -----
-    :meth:`image` ignores what changes over the aperture (visibility, specular glints, curvature of paths by several
-    walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also ignores every bounce
-    after the first, the smooth part of surfaces, and phase: its speckle is a random field of the right statistics, not
-    the scene's.
+    :meth:`image` ignores azimuth ambiguities and what changes over the aperture (visibility, specular glints, curvature
+    of paths by several walls): what moves is where its range rate puts it, as sharp as what rests. :meth:`raster` also
+    ignores every bounce after the first, the smooth part of surfaces, and phase: its speckle is a random field of the
+    right statistics, not the scene's.
     """
 
     def __init__(
@@ -84,18 +88,30 @@ class Imager:
 
     @property
     def look(self) -> Look:
-        """Plan of the one look."""
+        """Plan of the looks.
+
+        Raises
+        ------
+        DataError
+            One impulse response does not serve all pixels; the error names the method that does.
+        RadarError
+            What moves would have to be seen at another instant in every place.
+        """
         if self._look is None:
-            # a cell less each way than raw data want: adding is most of the time, and -44 dB is below what one look
-            # leaves out
-            width = max(2, self.run.scene.settings.gridding_width - 1)
-            self._look = plan_look(
-                self.run.scene.radar,
+            scene = self.run.scene
+            look = plan_look(
+                scene.radar,
                 self.grid,
                 range_window=self.windows[0],
                 azimuth_window=self.windows[1],
-                width=width,
+                width=scene.settings.gridding_width,
             )
+            if look.grid.fan is not None and scene.moves and self.run.plan.on("moving_targets"):
+                raise RadarError(
+                    f"{scene.name}: method image sees what moves at one instant, and in mode {scene.radar.mode} the "
+                    "beam passes over each place at another; take method hybrid, or set moving_targets off"
+                )
+            self._look = look
             self.run.timer.lap("plan")
         return self._look
 
@@ -116,7 +132,7 @@ class Imager:
         run.statistics = TraceStatistics()
         planes: list[C64] = []
         for i, subset in enumerate(layers.subsets):
-            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_range_rate), np.complex64)
+            cells = np.zeros((layers.per_subset, look.grid.n_range, look.grid.n_azimuth), np.complex64)
             if self.sampling is not None:
                 cells = self._traced(self._rays(pass_index)[i])
             if run.scene.points:
@@ -158,8 +174,10 @@ class Imager:
         if run.scene.has_sources and left_out not in run.notes:
             run.notes.append(left_out)
         if self._raster is None:
-            self._raster = Raster(run.sampling, run.trace_scene, self.grid, *self.windows)
-        cell = self._look_cells().center
+            self._raster = Raster(
+                run.sampling, run.trace_scene, self.grid, *self.windows, self._passing_antenna()
+            )
+        cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
         run.timer.lap("raster")
@@ -180,13 +198,13 @@ class Imager:
         return self._lattices[pass_index]
 
     def _traced(self, rays: tuple[LaunchGrid, ...]) -> C64:
-        """Contributions of one ray subset on the look's grid."""
-        run, grid = self.run, self.look.grid
+        """Contributions of one ray subset on the grid of the looks."""
+        run, grid, time = self.run, self.look.grid, self.look.time
         if self._tracer is None:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-            self._tracer.pose(np.array([self.look.time]))
+        tracer = self._tracer
         accumulator = ImageAccumulator(
             grid,
             len(run.layers.orders),
@@ -194,50 +212,60 @@ class Imager:
             run.layers.max_order,
             run.scene.radar.waveform.wavelength,
         )
-        for lattice in rays:
-            batch = self._tracer.launch(
-                lattice, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1
-            )
-            run.statistics = run.statistics.plus(batch)
-        for part, record in self._tracer.parts(rays, 1):
-            batch = self._tracer.launch(
-                part.grid, grid.position[None], grid.velocity[None], slice(0, 1), accumulator, 1, record
-            )
-            run.statistics = run.statistics.plus(batch)
+        together = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
+        together = min(together, grid.n_looks, tracer.most_pulses or grid.n_looks)
+        for first in range(0, grid.n_looks, together):
+            pick = slice(first, min(first + together, grid.n_looks))
+            tracer.pose(time[pick])
+            accumulator.serve(pick.start, pick.stop)
+            state = (grid.position[pick], grid.velocity[pick])
+            for lattice in rays:
+                batch = tracer.launch(lattice, *state, slice(0, 1), accumulator, 1)
+                run.statistics = run.statistics.plus(batch)
+            for part, record in tracer.parts(rays, len(state[0])):
+                batch = tracer.launch(part.grid, *state, slice(0, 1), accumulator, 1, record)
+                run.statistics = run.statistics.plus(batch)
         return np.asarray(accumulator.grid())
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
-        """Ideal points of the scene on the look's grid, layers of the first order only."""
+        """Ideal points of the scene on the grid of the looks, layers of the first order only."""
+        grid = self.look.grid
+        out = np.zeros((len(layers), grid.n_range, grid.n_azimuth), dtype=np.complex64)
+        for look in range(grid.n_looks):
+            self._add_points(out, layers, look)
+        return out
+
+    def _add_points(self, out: C64, layers: tuple[Layer, ...], look: int) -> None:
+        """Add the ideal points as one look sees them."""
         radar, grid = self.run.scene.radar, self.look.grid
-        points, time = self.run.scene.points, np.asarray(self.look.time)
+        points, time = self.run.scene.points, np.asarray(self.look.time[look])
+        antenna = grid.position[look]
         position = np.array([p.position_at(time) for p in points])
-        velocity = grid.velocity - np.array([p.motion.velocity_at(time) for p in points])
-        leg = position - grid.position
+        velocity = grid.velocity[look] - np.array([p.motion.velocity_at(time) for p in points])
+        leg = position - antenna
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
         flags, way = self.run.plan.flags, None
         if self.run.trace_scene is not None:
-            there = self.run.trace_scene.at(self.look.time)
+            there = self.run.trace_scene.at(float(time))
             seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
             amplitude = amplitude * seen
             if in_the_way(there, flags) is not None:
-                antenna = np.broadcast_to(grid.position, position.shape)
-                way = way_through(there, flags, radar, position, antenna)
+                way = way_through(there, flags, radar, position, np.broadcast_to(antenna, position.shape))
                 leg = leg - way.shift
                 distance = np.linalg.norm(leg, axis=1)
-        out = np.zeros((len(layers), grid.n_range, grid.n_range_rate), dtype=np.complex64)
         rate = -np.einsum("ni,ni->n", leg, velocity) / distance
-        plane = spread_points(grid, distance, rate, amplitude, radar.waveform.wavelength)
+        place = (look, distance, rate)
+        plane = spread_points(grid, *place, amplitude, radar.waveform.wavelength)
         for i, layer in enumerate(layers):
             if layer.order not in (0, 1):
                 continue
             if way is None:
-                out[i] = plane * np.complex64(isotropic_response(layer.channel))
+                out[i] += plane * np.complex64(isotropic_response(layer.channel))
             else:
                 shown = amplitude * way.channel(way, layer.channel)
-                out[i] = spread_points(grid, distance, rate, shown, radar.waveform.wavelength)
-        return out
+                out[i] += spread_points(grid, *place, shown, radar.waveform.wavelength)
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:
         """Receiver noise as it comes out of the focuser: flat over the response's band."""
@@ -248,7 +276,7 @@ class Imager:
             lowest = min(layers[i].order for i in own)
             targets = [i for i in own if layers[i].order == lowest]
             rng = noise_generator(radar, settings.seed, index, settings.pass_days)
-            shape = (1, look.grid.n_range, look.grid.n_range_rate)
+            shape = (1, look.grid.n_range, look.grid.n_azimuth)
             white = rng.standard_normal((*shape, 2), dtype=np.float32).view(np.complex64)[..., 0]
             noise = form_image(white, look, radar)[0] / look.gain
             noise *= (
@@ -258,14 +286,31 @@ class Imager:
                 data[i] += noise * look.gain * np.float32(SUBSET_SHARES[layers[i].subset])
 
     def _look_cells(self) -> AzimuthCells:
-        """Cells of the one look: one response for all pixels, that of the image's centre."""
+        """Cells of the image: of every pixel's own aperture, or those of one response for all."""
+        if self.look.grid.fan is None:
+            return self._middle_cells()
+        radar, window = self.run.scene.radar, self.windows[1]
+        return self._cells(lambda p: matched_weights(radar, p, window))
+
+    def _middle_cells(self) -> AzimuthCells:
+        """Cells of one response for all pixels, that of the image's centre."""
         radar, grid = self.run.scene.radar, self.grid
-        weights = matched_weights(
-            radar, grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2], self.windows[1]
-        )
-        # in coordinates of closest approach the response is the same on every row
-        rows = not self.look.grid.zero_doppler
-        return azimuth_cells(radar, grid, lambda _: weights, self.windows[0], rows=rows)
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        weights = matched_weights(radar, middle, self.windows[1])
+        return self._cells(lambda _: weights)
+
+    def _cells(self, weights: Callable[[F64], F64]) -> AzimuthCells:
+        """Cells of pulse weights at places (3,), m; the scene is looked at without the beam, all of it lit alike."""
+        return azimuth_cells(self.run.scene.radar, self.grid, weights, self.windows[0], lit_alike=True)
+
+    def _passing_antenna(self) -> NDArray[np.float64] | None:
+        """Place of the antenna (3,), m, when its beam passes over the image's centre; None where it does not pass."""
+        radar, grid = self.run.scene.radar, self.grid
+        middle = grid.positions_on_line(grid.shape[0] // 2)[grid.shape[1] // 2]
+        time = passing_time(radar, middle) if sweeps(radar) else None
+        if time is None:
+            return None
+        return np.array([np.interp(time, radar.track.time, x) for x in radar.track.position.T])
 
     def _raster_cells(self, center: float) -> AzimuthCells:
         """Cells of the raster: one response in pixels, its range cell that of closest approach or the window's."""
@@ -312,22 +357,33 @@ class Imager:
 
 def spread_points(
     grid: LookGrid,
+    look: int,
     slant_range: NDArray[np.float64],
     rate: NDArray[np.float64],
     amplitude: NDArray[np.complex128],
     wavelength: float,
 ) -> C64:
-    """Spread a few paths on a look's grid, (n_range, n_range_rate) complex64: ``ImageAccumulator`` in NumPy."""
+    """Spread a few paths on the grid of looks, (n_range, n_azimuth) complex64: ``ImageAccumulator`` in NumPy.
+
+    Parameters
+    ----------
+    look : that sees them
+    slant_range, rate : (n,) m and m/s
+    amplitude : (n,) at that range
+    """
     kernel = grid.kernel
-    offset, x, y = grid.cells(slant_range, rate)
+    place, azimuth, distance = grid.coordinates(slant_range, rate, look)
+    if grid.fan is not None:  # as when the beam passes over them
+        amplitude = amplitude * (slant_range / distance) ** 2 * grid.share(azimuth, look)
+    offset, x, y = grid.cells(place, azimuth)
     inside = (x >= kernel.margin) & (x <= grid.n_range - 1 - kernel.margin)
-    inside &= (y >= kernel.margin) & (y <= grid.n_range_rate - 1 - kernel.margin)
+    inside &= (y >= kernel.margin) & (y <= grid.n_azimuth - 1 - kernel.margin)
     x, y, offset, amplitude = x[inside], y[inside], offset[inside], amplitude[inside]
     value = amplitude * np.exp(-4j * np.pi / wavelength * offset)
     base_x, base_y = np.floor(x + kernel.shift), np.floor(y + kernel.shift)
     taps_x, taps_y = kernel.taps(x + kernel.shift - base_x), kernel.taps(y + kernel.shift - base_y)
     i, j = base_x.astype(int) - kernel.lead, base_y.astype(int) - kernel.lead
-    out = np.zeros((grid.n_range, grid.n_range_rate), dtype=np.complex128)
+    out = np.zeros((grid.n_range, grid.n_azimuth), dtype=np.complex128)
     for p, tx in enumerate(taps_x):
         for q, ty in enumerate(taps_y):
             np.add.at(out, (i + p, j + q), value * tx * ty)

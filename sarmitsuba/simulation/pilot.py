@@ -6,6 +6,8 @@ geometry (separate pieces, concave edges) that random ones would miss. Patches f
 the rim of a patch on a smooth plain would return what the plain does not.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, ensure_backend, mi
+from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.context import KINDS, PilotResult, SceneContext
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan, plan_effects
@@ -31,11 +34,12 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
-from sarmitsuba.trace.state import Contribution
+from sarmitsuba.trace.state import Contribution, Hit, RayState
 
 F64 = NDArray[np.float64]
 
-ORDERS = 8
+# bounces followed at first, and at most where the last of them still returns too much
+ORDERS, MOST_ORDERS = 8, 128
 CHANNELS = ("HH", "VV")
 # rays on a side of a patch: enough for the fade-out to suppress the rim by 30 dB
 SIDE = 8
@@ -109,24 +113,36 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    trace_scene = trace_scene or build_trace_scene(
-        scene.geometry, scene.materials, scene.radar.waveform.wavelength
-    )
     pairs = None
     # a draw of pairs takes so little that no run is too short for it
     if draft.flags.diffuse and pilot is not False and _may_pair(scene):
+        trace_scene = trace_scene or build_trace_scene(
+            scene.geometry, scene.materials, scene.radar.waveform.wavelength
+        )
         pairs = pair_level(sampling, trace_scene)
-    result = None
-    if wanted:
-        draft = plan_effects(scene, shape=shape, warn=False)
-        result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock)
-    return SceneContext(scene, sampling.for_effects(), result, shape, pairs)
+    known = SceneContext(scene, sampling.for_effects(), known_shape=shape, pairs=pairs)
+    if not wanted and (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape)):
+        return known
+    draft = plan_effects(scene, shape=shape, warn=False)
+    result, orders = None, ORDERS
+    while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
+        result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
+        orders *= 2
+    # of a run too short for a pilot it says only whether the bounces followed without one are enough
+    if not wanted and 1 <= result.enough(scene.settings.tolerance_db) <= DEFAULT_DEPTH:
+        return known
+    return replace(known, pilot=result)
 
 
 def _may_pair(scene: Scene) -> bool:
     """Whether pairs of diffuse scatterers are asked for, or left to the plan, in a run of several bounces."""
     settings = scene.settings
     return settings.effects.get("diffuse_pairs") != "off" and settings.max_depth != 1
+
+
+def _may_ring(scene: Scene, shape: ShapeAnalysis) -> bool:
+    """Whether faces look at each other, so that a path between them may have any number of bounces."""
+    return shape.facing(both_sides=bool(SceneContext(scene).seen_through))
 
 
 def worth_a_pilot(sampling: SamplingPlan) -> bool:
@@ -161,6 +177,7 @@ def run_pilot(
     pulses: Sequence[int] | None = None,
     shape: ShapeAnalysis | None = None,
     clock: Clock = time.perf_counter,
+    orders: int = ORDERS,
 ) -> PilotResult:
     """Trace the pilot.
 
@@ -172,6 +189,7 @@ def run_pilot(
     pulses : numbers of the pulses; default first, quarter, middle, three quarters, last
     shape : of the geometry, None to work it out
     clock : of the seconds in the result
+    orders : bounces to follow
 
     Notes
     -----
@@ -197,12 +215,14 @@ def run_pilot(
     shape = shape or SceneContext(scene).shape
     points, sizes = _features(shape, sampling, per_pulse * len(chosen))
     powers, randoms, seconds = [], [], 0.0
-    features = 0
+    features, going_on = 0, 0.0
     flags = _flags(scene, draft)
     for pulse in chosen:
         patches = _place(sampling, pulse, per_pulse, points, sizes, rng)
         before = clock()
-        powers.append(_trace(trace_scene, sampling, flags, pulse, patches))
+        power, share = _trace(trace_scene, sampling, flags, pulse, patches, orders)
+        powers.append(power)
+        going_on = max(going_on, share)
         seconds += clock() - before
         randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
         features += patches.n_features
@@ -221,6 +241,7 @@ def run_pilot(
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
+        going_on=going_on,
         seconds=clock() - start,
     )
 
@@ -305,16 +326,24 @@ def _place(
 class _PatchAccumulator:
     """Coherent sums by patch, kind of return and bounce order; two channels."""
 
-    def __init__(self, n_patches: int, wavelength: float, reference_range: float) -> None:
-        self.n_lanes = n_patches * SIDE**2
+    def __init__(self, n_patches: int, orders: int, wavelength: float, reference_range: float) -> None:
+        self.n_lanes, self.orders = n_patches * SIDE**2, orders
         self.wavelength, self.reference_range = wavelength, reference_range
-        self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * ORDERS)
+        self.memory = dr.zeros(mi.Float, 4 * n_patches * len(KINDS) * orders)
+        self.going_on = dr.zeros(mi.Float, n_patches)
         fade = np.cos(np.pi * (np.arange(SIDE) - 0.5 * (SIDE - 1)) / SIDE) ** 2
         self.fade = device_array(mi.Float, np.outer(fade, fade).astype(np.float32))
 
     def begin(self) -> tuple[Any, ...]:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
+
+    def visit(self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit) -> None:
+        """Power of the rays that are followed no farther; see :class:`sarmitsuba.trace.kernel.Follower`."""
+        last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
+        power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
+        share = power / (len(ray.fields) * SIDE**2)
+        dr.scatter_add(self.going_on, share, state[0] // SIDE**2, last)
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
@@ -324,16 +353,25 @@ class _PatchAccumulator:
         offset = contribution.slant_range - dr.opaque(mi.Float64, self.reference_range)
         phase = phase_factor(offset, self.wavelength)
         hh, vv = (a * phase * weight for a in contribution.amplitudes)
-        order = dr.minimum(contribution.order, ORDERS)
-        row = (patch * len(KINDS) + contribution.kind) * ORDERS + order - 1
+        orders = dr.opaque(mi.UInt32, self.orders)
+        order = dr.minimum(contribution.order, orders)
+        row = (patch * len(KINDS) + contribution.kind) * orders + order - 1
         dr.scatter_add(self.memory, mi.Vector4f(hh.real, hh.imag, vv.real, vv.imag), row, active)
         return state
 
 
 def _trace(
-    trace_scene: TraceScene, sampling: SamplingPlan, flags: KernelFlags, pulse: int, patches: _Patches
-) -> F64:
-    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum."""
+    trace_scene: TraceScene,
+    sampling: SamplingPlan,
+    flags: KernelFlags,
+    pulse: int,
+    patches: _Patches,
+    orders: int,
+) -> tuple[F64, float]:
+    """Power (4, patches, orders) in m^2 of one pulse's patches: coherent, diffuse, retro, and their coherent sum.
+
+    And the largest share of a patch's power that still goes on after the last order.
+    """
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
@@ -341,7 +379,7 @@ def _trace(
     reference = float(np.linalg.norm(window.center - position[0]))
     settings = KernelSettings(
         wavelength=radar.waveform.wavelength,
-        max_depth=ORDERS,
+        max_depth=orders,
         cell=sampling.scatterer_cell,
         seed=sampling.scene.settings.seed,
         amplitude=reference**2,
@@ -349,18 +387,18 @@ def _trace(
         up=polarisation_up(radar, window.center, position[0]),
     )
     n = patches.n_random + patches.n_features
-    accumulator = _PatchAccumulator(n, radar.waveform.wavelength, reference)
+    accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
     _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, accumulator)
-    dr.eval(state, accumulator.memory)
-    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), ORDERS, len(CHANNELS), 2)
+    dr.eval(state, accumulator.memory, accumulator.going_on)
+    sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)
     letters = linear_letters(radar.channels)
     used = [i for i, c in enumerate(CHANNELS) if c[0] in letters]
     field = field[..., used]
-    power = np.zeros((4, n, ORDERS))
+    power = np.zeros((4, n, orders))
     power[:3] = np.square(np.abs(field)).mean(axis=-1).swapaxes(0, 1)
     power[3] = np.square(np.abs(field.sum(axis=1))).mean(axis=-1)
-    return power
+    return power, float(accumulator.going_on.numpy().max())
 
 
 __all__ = ["ORDERS", "examine", "plan_in", "plan_scene", "run_pilot", "worth_a_pilot"]

@@ -19,8 +19,10 @@ from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.accumulators import rounded_size
 from sarmitsuba.trace.geometry import DIFFUSE_NODES, MATERIAL_MASK, TraceScene
+from sarmitsuba.trace.launch import frame_towards, window_of
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 
 # screen samples per resolution cell and axis
 _SAMPLES_PER_CELL = 2.0
@@ -29,7 +31,7 @@ STAND_IN_DB = -15.0
 
 
 class Raster:
-    """A screen of parallel rays along the mid-aperture line of sight, projected onto an image grid.
+    """A screen of parallel rays along one line of sight, projected onto an image grid.
 
     Parameters
     ----------
@@ -37,6 +39,7 @@ class Raster:
     trace_scene : what is visible
     grid : pixels
     range_window, azimuth_window : set the impulse response
+    antenna : (3,) m, scene frame, from where it looks; None: from mid-aperture
 
     Notes
     -----
@@ -53,13 +56,21 @@ class Raster:
         grid: ImageGrid,
         range_window: str = "rectangular",
         azimuth_window: str = "rectangular",
+        antenna: F64 | None = None,
     ) -> None:
         scene, window = sampling.scene, sampling.window
+        self.antenna, self.frame = scene.radar.track.center_position, window.frame
+        half_x, half_y = window.half_x + window.taper, window.half_y + window.taper
+        if antenna is not None:
+            self.antenna = antenna
+            self.frame = frame_towards(antenna[None], window.center, scene.radar.track.along)
+            corners = np.array(np.meshgrid(*window.box.T)).reshape(3, -1).T
+            spans = np.abs(window_of(corners, antenna, self.frame)).max(axis=0) + window.taper
+            half_x, half_y = float(spans[0]), float(spans[1])
         self.scene, self.trace_scene, self.grid, self.window = scene, trace_scene, grid, window
         self.windows = (parse_window(range_window), parse_window(azimuth_window))
         finest = min(sampling.range_cell, sampling.azimuth_cell) / _SAMPLES_PER_CELL
         self.spacing = max(scene.settings.ray_spacing, finest)
-        half_x, half_y = window.half_x + window.taper, window.half_y + window.taper
         self.columns = int(np.ceil(2.0 * half_x / self.spacing))
         self.rows = int(np.ceil(2.0 * half_y / self.spacing))
         self.notes: list[str] = []
@@ -120,7 +131,7 @@ class Raster:
     def power(self, flags: KernelFlags) -> F32:
         """Sum of sigma0 dA over each pixel's samples, (n_channels, n_azimuth, n_range) float32, m^2."""
         scene, window, grid = self.trace_scene, self.window, self.grid
-        track, f32 = self.scene.radar.track, mi.Float
+        f32 = mi.Float
         channels = self.scene.radar.channels
 
         # ---- screen
@@ -129,12 +140,11 @@ class Raster:
         column = lane - row * dr.opaque(mi.UInt32, self.columns)
         gx = f32(column) * dr.opaque(f32, self.spacing) + dr.opaque(f32, self.start[0])
         gy = f32(row) * dr.opaque(f32, self.spacing) + dr.opaque(f32, self.start[1])
-        antenna = track.center_position
+        antenna, frame = self.antenna, self.frame
         look = window.center - antenna
         look = look / np.linalg.norm(look)
         axis_x, axis_y, center, d = (
-            _constant(v, mi.Vector3f, f32)
-            for v in (window.frame.axis_x[0], window.frame.axis_y[0], window.center, look)
+            _constant(v, mi.Vector3f, f32) for v in (frame.axis_x[0], frame.axis_y[0], window.center, look)
         )
         back = dr.opaque(f32, 4.0 * scene.extent + float(np.linalg.norm(window.center)))
         origin = center + axis_x * gx + axis_y * gy - d * back

@@ -15,6 +15,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.blocks import Blocks
@@ -109,7 +110,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         n = add_points(scene, plan.flags, run.trace_scene, data, layers)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
-    notes += _check_energy(scene, run.statistics, data)
+    notes += _check_energy(scene, run.statistics, data) + _check_heights(scene)
     notes += check_folding(scene, run.sampling.windows if run.sampling is not None else ())
     if run.sampling is not None and run.report is not None:
         notes += check_sampling(run.sampling, run.report.spacings)
@@ -178,6 +179,18 @@ def _check_energy(scene: Scene, stats: TraceStatistics, data: NDArray[np.complex
         f"receive window and is not recorded; widen near_range ... far_range of the range_film"
     )
     warnings.warn(text, SarmitsubaWarning, stacklevel=3)
+    return [text]
+
+
+def _check_heights(scene: Scene) -> list[str]:
+    """Say where the beam's correction is off because places stand off the image plane, and warn where by much."""
+    places = np.concatenate([scene.geometry.vertices, scene.places])
+    found = height_error(scene.radar.as_recorded(), scene.image, places)
+    if found is None or abs(found.error_db) < NOTED_DB:
+        return []
+    text = f"{scene.name}: {found.text()}"
+    if abs(found.error_db) >= WARNED_DB:
+        warnings.warn(text, SarmitsubaWarning, stacklevel=3)
     return [text]
 
 

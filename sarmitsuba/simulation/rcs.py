@@ -1,8 +1,9 @@
 """Radar cross section over look directions: the trace kernel in the far field, without pulses or images."""
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.errors import RadarError
+from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.materials.material import Material
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
+from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import build_trace_scene
@@ -25,6 +27,8 @@ from sarmitsuba.trace.state import Constants, Kernel
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
+# bounces followed at most where nothing is said, and directions that tell how many are enough
+MOST_DEPTH, PROBED = 256, 24
 # direction that the launch planes' x axes follow where they can
 _ALONG = np.array([0.0, 1.0, 0.0])
 
@@ -40,12 +44,16 @@ class RcsResult:
     channels : labels of the last axis
     rays_per_direction : rays in the launch window
     ray_spacing : m, between them
+    max_depth : bounces that were followed
+    unfinished : (n_directions,) from which some ray was followed to its last bounce
     """
 
     amplitude: NDArray[np.complex128]
     channels: tuple[str, ...]
     rays_per_direction: int
     ray_spacing: float
+    max_depth: int
+    unfinished: NDArray[np.bool_]
 
     def rcs_dbsm(self, channel: str | None = None) -> NDArray[np.float64]:
         """(n_directions,) RCS of all orders summed coherently, dB above 1 m^2."""
@@ -53,6 +61,88 @@ class RcsResult:
         total = np.abs(self.amplitude[:, :, i].sum(axis=1)) ** 2
         with np.errstate(divide="ignore"):
             return np.asarray(10.0 * np.log10(total))
+
+
+@dataclass(frozen=True)
+class BouncesLeft:
+    r"""What bounces return beyond those that are followed.
+
+    Of scattering amplitudes :math:`a_m` over some directions the larger of the shares
+
+    .. math:: \frac{\sum |\sum_{m > n} a_m|^2}{\sum |\sum_m a_m|^2}, \quad
+        \frac{\max |\sum_{m > n} a_m|^2}{\max |\sum_m a_m|^2}
+
+    sums and maxima over the directions, of the channel where it is largest.
+
+    Parameters
+    ----------
+    depth : bounces n after which it is below the tolerance; those that were followed in search of it where none are
+    left_db : what is left after as many, dB; -inf for nothing
+    enough : whether that is below the tolerance
+    """
+
+    depth: int
+    left_db: float
+    enough: bool
+
+    @staticmethod
+    def of(
+        traced: Callable[[int], NDArray[np.complex128]],
+        depth: int,
+        tolerance_db: float = TOLERANCE_DB,
+        most: int = MOST_DEPTH,
+    ) -> "BouncesLeft":
+        """Follow ever more bounces until what is left falls below a tolerance.
+
+        Parameters
+        ----------
+        traced : scattering amplitudes (n_directions, depth, n_channels) of a few directions by bounce order
+        depth : bounces to begin with; twice as many are followed at first
+        tolerance_db : dB
+        most : bounces to follow at most
+        """
+        while True:
+            depth = min(2 * depth, most)
+            amplitude = traced(depth)
+            left = np.cumsum(amplitude[:, ::-1], axis=1)[:, ::-1]  # of each order and all after it
+            power = np.square(np.abs(left))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = [np.nan_to_num(over(power) / over(power)[0]) for over in (_energy, _strongest)]
+                left_db = 10.0 * np.log10(np.max(shares, axis=(0, 2)))
+            # the last quarter shows that no more comes after it
+            above = np.flatnonzero(left_db > tolerance_db)
+            needed = int(above[-1]) + 1 if above.size else 1
+            if needed <= (3 * depth) // 4:
+                return BouncesLeft(needed, float(left_db[needed]), True)
+            if depth == most:
+                return BouncesLeft(depth, float(left_db[-1]), False)
+
+    def notes(self, name: str, followed: int) -> tuple[str, ...]:
+        """What is to be said of a scene where so many bounces are followed."""
+        if self.enough and self.depth <= followed:
+            return ()
+        if self.enough:
+            return (
+                f"{name}: {followed} bounces are followed, and {self.depth} matter; set max_depth to auto",
+            )
+        return (
+            f"{name}: {followed} bounces are followed, and bounce {self.depth} still returns {self.left_db:.0f} dB of "
+            "what all return; give max_depth to follow more, or let something take a part of every wave",
+        )
+
+
+def probed(unfinished: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Directions that tell how many bounces are enough: spread over those where rays go on."""
+    rows = np.flatnonzero(unfinished)
+    return np.asarray(rows[:: -(-rows.size // PROBED)])
+
+
+def _energy(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(power.sum(axis=0))
+
+
+def _strongest(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(power.max(axis=0))
 
 
 def monostatic_rcs(
@@ -85,7 +175,8 @@ def monostatic_rcs(
     directions : (n, 3) unit vectors from the target to the radar
     frequency : Hz
     ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than ``most_rays``
-    max_depth : most bounces; 0 = 8, as in scenes
+    max_depth : most bounces; 0 = 8, and where paths are longer, as many as return something (`BouncesLeft`) in some of
+        the directions
     distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad)
     keep_orders : keep bounce numbers apart
     flags : effects; default all coherent ones that the materials call for
@@ -140,28 +231,49 @@ def monostatic_rcs(
         up=up,
         days=days,
     )
-    n_orders = depth if keep_orders else 1
     per_launch = max(1, MAX_LANES // grid.n_rays)
-    amplitude = np.empty((look.shape[0], n_orders, len(channels)), dtype=np.complex128)
-    for start in range(0, look.shape[0], per_launch):
-        pick = slice(start, min(start + per_launch, look.shape[0]))
-        batch = PulseBatch(
-            position=position[pick],
-            velocity=np.zeros_like(position[pick]),
-            frame=LaunchFrame(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
-        )
-        accumulator = SumAccumulator(
-            batch.n_pulses, len(channels), depth if keep_orders else 0, wavelength, far
-        )
-        trace(scene, grid, batch, flags, settings, Antenna(), accumulator)
-        for source in sources:
-            for part in source.parts([grid], batch.n_pulses):
-                kernel = Kernel(scene, part.grid, batch, flags, Constants.of(settings, scene, part.grid))
-                source.record(part, kernel, Antenna(), accumulator)
-        sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
-        amplitude[pick] = np.moveaxis(sums, 2, 0)
-        progress("trace", pick.stop, look.shape[0], {})
-    return RcsResult(amplitude, channels, grid.n_rays, spacing)
+
+    def traced(
+        rows: NDArray[np.intp], depth: int, apart: bool, progress: Progress
+    ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+        """Amplitudes of some directions, bounce orders apart or not, and where some ray had all its bounces."""
+        n_orders, alive = depth if apart else 1, np.zeros(rows.size, dtype=bool)
+        amplitude = np.empty((rows.size, n_orders, len(channels)), dtype=np.complex128)
+        deep = replace(settings, max_depth=depth)
+        for start in range(0, rows.size, per_launch):
+            here = slice(start, min(start + per_launch, rows.size))
+            pick = rows[here]
+            batch = PulseBatch(
+                position=position[pick],
+                velocity=np.zeros_like(position[pick]),
+                frame=LaunchFrame(frame.center[pick], frame.axis_x[pick], frame.axis_y[pick]),
+            )
+            accumulator = SumAccumulator(
+                batch.n_pulses, len(channels), depth if apart else 0, wavelength, far
+            )
+            counts, _ = trace(scene, grid, batch, flags, deep, Antenna(), accumulator)
+            if flags.multi_bounce:
+                alive[here] = np.asarray(counts.hits).reshape(batch.n_pulses, -1).max(axis=1) >= depth
+            for source in sources:
+                for part in source.parts([grid], batch.n_pulses):
+                    kernel = Kernel(scene, part.grid, batch, flags, Constants.of(deep, scene, part.grid))
+                    source.record(part, kernel, Antenna(), accumulator)
+            sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
+            amplitude[here] = np.moveaxis(sums, 2, 0)
+            progress("trace", here.stop, rows.size, {})
+        return amplitude, alive
+
+    every = np.arange(look.shape[0])
+    amplitude, alive = traced(every, depth, keep_orders, progress)
+    if alive.any() and not max_depth:
+        few = probed(alive)
+        left = BouncesLeft.of(lambda n: traced(few, n, True, silent)[0], depth)
+        if left.depth > depth:
+            depth = left.depth
+            amplitude, alive = traced(every, depth, keep_orders, progress)
+        if not left.enough:
+            warnings.warn(left.notes("monostatic_rcs", depth)[0], SarmitsubaWarning, stacklevel=2)
+    return RcsResult(amplitude, channels, grid.n_rays, spacing, depth, alive)
 
 
 def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:
@@ -203,4 +315,4 @@ def _flags_of(materials: tuple[Material, ...], channels: tuple[str, ...], depth:
     )
 
 
-__all__ = ["RcsResult", "monostatic_rcs"]
+__all__ = ["BouncesLeft", "RcsResult", "monostatic_rcs", "probed"]

@@ -13,7 +13,7 @@ from sarmitsuba.trace.arrays import device_array
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
-    from sarmitsuba.trace.state import Contribution, Hit
+    from sarmitsuba.trace.state import Contribution, Hit, RayState
 
 F64 = NDArray[np.float64]
 NO_FACE = 0xFFFFFFFF
@@ -81,7 +81,7 @@ class Recording:
         """Number of this lane."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def visit(self, state: LaneArrays, hit: Hit) -> None:
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> None:
         """Store a hit; see :class:`sarmitsuba.trace.kernel.Follower`."""
         row = (hit.order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
         dr.scatter(self.hit_face, hit.face, row, hit.active)

@@ -30,7 +30,7 @@ from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
 from sarmitsuba.simulation.points import off_surfaces, visible
-from sarmitsuba.simulation.rcs import RcsResult, monostatic_rcs
+from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
@@ -175,20 +175,28 @@ def rcs_sweep(
     tracing = _Tracing(scene, flags, depth, most_rays, progress)
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
+    notes: tuple[str, ...] = ()
+    unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
     if scene.traced:
         first = tracing.amplitudes(aspects, 0)
+        left = tracing.left(aspects, first.unfinished)
+        if left is not None and not scene.settings.max_depth and left.depth > depth:
+            tracing = dataclasses.replace(tracing, depth=left.depth)
+            depth, first = left.depth, tracing.amplitudes(aspects, 0)
+        unfinished = first.unfinished
         amplitude, rays, spacing = first.amplitude, first.rays_per_direction, first.ray_spacing
         errors = tracing.errors(aspects, amplitude, checked) if checked else errors
+        notes = left.notes(scene.name, depth) if left is not None else ()
     points = _points(scene, flags, channels, aspects)
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
     return RcsSweep(
         aspects,
         frequency,
-        RcsResult(amplitude, channels, rays, spacing),
+        RcsResult(amplitude, channels, rays, spacing, depth, unfinished),
         depth,
         errors,
-        _notes(scene, spacing),
+        _notes(scene, spacing) + notes,
     )
 
 
@@ -221,9 +229,23 @@ class _Tracing:
         parts = [(pick, self._traced(aspects.directions[pick], up, draw)) for pick, up in _uprights(aspects)]
         first = parts[0][1]
         amplitude = np.empty((aspects.azimuth.size, *first.amplitude.shape[1:]), dtype=np.complex128)
+        unfinished = np.zeros(aspects.azimuth.size, dtype=bool)
         for pick, part in parts:
-            amplitude[pick] = part.amplitude
-        return dataclasses.replace(first, amplitude=amplitude)
+            amplitude[pick], unfinished[pick] = part.amplitude, part.unfinished
+        return dataclasses.replace(first, amplitude=amplitude, unfinished=unfinished)
+
+    def left(self, aspects: Aspects, unfinished: NDArray[np.bool_]) -> BouncesLeft | None:
+        """What later bounces return, from some of the aspects where rays go on; None where none does."""
+        if not unfinished.any():
+            return None
+        pick = probed(unfinished)
+        some = Aspects(aspects.azimuth[pick], aspects.elevation[pick])
+        quiet = dataclasses.replace(self, progress=silent)
+        return BouncesLeft.of(
+            lambda depth: dataclasses.replace(quiet, depth=depth).amplitudes(some, 0).amplitude,
+            self.depth,
+            self.scene.settings.tolerance_db,
+        )
 
     def errors(self, aspects: Aspects, amplitude: C128, checked: int) -> tuple[float, ...]:
         """Energy of the error of the sum of all orders over that of the sum, dB, from some aspects traced again."""

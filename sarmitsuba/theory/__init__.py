@@ -99,7 +99,7 @@ from sarmitsuba.theory.rough_surface import (
     small_perturbation_sigma0,
     small_slope_sigma0,
 )
-from sarmitsuba.theory.slabs import SlabWaves, slab, slab_delay, slab_insertion, slab_shift
+from sarmitsuba.theory.slabs import SlabWaves, layers_insertion, slab, slab_delay, slab_insertion, slab_shift
 from sarmitsuba.theory.statistics import (
     SpeckleTest,
     equivalent_number_of_looks,
@@ -124,6 +124,7 @@ from sarmitsuba.theory.vegetation import (
     layer_transmission,
     plant_permittivity,
     sphere_cloud,
+    thin_rod,
     trunk_ground_rcs,
     water_cloud_sigma0,
     way_through_ball,
@@ -206,6 +207,7 @@ __all__ = [
     "kirchhoff_sigma0",
     "lambertian_bowl",
     "layer_transmission",
+    "layers_insertion",
     "line_amplitude",
     "minimum_antenna_area",
     "mispointed_level",
@@ -255,6 +257,7 @@ __all__ = [
     "start_stop_azimuth_shift",
     "temporal_coherence",
     "texture_correlation",
+    "thin_rod",
     "thin_wire_moments",
     "thin_wire_rcs",
     "trihedral_rcs",

@@ -4,6 +4,7 @@ The slab alone is the multiple-reflection sum of ITU-R P.2040-3; a sheet is join
 the two, each known by itself. The package's own coefficients come from transmission-line matrices; nothing is shared.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,6 +152,53 @@ def slab_shift(
     return np.asarray(te), np.asarray(tm)
 
 
+def layers_insertion(
+    cos_theta: float, layers: Sequence[tuple[complex, float]], wavelength: float
+) -> tuple[complex, complex]:
+    r"""Return the field behind plane layers over that of the same wave without them, TE and TM.
+
+    From the product of the layers' characteristic matrices of tangential fields,
+
+    .. math:: M = \prod_i \begin{pmatrix} \cos\delta_i & j \sin\delta_i / Y_i \\
+              j Y_i \sin\delta_i & \cos\delta_i \end{pmatrix}, \quad
+              T = \frac{2 Y_0 e^{j k D \cos\theta}}{Y_0 M_{11} + Y_0^2 M_{12} + M_{21} + Y_0 M_{22}}
+
+    with admittances :math:`Y = q` (TE) and :math:`\varepsilon / q` (TM) over that of free space.
+
+    Parameters
+    ----------
+    cos_theta : cosine of the incidence angle
+    layers : permittivity eps' - j eps'' and thickness (m) of each, in the order in which the wave meets them; air
+        between panes is one of them
+    wavelength : m
+
+    Notes
+    -----
+    Ignores finite width and roughness.
+
+    References
+    ----------
+    Born and Wolf, Principles of Optics (1999), section 1.6.2, conjugated for exp(+j w t).
+    """
+    found = []
+    for te in (True, False):
+        outer = complex(cos_theta) if te else 1.0 / complex(cos_theta)
+        whole = np.eye(2, dtype=np.complex128)
+        for permittivity, thickness in layers:
+            q = complex(
+                normal_wavenumber(np.asarray(cos_theta), np.asarray(permittivity, dtype=np.complex128))
+            )
+            y = q if te else permittivity / q
+            delta = 2.0 * np.pi / wavelength * thickness * q
+            whole = whole @ np.array(
+                [[np.cos(delta), 1j * np.sin(delta) / y], [1j * y * np.sin(delta), np.cos(delta)]]
+            )
+        total = outer * (whole[0, 0] + whole[1, 1]) + outer**2 * whole[0, 1] + whole[1, 0]
+        free = np.exp(2j * np.pi / wavelength * sum(t for _, t in layers) * cos_theta)
+        found.append(complex(2.0 * outer * free / total))
+    return found[0], found[1]
+
+
 def _airy(r: C128, delta: C128) -> tuple[C128, C128]:
     """All reflections between the two faces of a slab."""
     once = np.exp(-1j * delta)
@@ -167,4 +215,4 @@ def _joined(first: tuple[C128, C128], second: tuple[C128, C128]) -> tuple[C128, 
     )
 
 
-__all__ = ["SlabWaves", "slab", "slab_delay", "slab_insertion", "slab_shift"]
+__all__ = ["SlabWaves", "layers_insertion", "slab", "slab_delay", "slab_insertion", "slab_shift"]

@@ -298,6 +298,73 @@ def way_through_box(origin: F64, direction: F64, length: ArrayLike, low: F64, hi
     return np.asarray(np.clip(leave, 0.0, length) - np.clip(enter, 0.0, length))
 
 
+def thin_rod(
+    angle: float, radius: float, length: float, permittivity: complex, wavelength: float, segments: int = 0
+) -> tuple[tuple[float, float], tuple[complex, complex]]:
+    r"""Extinction cross sections (m^2) and backscatter amplitudes S (m) of a thin dielectric rod, parallel and across.
+
+    Volume integral equation of the polarisation in equal segments of the axis, even over the cross-section, each tested
+    by itself: along, and across, the axis
+
+    .. math:: e - (\epsilon - 1) (k^2 + \partial_z^2) \bar G * e = e_{inc}, \quad
+        e - \tfrac12 (\epsilon - 1) [(k^2 - \partial_z^2) \bar G * e - e] = e_{inc}
+
+    with the Green function's mean over two discs of the cross-section, by the distribution of the distance r of two
+    points of a disc, :math:`4 r / (\pi a^2) (\arccos\rho - \rho \sqrt{1 - \rho^2}), \rho = r / 2a`. What currents that
+    circle in the magnetic field absorb is added: :math:`k \epsilon'' V (k a)^2` times 1/4 (parallel) and
+    :math:`\sin^2\beta / 8 + \cos^2\beta / 4` (across).
+
+    Parameters
+    ----------
+    angle : rad, between wave and axis
+    radius, length, wavelength : m
+    permittivity : relative, eps' - j eps''
+    segments : 0: of a radius or a fortieth of a wavelength, 30 to 300
+
+    Notes
+    -----
+    Ignores higher orders of ``k a sqrt(eps)``: to 0.1 dB up to 0.5.
+    """
+    k, chi, area = 2.0 * np.pi / wavelength, permittivity - 1.0, np.pi * radius**2
+    n = segments or int(np.clip(np.ceil(length / min(radius, wavelength / 40.0)), 30, 300))
+    step = length / n
+    node, weight = np.polynomial.legendre.leggauss(60)
+    rho = 0.5 * (1.0 + node)
+    share = weight * rho * (np.arccos(rho) - rho * np.sqrt(1.0 - rho**2))
+    share /= share.sum()
+
+    def green(s: F64) -> C128:
+        distance = np.sqrt(np.square(s)[..., None] + np.square(2.0 * radius * rho))
+        return np.asarray((share * np.exp(-1j * k * distance) / (4.0 * np.pi * distance)).sum(axis=-1))
+
+    apart: F64 = np.asarray(step * np.arange(n + 1), dtype=np.float64)
+    at = green(apart)
+    bend = (np.concatenate([at[1:2], at[: n - 1]]) + at[1:] - 2.0 * at[:-1]) / step
+    node, weight = np.polynomial.legendre.leggauss(12)
+    mean = np.zeros(n, dtype=np.complex128)
+    for x, w in zip(0.5 * (node + 1.0), 0.5 * weight, strict=True):
+        mean += w * (1.0 - x) * step * (green(apart[:-1] + x * step) + green(np.abs(apart[:-1] - x * step)))
+    pick = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    along = area * (k * k * mean + bend)[pick]
+    across = 0.5 * (area * (k * k * mean - bend)[pick] - np.eye(n))
+    wave = np.exp(-1j * k * np.cos(angle) * ((np.arange(n) + 0.5) * step - 0.5 * length))
+    forward, back = [], []
+    for operator in (along, across):
+        e = np.linalg.solve(np.eye(n) - chi * operator, wave)
+        forward.append(complex((e * np.conj(wave)).mean()))
+        back.append(complex((e * wave).mean()))
+    s2, c2, volume = np.sin(angle) ** 2, np.cos(angle) ** 2, area * length
+    circling = -k * volume * permittivity.imag * (k * radius) ** 2
+    gain = k**2 / np.sqrt(4.0 * np.pi) * volume * chi
+    return (
+        (
+            -k * volume * (chi * (s2 * forward[0] + c2 * forward[1])).imag + 0.25 * circling,
+            -k * volume * (chi * forward[1]).imag + circling * (s2 / 8.0 + c2 / 4.0),
+        ),
+        (gain * (s2 * back[0] + c2 * back[1]), gain * back[1]),
+    )
+
+
 __all__ = [
     "crown_ground_sigma0",
     "cylinder_at_broadside",
@@ -306,6 +373,7 @@ __all__ = [
     "layer_transmission",
     "plant_permittivity",
     "sphere_cloud",
+    "thin_rod",
     "trunk_ground_rcs",
     "water_cloud_sigma0",
     "way_through_ball",

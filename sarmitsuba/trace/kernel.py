@@ -55,8 +55,8 @@ class Accumulator(Protocol):
 class Follower(Protocol):
     """An accumulator that also follows every ray from hit to hit."""
 
-    def visit(self, state: LaneArrays, hit: Hit) -> None:
-        """Take note of a hit, before its contributions are added."""
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> None:
+        """Take note of a hit of a ray, with its fields as they arrive, before the hit's contributions are added."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ def _bounce(
     if flags.diffuse:
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
     if isinstance(accumulator, Follower):
-        accumulator.visit(added, hit)
+        accumulator.visit(added, ray, hit)
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:

@@ -1,12 +1,14 @@
-"""Adds the contributions of one look to a grid over slant range and range rate."""
+"""Adds the contributions of looks to the grid of the image-domain method."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.trace.accumulators import GridAccumulator
+from sarmitsuba.trace.arrays import device_array
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.accumulators import LostCount
@@ -14,25 +16,47 @@ if TYPE_CHECKING:
 
 
 class ImageAccumulator(GridAccumulator):
-    """Adds each path once to the grid of a look."""
+    """Adds each path once to the grid of the looks.
+
+    Parameters
+    ----------
+    grid : of the looks
+    n_slots, n_channels, max_order, wavelength : as for :class:`sarmitsuba.trace.accumulators.GridAccumulator`
+    """
 
     def __init__(
         self, grid: LookGrid, n_slots: int, n_channels: int, max_order: int, wavelength: float
     ) -> None:
-        super().__init__(n_slots, grid.n_range, grid.n_range_rate, n_channels, max_order, wavelength)
+        super().__init__(n_slots, grid.n_range, grid.n_azimuth, n_channels, max_order, wavelength)
         self.look = grid
+        self.antenna = device_array(mi.Float64, grid.antenna)
+
+    def serve(self, first: int, last: int) -> None:
+        """Take the pulses of the next launch for the looks ``first`` to ``last`` (not included)."""
+        self.antenna = device_array(mi.Float64, self.look.antenna[first:last])
 
     def add(self, state: LostCount, contribution: Contribution) -> LostCount:
-        """Spread on the look's grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
+        """Spread on the looks' grid; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
         look, f64 = self.look, mi.Float64
         r, s = contribution.slant_range, contribution.range_rate
-        if look.zero_doppler:
-            sine = s * dr.opaque(f64, 1.0 / look.speed)
-            cosine = dr.sqrt(dr.maximum(1.0 - sine * sine, 1e-6))
-            r, s = r * cosine, s / cosine
+        if look.fan is not None:
+            antenna = dr.gather(f64, self.antenna, contribution.pulse, contribution.active)
+            numbers = tuple(dr.opaque(f64, value) for value in look.fan.numbers)
+            r, s, distance = look.fan.place(r, s, antenna, numbers, dr)
+            # a resting place of the same cross section, when the beam passes over it
+            part = mi.Float(dr.square(contribution.slant_range / distance))
+            active = contribution.active
+            if look.n_looks > 1:
+                ends = (dr.opaque(f64, float(look.antenna[i])) for i in (0, -1))
+                off = dr.abs(dr.clip(s, *ends) - antenna) * dr.opaque(f64, 1.0 / look.spacing)
+                share = mi.Float(1.0 - off)
+                active &= share > 0.0
+                part *= share
+            amplitudes = tuple(amplitude * part for amplitude in contribution.amplitudes)
+            contribution = replace(contribution, amplitudes=amplitudes, active=active)
         offset = r - dr.opaque(f64, look.reference_range)
         x = (offset - dr.opaque(f64, look.range0)) * dr.opaque(f64, 1.0 / look.range_step)
-        y = (s - dr.opaque(f64, look.range_rate0)) * dr.opaque(f64, 1.0 / look.range_rate_step)
+        y = (s - dr.opaque(f64, look.azimuth0)) * dr.opaque(f64, 1.0 / look.azimuth_step)
         inside = self.spread(contribution, offset, (x, y), (look.kernel, look.kernel))
         return self.counted(state, contribution, contribution.active & ~inside)
 

@@ -221,7 +221,8 @@ def branched(
     step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
     along_ray = dr.dot(step, hit.direction64)
     aside = mi.Vector3f(step - hit.direction64 * along_ray)
-    beyond = d * (_past(slabs, hit.face, hit.behind, goes, clearance) / dr.maximum(-dr.dot(d, n), 1e-7))
+    past = _past(slabs, hit.face, hit.behind, goes, clearance) / dr.maximum(-dr.dot(d, n), 1e-7)
+    beyond = d * (past if hit.before_facet is None else past + hit.before_facet)
     spread, receiver = before.spread, before.virtual_receiver
     gone = replace(
         before,

@@ -180,6 +180,15 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     behind = dr.dot(d64, n64) > 0.0
     n64 = dr.select(behind, -n64, n64)
     n, d = mi.Vector3f(n64), mi.Vector3f(d64)
+    before = None
+    if kernel.flags.slabs and scene.slabs is not None and scene.slabs.sheets:
+        # the slab's face that the wave meets, with the facet's outline moved along the ray: tubes cover it as they
+        # cover the facet
+        before = scene.slabs.before(face, behind, met) / dr.maximum(-dr.dot(d, n), 1e-3)
+        step = d64 * mi.Float64(-before)
+        p, vertex0, centroid, length = p + step, vertex0 + step, centroid + step, length - before
+        # no farther back than where the ray comes from: what stands within the slab stays there
+        landed = landed - d64 * mi.Float64(dr.minimum(before, dr.norm(mi.Vector3f(landed) - ray.origin)))
 
     leg_back = lane.antenna - p
     length_back = dr.norm(leg_back)
@@ -226,6 +235,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         if kernel.flags.slabs
         else None,
         met=met,
+        before_facet=before,
     )
 
 

@@ -38,12 +38,14 @@ class Slabs:
     table : (4 n_materials,) float32: wavenumber times thickness (0: a half space), impedance of free space over the
         sheet's resistance, 1 where it lets waves through, 0
     thickness : (n_faces,) m, of the slab that a face is; 0 where nothing gets through
+    facet_depth : (n_faces,) share of the thickness in front of the facet, on its normal's side
     material : (n_faces,) of the faces
     triangles : (n_faces, 3, 3) float64, m
     """
 
     table: mi.Float
     thickness: NDArray[np.float64]
+    facet_depth: NDArray[np.float64]
     material: NDArray[np.uint32]
     triangles: NDArray[np.float64]
 
@@ -65,7 +67,8 @@ class Slabs:
                 passes = lets_through(m, wavelength)
                 rows[i, :3] = 2.0 * np.pi * m.thickness / wavelength, sheet, passes
                 open_[i] = m.thickness if passes else 0.0
-        return Slabs(device_array(mi.Float, rows), open_[material], material, triangles)
+        depth = np.array([m.facet_depth for m in materials])[material]
+        return Slabs(device_array(mi.Float, rows), open_[material], depth, material, triangles)
 
     def at(self, triangles: NDArray[np.float64]) -> Slabs:
         """The same with the faces elsewhere."""
@@ -78,7 +81,37 @@ class Slabs:
 
     def prepare(self) -> None:
         """Build what kernels look up: not while one is recorded."""
-        _ = self.panes, self.pane_face, self.walls, self.gap
+        if self.passes:
+            _ = self.panes, self.pane_face, self.walls, self.gap
+        _ = self.depths, self.sheets
+
+    @cached_property
+    def sheets(self) -> bool:
+        """Whether a face stands for a slab of which it is not both faces: one of them lies beside the facet."""
+        return bool(np.asarray(self.depths).any())
+
+    @cached_property
+    def depths(self) -> mi.Float:
+        """(2 n_faces,) float32, m: from a facet to the slab's face on its normal's side, and to the other one.
+
+        0 and 0 where nothing gets through, which is a half space from either side, and where a pane is a box, each
+        face of which is drawn.
+        """
+        rows = np.zeros((len(self.thickness), 2), dtype=np.float32)
+        if self.passes:
+            sheet = np.asarray(self.gap) == 0.0
+            rows[:, 0] = sheet * self.facet_depth * self.thickness
+            rows[:, 1] = sheet * (1.0 - self.facet_depth) * self.thickness
+        return device_array(mi.Float, rows)
+
+    def before(self, face: mi.UInt32, behind: mi.Bool, active: mi.Bool) -> mi.Float:
+        """How far before a facet, along the normal, the slab's face is that a wave meets, m; in a kernel.
+
+        Parameters
+        ----------
+        behind : whether the wave comes from the side that the facet's normal points away from
+        """
+        return dr.gather(mi.Float, self.depths, 2 * face + dr.select(behind, mi.UInt32(1), 0), active)
 
     @cached_property
     def pane_rows(self) -> NDArray[np.intp]:

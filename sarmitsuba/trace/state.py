@@ -112,7 +112,7 @@ class Kernel:
     constants: Constants
 
     def __post_init__(self) -> None:
-        if self.transmits and self.scene.slabs is not None:
+        if self.flags.slabs and self.scene.slabs is not None:
             self.scene.slabs.prepare()  # before anything is recorded
 
     @property
@@ -247,6 +247,7 @@ class Hit:
     movement : of the face; None where nothing moves
     slab : row of `Slabs.table` of the material, None where slabs are left out
     met : lanes that hit something, whether or not this ray stands for it
+    before_facet : m along the ray, from the hit on a slab's face to the facet; None where facets are what is hit
     """
 
     active: mi.Bool
@@ -275,6 +276,7 @@ class Hit:
     movement: Movement | None
     slab: mi.Vector4f | None
     met: mi.Bool
+    before_facet: mi.Float | None = None
 
 
 @dataclass(frozen=True, eq=False)

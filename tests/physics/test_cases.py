@@ -12,9 +12,9 @@ from sarmitsuba.validation.run import run_case, select
 # images of a minute and more
 SLOW = {"building", "bridge", "ground_sigma0", "ground_rays"}
 # of seconds, and a second look at what tests of their own hold: test_importing, test_orbit_targets, test_moving,
-# test_bistatic_simulation, test_reciprocity
+# test_bistatic_simulation, test_reciprocity, test_cavities
 SLOW |= {"imported_city", "orbit_points", "moving_smear", "moving_displacement", "along_track_phase"}
-SLOW |= {"cross_polar_reciprocity"}
+SLOW |= {"cross_polar_reciprocity", "double_glazing"}
 
 
 def marks(entry: CaseEntry) -> list[pytest.MarkDecorator]:

@@ -33,15 +33,18 @@ def test_it_is_the_fourier_transform_of_the_weights(window: str, seed: int) -> N
     sine = np.linspace(-2.0, 2.0, 161) * half
     got = filtered(k * sine[:, None], np.array([k]), k * np.sqrt(1.0 - sine[:, None] ** 2))[:, 0]
 
-    # the weights' own chirp and its transform by the midpoint rule, over its value by stationary phase
-    edge = rho * half / np.sqrt(1.0 - half**2)
+    # the weights' own chirp and its transform by the midpoint rule, over its value by stationary phase; the weight
+    # falls to zero within one pulse
+    edge = rho * half / np.sqrt(1.0 - half**2) + geometry.spacing
     n = 1 << 15
     u = edge * (2.0 * (np.arange(n) + 0.5) / n - 1.0)
     angle = u / np.hypot(u, rho)
     gain = 0.5 ** (
         (angle / np.sin(0.5 * width)) ** 2
     )  # both ways of a Gaussian beam of that half-power width
-    weight = taper(angle / (2.0 * half)) * gain
+    step = geometry.spacing * (1.0 - angle**2) / np.hypot(u, rho)
+    share = np.clip((half - np.abs(angle)) / step + 0.5, 0.0, 1.0)
+    weight = taper(np.clip(angle / (2.0 * half), -0.5, 0.5)) * gain * share
     exact = np.array(
         [np.sum(weight * np.exp(1j * k * (np.hypot(u, rho) - s * u))) * 2.0 * edge / n for s in sine]
     )

@@ -9,9 +9,11 @@ from sarmitsuba.effects.context import PilotResult, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 
-# bounces followed when neither a proof nor a pilot says how many matter. Rays that leave the scene cost nothing
-# more, so a small run loses little by it
+# bounces followed when neither a proof nor a pilot says how many matter, and no two faces look at each other between
+# which more could. Rays that leave the scene cost nothing more, so a small run loses little by it
 DEFAULT_DEPTH = 8
+# most that may be asked for
+DEEPEST = 1000
 
 
 class MaxDepth(Effect):
@@ -60,12 +62,7 @@ class MaxDepth(Effect):
 
 def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     """Fewest bounces after which what is left stays below the tolerance, two standard errors included."""
-    limit = pilot.cell_limit_db(tolerance_db)
-    depth = pilot.n_orders
-    for n in range(1, pilot.n_orders):
-        if pilot.energy_db(3, n + 1, upper=True) <= tolerance_db and pilot.cell_db(3, n + 1) <= limit:
-            depth = n
-            break
+    depth = pilot.enough(tolerance_db) or pilot.n_orders
     over = "clutter" if pilot.clutter > 0 else "peak"
     if depth == pilot.n_orders:
         why = f"bounce {depth}, the last that the pilot follows, still returns {pilot.energy_db(3, depth):.0f} dB"

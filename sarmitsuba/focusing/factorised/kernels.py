@@ -282,7 +282,7 @@ def _weights(
     w, g = types.Float32(1.0), types.Float32(1.0)
     if weighting.band is not None:
         sine = dot(u, forward)
-        per_step = dr.rcp(elevation[3] * inverse * (1.0 - sine * sine))
+        per_step = weighting.band.per_step(sine, inverse, elevation[3], boresight[3])
         offset = sine - forward[3]
         w = weighting.band.share(offset, per_step) * weighting.band.shape(types, offset)
     if weighting.beam is not None:

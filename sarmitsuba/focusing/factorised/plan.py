@@ -28,7 +28,7 @@ F64 = NDArray[np.float64]
 # samples kept beyond the image: what the last interpolation reads, and where its correction ends decay
 GUARD = CORRECTION + 4
 # sums on their way from range compression to profiles, per sample of raw data
-_PROFILE = 2.5e-8
+_PROFILE = 6e-8
 # pulses per group of the finest subimages, and groups merged at once below the last merger
 _GROUPS = (4, 8, 16, 32, 64, 128)
 _MERGED = (4, 8, 16)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focusing.aperture import flight
+from sarmitsuba.focusing.aperture import beam_turn, flight
 from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
 from sarmitsuba.focusing.factorised.division import Level, Plan, Section
 from sarmitsuba.focusing.factorised.kernels import (
@@ -229,6 +229,7 @@ def _axes(radar: Radar, weights: F64, pulses: slice, frame: F64) -> NDArray[np.f
     table[:, 4:7] = radar.pointing.elevation_axis[pulses] @ frame.T
     table[:, 7] = gap
     table[:, 8:11] = radar.pointing.boresight[pulses] @ frame.T
+    table[:, 11] = beam_turn(radar)[pulses]
     table[:, 12:15], table[:, 15] = forward @ frame.T, sine
     return table
 

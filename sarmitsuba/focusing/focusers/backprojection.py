@@ -15,7 +15,13 @@ from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import direction_gain, flight, look_directions, matched_weights
+from sarmitsuba.focusing.aperture import (
+    beam_turn,
+    direction_gain,
+    flight,
+    look_directions,
+    matched_weights,
+)
 from sarmitsuba.focusing.backprojection_kernel import (
     AXES_STRIDE,
     PULSE_STRIDE,
@@ -96,7 +102,7 @@ def backproject(
     target : a grid, or an (n, 3) list of scene-frame points, m
     range_window, azimuth_window : names for :func:`sarmitsuba.focusing.windows.parse_window`; azimuth is over the
         pulse index, or over the sine along the flight within the pixel's own aperture
-    interpolation : ``linear`` (fastest), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
+    interpolation : ``linear`` (least accurate), ``kernel:4``, ``kernel`` = ``kernel:6``, ``kernel:8`` (most accurate)
     oversampling : range upsampling factor, 0 = 6 for ``linear`` and 2 for the others
     progress : called after every batch of pulses
     batch_bytes : of profiles per batch of pulses; they should stay in the last-level cache while every pixel reads
@@ -317,6 +323,7 @@ def _axes_table(radar: Radar, weights: F64, batch: slice) -> NDArray[np.float32]
     table[:, 3] = weights[batch]
     table[:, 4:7] = radar.pointing.elevation_axis[batch]
     table[:, 8:11] = radar.pointing.boresight[batch]
+    table[:, 11] = beam_turn(radar)[batch]
     table[:, 12:15], table[:, 15], table[:, 7] = (part[batch] for part in flight(radar))
     return table.ravel()
 
@@ -411,7 +418,7 @@ class Backprojection(Focuser):
     bistatic: ClassVar[bool] = True
 
     interpolation: str = option(
-        "kernel", "of range profiles: linear (fastest), kernel:4, kernel, kernel:8 (best)"
+        "kernel", "of range profiles: linear (least accurate), kernel:4, kernel, kernel:8 (best)"
     )
     oversampling: int = option(0, "range upsampling factor; 0 = 6 for linear and 2 for the others")
 
@@ -422,8 +429,8 @@ class Backprojection(Focuser):
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
         """Error of the interpolation over range, as benchmarks/focusers.py measures it."""
         width = parse_interpolation(self.interpolation)
-        if width == 2:  # falls with the square of the step
-            return -18.0 - 12.0 * float(np.log2(self.oversampling or 6))
+        if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
+            return -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
         return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture import image_places, leaves_beam, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
 from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
@@ -29,6 +29,8 @@ from sarmitsuba.radar.radar import Radar
 _MAX_LAYERS = 2
 # pixels whose summed weight is below this part of the aperture's were not illuminated
 _DARK = 1e-6
+# processor seconds of a pulse in the weights at all of their nodes
+_WEIGHTS = 5e-5
 STAGES = (0, 2, 3, 4)
 RECTANGULAR = parse_window("rectangular")
 
@@ -96,7 +98,7 @@ class Factorised(Focuser):
         plan = self.plan(radar, grid)
         if isinstance(plan, str):
             return plan
-        if np.isfinite(radar.half_aperture) and plan.seconds > super().cpu_seconds(radar, grid):
+        if np.isfinite(radar.half_aperture) and self._seconds(plan, radar) > super().cpu_seconds(radar, grid):
             return (
                 f"the pixels' own apertures end so sharply that {self.error:g} dB would take longer than "
                 "backprojection; raise error"
@@ -104,14 +106,22 @@ class Factorised(Focuser):
         return ""
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Predicted error of a rectangular azimuth window, with a margin."""
+        """Predicted error of a rectangular azimuth window, with a margin; NaN where the image leaves the beam."""
         plan = self.plan(radar, grid)
-        return math.nan if isinstance(plan, str) else plan.error_db + MARGIN_DB
+        if isinstance(plan, str) or leaves_beam(radar, image_places(grid)):
+            return math.nan
+        return plan.error_db + MARGIN_DB
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """Of all stages."""
         plan = self.plan(radar, grid)
-        return math.inf if isinstance(plan, str) else plan.seconds
+        return math.inf if isinstance(plan, str) else self._seconds(plan, radar)
+
+    @staticmethod
+    def _seconds(plan: Plan, radar: Radar) -> float:
+        """Of all stages, and of the weights where they are not the same everywhere."""
+        uniform = radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture)
+        return plan.seconds + (0.0 if uniform else _WEIGHTS * radar.track.n_pulses)
 
     def focus(self, task: FocusTask) -> Focused:
         """Focus.

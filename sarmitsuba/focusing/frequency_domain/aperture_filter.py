@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry, boresight_sine
+from sarmitsuba.focusing.frequency_domain.geometry import (
+    TrackGeometry,
+    boresight_sine,
+    lit_in_turn,
+    own_apertures,
+)
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
@@ -34,14 +39,16 @@ class _End:
     sine : where it is
     sign : 1 where the aperture lies at lesser sines, else -1
     tail : (2 n,) complex64 at arguments 0 ... _FAR outside of the aperture, then inside, without the phase
+    spacing : m between pulses, over which the aperture ends
     """
 
     sine: float
     sign: float
     tail: C64
+    spacing: float
 
     @staticmethod
-    def of(sine: float, sign: float, level: complex, slope: complex) -> "_End":
+    def of(sine: float, sign: float, level: complex, slope: complex, spacing: float) -> "_End":
         """Where the weight has this level, and this slope outwards per unit of the argument."""
         v = np.arange(0.0, _FAR + 0.5 / _FINE, 1.0 / _FINE)
         s, c = fresnel(v)
@@ -49,7 +56,7 @@ class _End:
         kink = 1j / (np.pi * (1.0 + 1j))
         outside = (level + slope * v) * tail - slope * kink
         inside = (slope * v - level) * tail - slope * kink
-        return _End(sine, sign, np.concatenate([outside, inside]).astype(np.complex64))
+        return _End(sine, sign, np.concatenate([outside, inside]).astype(np.complex64), spacing)
 
     def add(self, out: C64, kx: F64, k: F64, ky: F64, rho: float) -> None:
         """Add the end's tail at wavenumbers to ``out``."""
@@ -64,6 +71,7 @@ class _End:
         node = place.astype(np.int32)
         value = self.tail[node]
         value += (place - node).astype(np.float32) * (self.tail[node + 1] - value)
+        scale *= np.sinc(((kx - self.sine * k) * (0.5 / np.pi * self.spacing)).astype(np.float32))
         value *= scale
         value *= unit_phasor(phase)
         out += value
@@ -84,7 +92,9 @@ class ApertureFilter:
     .. math:: \mp \frac{1}{1 + j} \int_{\pm v}^\infty (a + b (t - v)) e^{j \pi t^2 / 2} dt, \quad
               \frac{\pi v^2}{2} = \rho \left(\frac{k - k_x s_e}{\sqrt{1 - s_e^2}} - k_y\right)
 
-    (uniform in the distance v from the end; upper sign inside). Without the tails a frequency-domain focuser cuts the
+    (uniform in the distance v from the end; upper sign inside), times :math:`\mathrm{sinc}((k_x - k s_e) \Delta x / 2)`
+    as the weight does not stop at once but within one pulse, see
+    :func:`sarmitsuba.focusing.aperture.band_weights`. Without the tails a frequency-domain focuser cuts the
     aperture by the echo's Doppler frequency, not by the pixel's angle, and its side lobes have another phase.
 
     Parameters
@@ -123,8 +133,8 @@ def aperture_filter(
     radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window, sines: F64
 ) -> ApertureFilter | None:
     """Filter of a slant grid's pixels over a range of sines (2,); None where it is 1 throughout."""
-    own = np.isfinite(radar.half_aperture)
-    if not own and (radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures):
+    own = own_apertures(radar)
+    if not lit_in_turn(radar):
         return None
     middle, half = boresight_sine(radar), radar.half_aperture
     bounds = np.clip(middle + half * np.array([-1.0, 1.0]) if own else sines, -_STEEPEST, _STEEPEST)
@@ -139,7 +149,8 @@ def aperture_filter(
     for index, sign in ((0, -1.0), (-1, 1.0)) if own else ():
         # sine per unit of v
         unit = (1.0 - nodes[index] ** 2) ** 0.75 * np.sqrt(np.pi / (k * rho))
-        ends.append(_End.of(float(nodes[index]), sign, weight[index], sign * slope[index] * unit))
+        level, outwards = weight[index], sign * slope[index] * unit
+        ends.append(_End.of(float(nodes[index]), sign, level, outwards, geometry.spacing))
     full = weight + 0.5j * bend * (1.0 - nodes**2) ** 1.5 / (k * rho)
     return ApertureFilter(nodes, full.astype(np.complex64), tuple(ends), rho)
 

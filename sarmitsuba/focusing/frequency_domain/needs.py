@@ -4,14 +4,15 @@ from abc import ABC
 from dataclasses import replace
 from typing import ClassVar
 
-from sarmitsuba.focusing.focuser import Focuser
+from sarmitsuba.focusing.focuser import CALL_SECONDS, WEIGHT_SECONDS, Focuser
 from sarmitsuba.focusing.frequency_domain.geometry import (
+    own_apertures,
     rate_factor,
     slant_grid,
     track_geometry,
-    track_period,
 )
-from sarmitsuba.focusing.frequency_domain.stated import spectrum_work
+from sarmitsuba.focusing.frequency_domain.stated import spectrum_rows, spectrum_work
+from sarmitsuba.focusing.frequency_domain.weights import NODES
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -37,20 +38,23 @@ class RowsFocuser(Focuser, ABC):
 
     def cpu_seconds(self, radar: Radar, grid: ImageGrid) -> float:
         """A rate of its own for what all have to do."""
-        return self.sample_seconds * spectrum_work(radar, grid)
+        taken = CALL_SECONDS + self.sample_seconds * spectrum_work(radar, grid)
+        if radar.antenna.pattern != "isotropic" and not own_apertures(radar):
+            taken += WEIGHT_SECONDS * radar.track.n_pulses * NODES
+        return taken
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included."""
         slant = slant_grid(radar, grid)
         geometry = track_geometry(radar, slant)
         dense = replace(geometry, spacing=geometry.spacing / rate_factor(radar, slant, geometry)[0])
-        rows = int(track_period(radar, slant, dense) / dense.spacing)
+        rows, mapped = (int(n) for n in spectrum_rows(radar, slant, dense))
         pixels = slant.azimuth.size * slant.range.size
         band = int(radar.window.n_samples * radar.waveform.bandwidth / radar.window.sampling_rate)
         made = (_CALIBRATION + _COMPLEX * n_layers) * pixels
         stages = [
             _PLANNED * pixels,
-            made + _TRANSFORMED * rows * band + _COMPLEX * rows * slant.range.size,
+            made + _TRANSFORMED * rows * band + _COMPLEX * mapped * slant.range.size,
             made + _SCALED * pixels,
         ]
         if grid.kind == "ground":

@@ -29,12 +29,14 @@ from sarmitsuba.focusing.focuser import Focused, FocusTask
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
 from sarmitsuba.focusing.frequency_domain.geometry import (
     TrackGeometry,
+    own_apertures,
     range_walk,
     rate_factor,
     slant_grid,
     track_geometry,
     track_period,
     track_refusal,
+    wavenumber,
 )
 from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
 from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
@@ -149,7 +151,7 @@ def focus_rows(
         raise DataError(f"{name}: {refusal}")
     grid = slant_grid(radar, task.grid)
     geometry = track_geometry(radar, grid)
-    own = np.isfinite(radar.half_aperture)
+    own = own_apertures(radar)
     weights = np.ones(radar.track.n_pulses) if own else task.azimuth_window.aperture(radar.track.n_pulses)
 
     upsampling, band_fill = rate_factor(radar, grid, geometry)
@@ -160,10 +162,10 @@ def focus_rows(
             SarmitsubaWarning,
             stacklevel=3,
         )
-    kc = 4.0 * np.pi / radar.waveform.wavelength
-    reach = np.pi * upsampling / (geometry.spacing * kc)
+    kc = wavenumber(radar)
+    reach = replace(geometry, spacing=geometry.spacing / upsampling).reach(kc)
     sines = np.clip(geometry.sin_squint + np.array([-reach, reach]), -0.999, 0.999)
-    extra = range_walk(radar, geometry) + int(
+    extra = range_walk(radar, grid, geometry) + int(
         np.ceil(room(sines, radar.window.extent) / radar.window.sample_spacing)
     )
     plan = plan_spectrum(radar, task.range_window)
@@ -244,10 +246,10 @@ def _map_rows(
     offset = band.offset
     k = band.center_wavenumber + offset
     dkx = 2.0 * np.pi / (n_x * geometry.spacing)
-    nyquist = np.pi / geometry.spacing
     center = k * geometry.sin_squint
-    first = int(np.ceil((center.min() - nyquist) / dkx))
-    last = int(np.floor((center.max() + nyquist) / dkx))
+    side = geometry.reach(band.center_wavenumber) * band.center_wavenumber
+    first = int(np.ceil((center.min() - side) / dkx))
+    last = int(np.floor((center.max() + side) / dkx))
     m = np.arange(first, last + 1)
     reach = np.array([first, last + 1]) * (dkx / k.min())
     aperture = aperture_filter(radar, grid, geometry, window, reach)
@@ -256,7 +258,7 @@ def _map_rows(
     def work(start: int, stop: int) -> None:
         kx: F64 = np.asarray(m[start:stop, None] * dkx, dtype=np.float64)
         square = k**2 - kx**2
-        keep = (np.abs(kx - center) <= nyquist) & (square > 0.0)
+        keep = (np.abs(kx - center) <= side) & (square > 0.0)
         ky: F64 = np.sqrt(np.where(keep, square, 1.0))
         phase = law.bulk(kx, ky, offset)
         phase -= offset * geometry.range_center

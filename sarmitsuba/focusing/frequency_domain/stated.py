@@ -9,11 +9,13 @@ from sarmitsuba.focusing.aperture import weights_difference
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
 from sarmitsuba.focusing.frequency_domain.geometry import (
     TrackGeometry,
+    own_apertures,
     range_walk,
     rate_factor,
     slant_grid,
     track_geometry,
     track_period,
+    wavenumber,
 )
 from sarmitsuba.focusing.frequency_domain.migration import Migration, residual_power
 from sarmitsuba.focusing.frequency_domain.weights import filter_gain, pulse_weights
@@ -29,6 +31,8 @@ _FLOOR_DB = -58.0
 # of stationary phase in pixels' own apertures: this power at a time-bandwidth product of 1, falling with its power of
 # 2.5; tests/physics/test_stated_errors.py holds it over random radars
 _OWN, _OWN_POWER = 0.32, -2.5
+# of the track's ends where they are the aperture's, likewise: ripple of the filter, which the pulse rate cuts off
+_TRACK_ENDS = 0.1
 # fewer pulses leave more than that
 _FEWEST_PULSES = 50
 # the Doppler band of the image that may pass that of the pulses, and fold, over the latter
@@ -53,12 +57,21 @@ def stated_error_db(radar: Radar, grid: ImageGrid, law: Migration | None) -> flo
     points = replace(slant, azimuth=slant.azimuth[rows], range=slant.range[columns]).positions()
     power = 10.0 ** (0.1 * _FLOOR_DB)
     power += weights_difference(radar, points, pulse_weights(radar, slant, points, window))
-    if np.isfinite(radar.half_aperture):
-        product = 8.0 * radar.half_aperture**2 * float(slant.range[0]) / radar.waveform.wavelength
-        power += _OWN * product**_OWN_POWER + _tail_change(radar, slant, geometry)
+    if own_apertures(radar):
+        power += _OWN * _product(radar, slant, radar.half_aperture) ** _OWN_POWER
+        power += _tail_change(radar, slant, geometry)
+    else:
+        ahead = geometry.x_center - geometry.x[[0, -1]]
+        half = 0.5 * float(np.ptp(ahead / np.hypot(ahead, geometry.rho_center)))
+        power += _TRACK_ENDS * _product(radar, slant, half) ** _OWN_POWER
     if law is not None:
         power += residual_power(radar, slant, law)
     return float(10.0 * np.log10(power)) if np.isfinite(power) else float("nan")
+
+
+def _product(radar: Radar, grid: ImageGrid, half: float) -> float:
+    """Time-bandwidth product of an aperture of twice so many sines, at the image's near edge."""
+    return 8.0 * half**2 * float(grid.range[0]) / radar.waveform.wavelength
 
 
 def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> float:
@@ -78,6 +91,13 @@ def _tail_change(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> floa
     return worst
 
 
+def spectrum_rows(radar: Radar, grid: ImageGrid, geometry: TrackGeometry) -> tuple[float, float]:
+    """Rows of the pulses' spectrum, and those that are mapped to pixels: more where apertures pass the pulse rate."""
+    rows = track_period(radar, grid, geometry) / geometry.spacing
+    kc = wavenumber(radar)
+    return rows, rows * geometry.reach(kc) * kc * geometry.spacing / np.pi
+
+
 def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
     """Samples of the two-dimensional spectrum, before and after the transform to pixels over range.
 
@@ -87,10 +107,10 @@ def spectrum_work(radar: Radar, grid: ImageGrid) -> float:
     geometry = track_geometry(radar, slant)
     factor = rate_factor(radar, slant, geometry)[0]
     dense = replace(geometry, spacing=geometry.spacing / factor)
-    rows = track_period(radar, slant, dense) / dense.spacing
-    plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, geometry))
+    rows, mapped = spectrum_rows(radar, slant, dense)
+    plan = plan_spectrum(radar, parse_window("rectangular"), extra=range_walk(radar, slant, geometry))
     count = plan.n_fft * radar.waveform.bandwidth / radar.window.sampling_rate
-    return rows * (count * (2.0 if np.isfinite(radar.half_aperture) else 1.0) + slant.range.size)
+    return rows * count + mapped * (count * own_apertures(radar) + slant.range.size)
 
 
-__all__ = ["spectrum_work", "stated_error_db"]
+__all__ = ["spectrum_rows", "spectrum_work", "stated_error_db"]

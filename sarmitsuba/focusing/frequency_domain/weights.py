@@ -6,46 +6,114 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.focusing.aperture import aperture_weights, direction_gain, look_directions
-from sarmitsuba.focusing.frequency_domain.geometry import TrackGeometry
+from sarmitsuba.focusing.frequency_domain.geometry import (
+    TrackGeometry,
+    aperture_middle,
+    lit_in_turn,
+    own_apertures,
+    serving_pulses,
+)
 from sarmitsuba.focusing.windows import Window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 
+# rows and columns at which weights are summed, and rows where only the sampling of the aperture changes along them
+_ROWS, _COLUMNS, _OWN_ROWS = 65, 33, 9
+NODES = _ROWS * _COLUMNS
+"""Places at which weights are summed, in images of as many rows and columns at least."""
+# sines over an aperture at which its weight is added up, and the least part within the track that is divided by
+_SINES, _HELD = 4097, 0.02
+
 
 def normalisation(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
     """1 / (K sum w g g_filter) per pixel (n_azimuth, n_range); zero where the data hold nothing."""
-    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
+    if own_apertures(radar):
+        total = _own_sums(radar, grid, geometry, window)
+    elif radar.antenna.pattern == "isotropic":
         total = np.full(grid.shape, window.aperture(radar.track.n_pulses).sum())
     else:  # smooth: summed at a few nodes, linear between them
-        columns = np.unique(np.linspace(0, grid.range.size - 1, 33).astype(int))
-        rows = np.unique(np.linspace(0, grid.azimuth.size - 1, 65).astype(int))
-        nodes = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns])
-        coarse = np.array(
-            [pulse_weights(radar, grid, line, window).sum(axis=-1) for line in nodes.positions()]
-        )
-        between = np.array([np.interp(np.arange(grid.range.size), columns, line) for line in coarse])
-        total = np.array([np.interp(np.arange(grid.azimuth.size), rows, line) for line in between.T]).T
+        rows, columns = _nodes(grid.azimuth.size, _ROWS), _nodes(grid.range.size, _COLUMNS)
+        points = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns]).positions()
+        coarse = np.array([pulse_weights(radar, grid, line, window).sum(axis=-1) for line in points])
+        total = _between(coarse, rows, columns, grid.shape)
     scale = np.divide(1.0, total, out=np.zeros(grid.shape), where=total > 1e-6 * total.max())
-    # pixels that the receive window does not contain at mid-aperture hold no data
-    start = float(radar.window.start_range[radar.track.center_index])
-    r = np.hypot(grid.azimuth[:, None] - 0.5 * (geometry.x[0] + geometry.x[-1]), grid.range)
+    # pixels that the receive window does not contain in the middle of their aperture hold no data
+    middle = aperture_middle(radar, geometry, grid.azimuth[:, None], grid.range)
+    start = radar.window.start_range[middle]
+    r = np.hypot(grid.azimuth[:, None] - geometry.x[middle], grid.range)
     scale[(r < start) | (r > start + radar.window.extent)] = 0.0
     return np.asarray(scale / radar.amplitude_constant)
 
 
-def pulse_weights(radar: Radar, grid: ImageGrid, point: ArrayLike, azimuth_window: str | Window) -> F64:
-    """Weight w g g_filter of every pulse in the pixel at points (..., 3), giving (..., n_pulses) float64."""
-    weights = aperture_weights(radar, point, azimuth_window)
-    look = look_directions(radar, point)
-    gain = direction_gain(radar, slice(None), look)
-    return np.asarray(weights * gain * filter_gain(radar, grid, look @ grid.along))
+def _nodes(n: int, most: int) -> NDArray[np.int64]:
+    """At most so many of n places, both ends among them."""
+    return np.unique(np.linspace(0, n - 1, most).astype(np.int64))
+
+
+def _between(coarse: F64, rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, int]) -> F64:
+    """Values at rows and columns, linear between them."""
+    lines = np.array([np.interp(np.arange(shape[1]), columns, line) for line in coarse])
+    return np.array([np.interp(np.arange(shape[0]), rows, line) for line in lines.T]).T
+
+
+def _own_sums(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
+    """Sum w g g_filter of the pixels' own apertures, as far as the track holds them, (n_azimuth, n_range).
+
+    The part that the track holds bends sharply where apertures begin to leave it: it is worked out at every pixel, and
+    the rest, which hardly changes, summed at a few nodes.
+    """
+    rows, columns = _nodes(grid.azimuth.size, _OWN_ROWS), _nodes(grid.range.size, _COLUMNS)
+    nodes = replace(grid, azimuth=grid.azimuth[rows], range=grid.range[columns])
+    held = _held_part(radar, nodes, geometry, window)
+    coarse = np.zeros(nodes.shape)
+    for i, line in enumerate(nodes.positions()):
+        first, last = serving_pulses(radar, replace(nodes, azimuth=nodes.azimuth[[i]]), geometry)
+        pulses = slice(max(first - 2, 0), last + 3)
+        coarse[i] = pulse_weights(radar, grid, line, window, pulses).sum(axis=-1)
+    known = held > _HELD
+    if not known.any():
+        return np.zeros(grid.shape)
+    whole = np.divide(coarse, held, out=np.full(held.shape, coarse[known].max()), where=known)
+    total = _between(whole, rows, columns, grid.shape)
+    return total if held.min() >= 1.0 - 1e-9 else total * _held_part(radar, grid, geometry, window)
+
+
+def _held_part(radar: Radar, grid: ImageGrid, geometry: TrackGeometry, window: Window) -> F64:
+    """Part of the weight of every pixel's own aperture that lies within the track, (n_azimuth, n_range)."""
+    half = radar.half_aperture
+    offset = np.linspace(-half, half, _SINES)
+    sine = geometry.sin_squint + offset
+    weight = window(offset / (2.0 * half)) * filter_gain(radar, grid, sine) ** 2 * (1.0 - sine**2) ** -1.5
+    total = np.concatenate([[0.0], np.cumsum(weight[1:] + weight[:-1])])
+    parts = []
+    for end in (geometry.x[0] - 0.5 * geometry.spacing, geometry.x[-1] + 0.5 * geometry.spacing):
+        ahead = grid.azimuth[:, None] - end
+        parts.append(np.interp(ahead / np.hypot(ahead, grid.range), sine, total / total[-1]))
+    return np.asarray(parts[0] - parts[1])
+
+
+def pulse_weights(
+    radar: Radar,
+    grid: ImageGrid,
+    point: ArrayLike,
+    azimuth_window: str | Window,
+    pulses: slice = slice(None),
+) -> F64:
+    """Weight w g g_filter of pulses in the pixel at points (..., 3), giving (..., n_pulses) float64.
+
+    Some of the pulses only where pixels have apertures of their own, which do not depend on how many there are.
+    """
+    some = radar if pulses == slice(None) else radar.of_pulses(pulses)
+    look = look_directions(some, point)
+    gain = direction_gain(some, slice(None), look) * filter_gain(radar, grid, look @ grid.along)
+    return np.asarray(aperture_weights(some, point, azimuth_window) * gain)
 
 
 def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     """Pattern used as matched weight: that at the image's central range if pixels have own apertures, else 1."""
-    if radar.antenna.pattern == "isotropic" or not radar.mode_law.own_apertures:
+    if radar.antenna.pattern == "isotropic" or not lit_in_turn(radar):
         return np.ones_like(sin_angle)
     drop = float(grid.origin[2] - grid.height)
     rho = float(grid.range[grid.range.size // 2])
@@ -56,4 +124,4 @@ def filter_gain(radar: Radar, grid: ImageGrid, sin_angle: F64) -> F64:
     return direction_gain(radar, radar.track.center_index, look)
 
 
-__all__ = ["filter_gain", "normalisation", "pulse_weights"]
+__all__ = ["NODES", "filter_gain", "normalisation", "pulse_weights"]

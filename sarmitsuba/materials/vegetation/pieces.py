@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import hankel1, j1, jv
 
+from sarmitsuba.materials.vegetation.thin_rod import LONGEST, ThinRod, thin_rod
+
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
 Pair = tuple[C128, C128]
 
-# k a |sqrt(eps)| up to which the field within a thin cylinder is the static one, and k a up to which that of a leaf is
-THIN, SMALL_LEAF = 0.5, 0.5
+# k a |sqrt(eps)| from which on a cylinder returns over the ground by its series, and k a up to which the field within a
+# leaf is the static one
+THIN, SMALL_LEAF = 0.2, 0.5
 # an endless cylinder along the wave has no field of its own: its series is taken no nearer than this, rad
 _END_ON = 0.02
 # directions of scattered waves that the power which small pieces scatter is summed over
@@ -205,14 +208,17 @@ class Leaf(Piece):
 class Stick(Piece):
     r"""A round cylinder: needle, twig or branch.
 
-    Thin, :math:`k a |\sqrt\epsilon| < 1/2`: generalised Rayleigh-Gans, the static field of an endless needle within,
-    :math:`S = k^2 \alpha / \sqrt{4 \pi} \, \mathrm{sinc}(k l \cos\beta)` with
-    :math:`\alpha_l = V (\epsilon - 1), \alpha_t = 2 V (\epsilon - 1) / (\epsilon + 1)`. Else it has the current of an
-    endless cylinder,
+    The current of an endless cylinder, cut to the length,
 
     .. math:: S = \frac{2 l}{\sqrt \pi} T(\beta) \, \mathrm{sinc}(k l \cos\beta)
 
-    with the series T of the endless cylinder at oblique incidence.
+    with the series T of the endless cylinder at oblique incidence, and what the ends change of it: the difference of
+    the polarisations of a thin rod of that length and of an endless one, of `thin_rod`,
+
+    .. math:: S_{ends} = \frac{k^2}{\sqrt{4 \pi}} V (\epsilon - 1) (q_l - q_\infty)
+
+    That difference counts in full up to :math:`k a |\sqrt\epsilon| = 1` and :math:`k l = 40`, less beyond, and not from
+    2 and 60 on.
 
     Parameters
     ----------
@@ -220,13 +226,12 @@ class Stick(Piece):
 
     Notes
     -----
-    Ignores the ends, resonances along the axis (short thick pieces), bark and bends. As for `Leaf`, thin pieces have
-    their scattered power added to what the optical theorem gives; the series keeps the theorem.
+    Ignores the ends of thick pieces, bark and bends. The optical theorem holds for both parts.
 
     References
     ----------
-    Karam, Fung & Antar 1988 (needles). Bohren & Huffman 1983, section 8.4, equations 8.29 to 8.36 (series); Seker &
-    Schneider 1988, IEEE TAP 36, 303-307 (finite cylinder with the field of the endless one).
+    Bohren & Huffman 1983, section 8.4, equations 8.29 to 8.36 (series); Seker & Schneider 1988, IEEE TAP 36, 303-307
+    (finite cylinder with the field of the endless one).
     """
 
     radius: float
@@ -246,65 +251,92 @@ class Stick(Piece):
         """See the class."""
         k = 2.0 * np.pi / wavelength
         form = np.sinc(k * self.length * np.cos(angle) / np.pi)
-        if self._is_thin(k, permittivity):
-            along, across = self._static(k, permittivity)
-            gain = k**2 / np.sqrt(4.0 * np.pi) * form
-            return gain * (along * np.sin(angle) ** 2 + across * np.cos(angle) ** 2), gain * across * np.ones(
-                angle.shape
-            )
         parallel, perpendicular = _series(angle, k * self.radius, permittivity, np.pi)
         gain = 2.0 * self.length / np.sqrt(np.pi) * form
+        along, across = self._ends(k, permittivity, np.cos(angle), -np.cos(angle))
+        # the series is that of the cone's far side, where what is polarised across the axis counts the other way round
+        turned = 2.0 * self._cut(k, permittivity, np.cos(angle), -np.cos(angle))[1]
         # the series' unit vector across turns with the scattered wave
-        return gain * parallel, -gain * perpendicular
+        return (
+            gain * parallel + along * np.sin(angle) ** 2 + (across + turned) * np.cos(angle) ** 2,
+            -gain * perpendicular + across,
+        )
 
     def over_ground(self, view: OverGround, wavelength: float, permittivity: complex) -> Channels:
-        """See the class; on the cone between both angles, without what couples both parts off broadside."""
+        """See the class; a thin piece by its polarisation alone.
+
+        The series is taken on the cone between both angles, without what couples both parts off broadside. Between
+        ``THIN`` and half of it both are mixed.
+        """
         k = 2.0 * np.pi / wavelength
         came, goes = view.along
+        size = self._thickness(k, permittivity)
+        share = float(np.clip(2.0 * size / THIN - 1.0, 0.0, 1.0))  # of the series
+        along, across = self._ends(k, permittivity, came, goes)
+        if share < 1.0:
+            endless = self._cut(k, permittivity, came, goes)
+            along, across = along + (1.0 - share) * endless[0], across + (1.0 - share) * endless[1]
+        if share == 0.0:
+            return view.dyad(across, along)
         form = np.sinc(0.5 * k * self.length * (came - goes) / np.pi)
-        if self._is_thin(k, permittivity):
-            along, across = self._static(k, permittivity)
-            gain = k**2 / np.sqrt(4.0 * np.pi) * form
-            return view.dyad(across * gain, along * gain)
         s_in, s_out = (np.sqrt(np.maximum(1.0 - c**2, _END_ON**2)) for c in (came, goes))
         turn = np.arccos(np.clip((view.turned - came * goes) / (s_in * s_out), -1.0, 1.0))
         cone = np.arcsin(np.minimum(np.sqrt(s_in * s_out), 1.0))
         parallel, perpendicular = _series(cone, k * self.radius, permittivity, turn)
-        gain = 2.0 * self.length / np.sqrt(np.pi) * form / (s_in * s_out)
+        gain = share * 2.0 * self.length / np.sqrt(np.pi) * form / (s_in * s_out)
         h, v, out = view.axis_on_field
         # unit vectors in the plane of axis and wave, and across it, on H and V of both ways
-        return (
+        series = (
             gain * (parallel * h * h - perpendicular * v * out),
             gain * (parallel * v * out - perpendicular * h * h),
             gain * (parallel * v * h + perpendicular * h * out),
             gain * (parallel * h * out + perpendicular * v * h),
         )
+        ends = view.dyad(across, along)
+        return series[0] + ends[0], series[1] + ends[1], series[2] + ends[2], series[3] + ends[3]
 
     def extinction(self, angle: F64, wavelength: float, permittivity: complex) -> tuple[F64, F64]:
         """See the class."""
         k = 2.0 * np.pi / wavelength
-        if self._is_thin(k, permittivity):
-            along, across = self._static(k, permittivity)
-            scattered = _scattered(
-                angle, k, across, along, lambda way: np.sinc(0.5 * k * self.length * way[2] / np.pi)
-            )
-            parallel = along.imag * np.sin(angle) ** 2 + across.imag * np.cos(angle) ** 2
-            return -k * parallel + scattered[0], -k * across.imag + scattered[1]
         forward = _series(angle, k * self.radius, permittivity, 0.0)
         gain = 4.0 * np.pi / k * self.length / np.pi
-        parallel, perpendicular = (-gain * amplitude.imag for amplitude in forward)
+        along, across = self._ends(k, permittivity, np.cos(angle), np.cos(angle))
+        ends = along * np.sin(angle) ** 2 + across * np.cos(angle) ** 2, across
+        parallel, perpendicular = (
+            -gain * amplitude.imag - np.sqrt(4.0 * np.pi) / k * end.imag
+            for amplitude, end in zip(forward, ends, strict=True)
+        )
         return parallel, perpendicular
 
-    def _is_thin(self, k: float, permittivity: complex) -> bool:
-        return bool(k * self.radius * np.sqrt(abs(permittivity)) < THIN)
+    def _thickness(self, k: float, permittivity: complex) -> float:
+        """Circumference over the wavelength within."""
+        return float(k * self.radius * np.sqrt(abs(permittivity)))
 
-    def _static(self, k: float, permittivity: complex) -> tuple[complex, complex]:
-        """Polarisabilities (m^3) along and across the axis, those of a long spheroid."""
-        chi = permittivity - 1.0
-        slender = 2.0 * self.radius / self.length
-        end = slender**2 * (np.log(2.0 / slender) - 1.0) if slender < 0.3 else 1.0 / 3.0
-        volume = self.volume
-        return volume * chi / (1.0 + end * chi), volume * chi / (1.0 + 0.5 * (1.0 - end) * chi)
+    def _rod(self, k: float, permittivity: complex) -> ThinRod:
+        return thin_rod(self.radius, self.length, k, permittivity)
+
+    def _gain(self, k: float, permittivity: complex) -> complex:
+        """S over the mean polarisation, m: the share of it that counts of thick pieces."""
+        share = float(np.clip(2.0 - self._thickness(k, permittivity), 0.0, 1.0))
+        return complex(share * k**2 / np.sqrt(4.0 * np.pi) * self.volume * (permittivity - 1.0))
+
+    def _cut(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
+        """S of a thin endless rod cut to the length, along and across the axis, m."""
+        gain = self._gain(k, permittivity)
+        if gain == 0.0:
+            none = np.zeros(np.shape(came), dtype=np.complex128)
+            return none, none
+        along, across = self._rod(k, permittivity).of_endless(came, goes)
+        return gain * along, gain * across
+
+    def _ends(self, k: float, permittivity: complex, came: F64, goes: F64) -> Pair:
+        """What the ends change of it."""
+        endless, gain = self._cut(k, permittivity, came, goes), self._gain(k, permittivity)
+        share = float(np.clip(3.0 - 3.0 * k * self.length / LONGEST, 0.0, 1.0))
+        if gain == 0.0 or share == 0.0:
+            return 0.0 * endless[0], 0.0 * endless[1]
+        whole = self._rod(k, permittivity).response(came, goes)
+        return share * (gain * whole[0] - endless[0]), share * (gain * whole[1] - endless[1])
 
 
 def _disc_form(size: float, way: F64) -> F64:

@@ -20,7 +20,7 @@
 //     boresight: Float32Array(3 nPulses); a table's azimuthSine, elevationSine Float64Array(2): of its first and last
 //     node; azimuthGain, elevationGain Float32Array: the nodes};
 //   windows: see windows.js;
-//   band null (all pulses serve all pixels) or {half, forward Float32Array(3 nPulses), center, gap Float64Array(nPulses)}
+//   band null (all pulses serve all pixels) or {half, forward Float32Array(3 nPulses), center, gap, turn Float64Array(nPulses)}
 // }
 // grid: { nx, ny; origin [3] m from the scene's centre; along, across [3] horizontal unit vectors at right angles;
 //   rows Float64Array(ny), columns Float64Array(nx): m along and across from origin }
@@ -360,7 +360,8 @@ class GpuSums {
       table[at] = sine - data.band.center[t] - band.shift;
       table[at + 1] = slope(grid.along, table[at - 6]);
       table[at + 2] = slope(grid.across, table[at - 5]);
-      table[at + 3] = 1 / (data.band.gap[t] * band.step * (1 - sine * sine) * inverse);
+      const step = data.band.gap[t] * (1 - sine * sine) * inverse + data.band.turn[t];
+      table[at + 3] = 1 / Math.max(Math.abs(step) * band.step, 1e-12);
     } else {
       table.fill(0, at, at + 3);
       table[at + 3] = 1;
@@ -488,7 +489,8 @@ class CpuSums {
     const f = data.band.forward;
     const sine = x * f[3 * t] + y * f[3 * t + 1] + z * f[3 * t + 2];
     const offset = sine - data.band.center[t] - band.shift;
-    const step = (data.band.gap[t] * band.step * (1 - sine * sine)) / range;
+    const each = (data.band.gap[t] * (1 - sine * sine)) / range + data.band.turn[t];
+    const step = Math.max(Math.abs(each) * band.step, 1e-12);
     const inside = Math.min(Math.max((band.half - Math.abs(offset)) / step + 0.5, 0), 1);
     return inside && inside * band.window(Math.min(Math.max(offset / (2 * band.half), -0.5), 0.5));
   }

@@ -11,13 +11,14 @@ from sarmitsuba.echo.direct import plan_direct
 from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
-from sarmitsuba.focusing.needs import focusing_bytes, look_bytes, look_shape
+from sarmitsuba.focusing.look import look_size
+from sarmitsuba.focusing.needs import focusing_bytes, look_bytes
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.memory import check_fits, held_memory, in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.speed import TWO_CORES, scatterers_met
-from sarmitsuba.simulation.sampling.plan import SamplingPlan, azimuth_cell
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
 
@@ -203,27 +204,27 @@ def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, g
 def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
     n_layers = len(layers.layers)
     rays: tuple[int, ...] = (0,)
-    numbers = grid_numbers(
-        (len(layers.orders), *look_shape(scene.radar, grid, azimuth_cell(scene))), len(layers.channels)
-    )
+    rows, columns, looks = look_size(scene.radar, grid)
+    numbers = grid_numbers((len(layers.orders), rows, columns), len(layers.channels))
     seconds = {"form image": float(np.prod(grid.shape)) * n_layers * FORMED_PIXEL}
     if sampling is not None:
         sampling = sampling.of_one_look()
         rays = lattice_rays(sampling, layers)
-        seconds = {"trace": _trace_seconds(sampling, layers, rays, 1)} | seconds
-    forming = look_bytes(grid, n_layers)
+        seconds = {"trace": _trace_seconds(sampling, layers, rays, looks)} | seconds
+    lanes = max(rays) * max(1, min(looks, MAX_LANES // max(max(rays), 1)))
+    forming = look_bytes(grid, n_layers, rows * columns)
     return Needs(
         name=scene.name,
         method="image",
-        rays=sum(rays),
-        key_pulses=1,
+        rays=looks * sum(rays),
+        key_pulses=looks,
         image_shape=grid.shape,
         layers=n_layers,
         stages={
-            "trace": _tracing_bytes(rays, max(rays), numbers) + forming,
-            "image": FIRST_USE + RAY * sum(rays) + _device_bytes(max(rays), numbers) + forming,
+            "trace": _tracing_bytes(rays, lanes, numbers) + forming,
+            "image": FIRST_USE + RAY * sum(rays) + _device_bytes(lanes, numbers) + forming,
         },
-        parts={"rays": _ray_bytes(rays, max(rays)), "grids": _grid_bytes(numbers), "image": forming},
+        parts={"rays": _ray_bytes(rays, lanes), "grids": _grid_bytes(numbers), "image": forming},
         seconds=seconds,
         ray_spacing=sampling.spacings.coherent if sampling else 0.0,
     )

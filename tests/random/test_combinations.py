@@ -1,0 +1,61 @@
+"""A part of benchmarks/combinations.py: drawn combinations against the exact sum over an ideal point's echoes."""
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sarmitsuba.focusing import FOCUSERS, focus
+from sarmitsuba.radar.mode import MODES
+from sarmitsuba.simulation.raw import simulate
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+# of each mode: drawn too, and cheap
+QUICK = 1
+
+
+@pytest.fixture
+def combinations(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("combinations")
+
+
+def check(combinations: ModuleType, mode: str, seed: int) -> None:
+    cells = list(combinations.cells_of(combinations.draw(mode, seed)))
+    assert {cell.column for cell in cells} == {*FOCUSERS.names, "auto", "image", "raster"}
+    wrong = [cell for cell in cells if cell.verdict == combinations.WRONG]
+    assert not wrong, "\n".join(cell.text() for cell in wrong)
+
+
+@pytest.mark.parametrize("seed", range(QUICK))
+@pytest.mark.parametrize("mode", MODES.names)
+def test_a_few_combinations_are_right_or_say_so(combinations: ModuleType, mode: str, seed: int) -> None:
+    check(combinations, mode, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(QUICK, 20))
+@pytest.mark.parametrize("mode", MODES.names)
+def test_all_combinations_are_right_or_say_so(combinations: ModuleType, mode: str, seed: int) -> None:
+    check(combinations, mode, seed)
+
+
+def test_the_matrix_sees_small_errors(combinations: ModuleType) -> None:
+    # an image that is off by little more than is right, each way
+    drawn = combinations.draw("spotlight", 0)
+    scene = drawn.scene()
+    windows = {"range_window": drawn.windows[0], "azimuth_window": drawn.windows[1]}
+    truth = combinations.Truth(drawn, scene)
+    image = focus(simulate(scene), request=scene.image, **windows)
+    assert truth.compare(image)[0].badness() < 1.0
+    grid = image.grid
+    for wrong in (
+        replace(image, data=image.data * np.float32(10.0**0.0035)),  # 0.07 dB
+        replace(image, data=image.data * np.complex64(np.exp(1j * np.radians(1.3)))),
+        replace(image, grid=replace(grid, azimuth=grid.azimuth + 0.07 * drawn.cells[0])),
+        replace(image, grid=replace(grid, range=grid.range + 0.07 * drawn.cells[1])),
+    ):
+        assert combinations.Truth(drawn, scene).compare(wrong)[0].badness() > 1.1
