@@ -99,7 +99,7 @@ def measured_both_ways(
         if decision is None or not _worth_trying(effect, decision) or left < 0:
             continue
         try:
-            other = run.otherwise(_switched(loaded, decision))
+            other = run.otherwise(switched(loaded, decision))
             if other.sampling is None or other.layers.channels != run.layers.channels:
                 continue
             way = _Echoes(other, blocks, clock)
@@ -130,7 +130,7 @@ def _worth_trying(effect: Effect, decision: Decision) -> bool:
     return bool(effect.documentation) or effect.name == "max_depth"
 
 
-def _switched(loaded: Scene, decision: Decision) -> Scene:
+def switched(loaded: Scene, decision: Decision) -> Scene:
     """The scene with an effect the other way; bounces: without the last, or with the second."""
     settings = loaded.settings
     if decision.name == "max_depth":
@@ -156,4 +156,4 @@ def _share(decision: Decision, base: _Echoes, way: _Echoes, keys: int) -> float:
     return max(0.0, 1.0 - without / with_it)
 
 
-__all__ = ["measured_both_ways"]
+__all__ = ["measured_both_ways", "switched"]
