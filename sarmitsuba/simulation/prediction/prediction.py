@@ -31,6 +31,8 @@ MEASURED_MEMORY = 1_000_000_000
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
 # shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
 STEADY, TRIES = 0.2, 4
+# rays of blocks that are traced for their error alone: all blocks of a run of seconds
+SEAM_RAYS = 20_000_000
 # most that loading compiled kernels and making transforms ready takes at the first batch, s; more was compilation
 FIRST_USE = 0.06
 
@@ -100,12 +102,14 @@ class _Traced:
     statistics : of the whole run
     interval : pulses that share one tracing
     error_db : that this makes against tracing every pulse
+    seams : places where blocks meet that it was measured at, and all there are
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
     interval: int
     error_db: float
+    seams: tuple[int, int]
 
 
 def predict(
@@ -119,8 +123,8 @@ def predict(
 
     What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
     ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced, which
-    compiles its kernels, so that the run then finds them compiled, and measures their error; one of them again, and a
-    sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
+    compiles its kernels, so that the run then finds them compiled; one of them again, others for the error of blocks,
+    and a sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
 
     Parameters
     ----------
@@ -156,7 +160,7 @@ def predict(
         if both_ways:
             planned = measured_both_ways(run, scene, stats.key_pulses)
         planned = planned.with_key_pulses(
-            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0
+            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0, traced.seams
         )
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
@@ -221,7 +225,8 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     seconds |= {stage: predicted[stage] for stage in stages}
     batches = settled.rays / max(stats.rays, 1)
     seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
-    return _Traced(seconds, whole, blocks.interval, blocks.error_db)
+    seams = blocks.survey(SEAM_RAYS)
+    return _Traced(seconds, whole, blocks.interval, blocks.error_db, seams)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:
