@@ -56,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="S",
         help="keep adding passes of rays for this many seconds of tracing and of estimating their error (default: the "
-        "scene's); loading, planning, the final image and files come on top; an interrupted run resumes when started again",
+        "scene's); loading, planning, the final image and files come on top; an interrupted run resumes when started "
+        "again",
     )
     parser.add_argument(
         "--no-error-bars",

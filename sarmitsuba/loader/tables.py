@@ -130,7 +130,7 @@ INTEGRATOR = ParamTable(
             "time_limit",
             "float",
             0.0,
-            "add passes of rays until they have taken this time; planning, the final image and files come on top; 0 = off",
+            "add passes of rays until they have taken this time; planning, last image and files come on top; 0 = off",
             "s",
             0.0,
             1e9,

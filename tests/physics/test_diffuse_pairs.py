@@ -229,7 +229,8 @@ def test_small_runs_and_all_methods_have_one_plan(method: str) -> None:
     court = plan.decision("diffuse_pairs")
     # -12.6 dB by the draws of the benchmark; tol: four standard errors of a draw
     assert court is not None and court.on and court.error_db == pytest.approx(-12.6, abs=1.0)
-    assert plan.summary() == plan_scene(load_scene("courtyard").replace(azimuth_resolution=1.5)).summary()
+    other = plan_scene(load_scene("courtyard").replace(azimuth_resolution=1.5))
+    assert (plan.flags, plan.max_depth) == (other.flags, other.max_depth)
 
 
 @pytest.mark.slow

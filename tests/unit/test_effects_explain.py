@@ -67,6 +67,7 @@ def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
     assert prediction.seconds["synthesise"] == pytest.approx(batches, abs=1.0)
 
 
+@pytest.mark.slow
 def test_stated_changes_are_those_of_whole_runs() -> None:
     """An effect switched the other way changes the echoes of the whole run by what explain states."""
     scene = load_scene(resolve("dihedral"))
