@@ -2,17 +2,23 @@
 
 # characters of a message; what is longer repeats the input, and is cut in the middle so that the remedy stays
 _LONGEST = 900
-_CONTROL = {**dict.fromkeys(range(32), " "), **dict.fromkeys((0x7F, 0x85, 0x2028, 0x2029), " ")}
+# control characters, line separators, and marks that turn the direction of what follows
+_CONTROL = dict.fromkeys(
+    (*range(32), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A)), " "
+)
+
+
+def plain_line(text: object) -> str:
+    """Text for a terminal or a log: one line without control characters, of at most 900 characters."""
+    line = " ".join(str(text).translate(_CONTROL).split())
+    return f"{line[: _LONGEST - 300]} [...] {line[-290:]}" if len(line) > _LONGEST else line
 
 
 class SarmitsubaError(Exception):
     """Base of every error that a user can cause; its text is one complete line of bounded length, whatever was read."""
 
     def __init__(self, text: str = "") -> None:
-        line = text.translate(_CONTROL)
-        if len(line) > _LONGEST:
-            line = f"{line[: _LONGEST - 300]} [...] {line[-290:]}"
-        super().__init__(line)
+        super().__init__(plain_line(text))
 
 
 class SceneError(SarmitsubaError):
@@ -44,7 +50,10 @@ class OutputError(SarmitsubaError):
 
 
 class SarmitsubaWarning(UserWarning):
-    """The result stands, but something about it deserves a look; one line."""
+    """The result stands, but something about it deserves a look; one line of bounded length, whatever was read."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(plain_line(text))
 
 
 class ExtensionError(SarmitsubaError):
@@ -62,4 +71,5 @@ __all__ = [
     "SarmitsubaError",
     "SarmitsubaWarning",
     "SceneError",
+    "plain_line",
 ]

@@ -12,10 +12,11 @@ CACHE_VARIABLE = "DRJIT_CACHE_DIR"
 
 
 def prepare_kernel_cache() -> Path | None:
-    """Choose another folder for compiled kernels where Dr.Jit could not write its own; before it is imported.
+    """Choose another folder for compiled kernels where Dr.Jit's own cannot be used; before it is imported.
 
-    A folder that ``DRJIT_CACHE_DIR`` names is left alone. In place of ``~/.drjit`` it is one of this user's own in the
-    folder for temporary files, which is kept from run to run; one that others could have filled is not used, because
+    A folder that ``DRJIT_CACHE_DIR`` names is left alone. In place of a ``~/.drjit`` that cannot be written, is a link,
+    or that others own or can write in, it is one of this user's own in the folder for temporary files, which is kept
+    from run to run; one that others could have filled is not used, because
     kernels are code.
 
     Returns
@@ -30,15 +31,22 @@ def prepare_kernel_cache() -> Path | None:
     if os.environ.get(CACHE_VARIABLE) or os.name != "posix":
         return None
     home = os.environ.get("HOME", "")
-    if home and _writable(Path(home) / ".drjit"):
+    usual = Path(home) / ".drjit"
+    reason = (
+        ""
+        if home and _own(usual) and _writable(usual)
+        else _reason(usual)
+        if home
+        else "there is no home folder"
+    )
+    if not reason:
         return None
     folder = Path(tempfile.gettempdir()) / f"sarmitsuba-kernels-{os.getuid()}"
     if not _own(folder):
         folder = Path(tempfile.mkdtemp(prefix="sarmitsuba-kernels-"))
     os.environ[CACHE_VARIABLE] = str(folder)
     warnings.warn(
-        f"compiled kernels are kept in {folder}, because {home or 'no home folder'} cannot be written; set "
-        f"{CACHE_VARIABLE} for another place",
+        f"compiled kernels are kept in {folder}, because {reason}; set {CACHE_VARIABLE} for another place",
         SarmitsubaWarning,
         stacklevel=2,
     )
@@ -55,6 +63,19 @@ def _writable(folder: Path) -> bool:
         return False
 
 
+def _reason(folder: Path) -> str:
+    """Why a folder that cannot be used cannot."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return f"{folder.parent} cannot be written"
+    if not stat.S_ISDIR(found.st_mode):
+        return f"{folder} is no folder"
+    if not _private(found):
+        return f"others can write in {folder} (chmod go-w it)"
+    return f"{folder} cannot be written"
+
+
 def _own(folder: Path) -> bool:
     """Whether the folder, made if need be, is this user's, no link, and nobody else can write in it."""
     try:
@@ -62,7 +83,13 @@ def _own(folder: Path) -> bool:
         found = folder.lstat()
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    return stat.S_ISDIR(found.st_mode) and _private(found)
+
+
+def _private(found: os.stat_result) -> bool:
+    """Whether a folder is this user's and nobody else can write in it; a group of the user's number is theirs."""
+    others = stat.S_IWOTH if found.st_gid == found.st_uid else stat.S_IWOTH | stat.S_IWGRP
+    return found.st_uid == os.getuid() and not found.st_mode & others
 
 
 __all__ = ["CACHE_VARIABLE", "prepare_kernel_cache"]

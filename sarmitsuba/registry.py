@@ -11,6 +11,7 @@ import importlib.metadata
 import importlib.util
 import pkgutil
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
@@ -56,6 +57,8 @@ class Registry(Generic[T]):
         self._entries: dict[str, T] = {}
         self._owners: dict[str, str] = {}
         self._loaded = package is None
+        self._loading = threading.RLock()  # whoever else looks meanwhile waits; modules being loaded may look
+        self._in_work = False
 
     def register(self, entry: T) -> T:
         """Add an entry and return it.
@@ -109,13 +112,20 @@ class Registry(Generic[T]):
     def _load(self) -> None:
         if self._loaded:
             return
-        self._loaded = True
-        assert self._package is not None
-        package = importlib.import_module(self._package)
-        for module in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{self._package}.{module.name}")
-        for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
-            importlib.import_module(point.value)
+        with self._loading:
+            if self._loaded or self._in_work:
+                return
+            self._in_work = True
+            try:
+                assert self._package is not None
+                package = importlib.import_module(self._package)
+                for module in pkgutil.iter_modules(package.__path__):
+                    importlib.import_module(f"{self._package}.{module.name}")
+                for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+                    importlib.import_module(point.value)
+                self._loaded = True
+            finally:
+                self._in_work = False
 
 
 def load_extension(module_or_file: str, *, again: bool = True) -> None:

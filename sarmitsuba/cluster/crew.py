@@ -14,7 +14,9 @@ from sarmitsuba.errors import ClusterError
 from sarmitsuba.simulation.batches import Batch, Bench, Traced, TraceJob
 
 try:
+    import dask
     from distributed import Client, KilledWorker, LocalCluster, as_completed
+    from distributed.security import Security
 
     from sarmitsuba.cluster.worker import SLOT, ToolPlugin, run_task, version
 except ImportError as error:
@@ -23,6 +25,13 @@ except ImportError as error:
     ) from None
 
 from sarmitsuba.version import __version__
+
+LOOPBACK = "127.0.0.1"
+# neither scheduler nor workers serve pages about themselves
+_NO_PAGES: dict[str, list[str]] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 
 # how long to wait for the scheduler, and for the first worker, s
 PATIENCE = 60.0
@@ -116,9 +125,24 @@ class DaskCrew:
                 )
 
 
+def _own_certificate() -> Security:
+    """A key and certificate made for this run: who does not hold them, other users of this machine too, is refused."""
+    try:
+        return Security.temporary()
+    except ImportError:
+        raise ClusterError(
+            "a cluster on this machine needs the package cryptography, so that nobody else here can use it; "
+            "pip install 'sarmitsuba[cluster]'"
+        ) from None
+
+
 @contextmanager
 def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskCrew]:
     """Workers at an address; those of this machine are started, and stopped in the end.
+
+    Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run. A scheduler
+    elsewhere is as safe as it was made: whoever reaches one without TLS can run any code as its workers, and in this
+    process; keys for ``tls://HOST:PORT`` are those of Dask's configuration.
 
     Raises
     ------
@@ -126,15 +150,21 @@ def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator
         The scheduler cannot be reached, there is no worker, or they have another version.
     """
     if not address.scheduler:
+        security = _own_certificate()
         with (
+            dask.config.set(_NO_PAGES),
             LocalCluster(
                 n_workers=address.workers,
                 threads_per_worker=address.threads,
-                dashboard_address=None,
+                host=LOOPBACK,
+                protocol="tls://",
+                security=security,
+                dashboard_address=f"{LOOPBACK}:0",  # a server without a page; None would take a port of all addresses
+                worker_dashboard_address=None,
                 silence_logs=logging.CRITICAL,
                 memory_limit=0,  # Dr.Jit keeps what it frees: what a worker holds says little of what it needs
             ) as cluster,
-            Client(cluster) as client,
+            Client(cluster, security=security) as client,
         ):
             yield DaskCrew(client, f"local:{address.workers}", extensions)
         return

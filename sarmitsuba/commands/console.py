@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import sys
 import time
 import warnings
@@ -9,13 +10,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.errors import SarmitsubaWarning, plain_line
 from sarmitsuba.progress import Journey, Standing
 from sarmitsuba.timing import Clock
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+# what a terminal would obey; tables keep their line ends and tabs
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}{postfix}"
 # off a terminal: a line every tenth of the run, none in runs that end sooner than this, s
 _LINES, _QUICK = 10, 2.0
@@ -45,16 +48,16 @@ class Console:
     def say(self, text: str) -> None:
         """Print a result."""
         if not self.quiet:
-            self._line(text, sys.stdout)
+            self._line(_CONTROL.sub(" ", text), sys.stdout)
 
     def complain(self, text: str) -> None:
         """Print an error on one line, even if its text has several."""
         self.end_progress()
-        self._line(f"error: {' '.join(text.split())}", sys.stderr)
+        self._line(f"error: {plain_line(text)}", sys.stderr)
 
     def warn(self, text: str) -> None:
         """Print a warning on one line and remember it; the same text is printed only once."""
-        line = " ".join(text.split())
+        line = plain_line(text)
         if line not in self.warnings:
             self.warnings.append(line)
             if not self.quiet:
@@ -67,7 +70,7 @@ class Console:
 
     def note(self, text: str) -> None:
         """Print on one line what was assumed, unless it was a warning already; the same text is printed only once."""
-        line = " ".join(text.split())
+        line = plain_line(text)
         if line not in self.warnings and line not in self.notes:
             self.notes.append(line)
             if not self.quiet:
@@ -131,7 +134,8 @@ class Console:
             if issubclass(category, SarmitsubaWarning):
                 self.warn(str(message))
             elif self.verbose:
-                self._line(warnings.formatwarning(message, category, filename, lineno, line), sys.stderr)
+                text = warnings.formatwarning(message, category, filename, lineno, line)
+                self._line(plain_line(text), sys.stderr)
 
         logger = logging.getLogger("sarmitsuba")
         handler = _LogHandler(self)
@@ -175,7 +179,7 @@ class _LogHandler(logging.Handler):
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._console._line(f"{record.name}: {record.getMessage()}", sys.stderr)
+        self._console._line(plain_line(f"{record.name}: {record.getMessage()}"), sys.stderr)
 
 
 __all__ = ["Console"]

@@ -15,6 +15,7 @@ from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
+from sarmitsuba.regular_files import read_text
 
 MANIFEST = ".sarmitsuba.json"
 _ON_THE_WAY = (
@@ -50,10 +51,9 @@ class OutputFolder:
         self.mark = ""
         self._bytes: dict[str, int] = {}
         try:
-            status = (path / MANIFEST).lstat()
-            if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST_LIST:
+            if (path / MANIFEST).is_symlink():
                 raise ValueError
-            record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            record = json.loads(read_text(path / MANIFEST, errors="strict", most=_LARGEST_LIST))
             listed = {str(name): int(size) for name, size in record["files"].items()}
             self.mark = str(record["mark"])
         except FileNotFoundError:

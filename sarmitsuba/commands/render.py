@@ -124,7 +124,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         record["seconds"] = {**watch.seconds, "total": watch.total}
         results.save_record(folder, record)
         if args.page:
-            done = view_folder(folder, console)
+            done = view_folder(folder, console, allow_outside=args.allow_outside)
         console.say(f"{done} ({watch.total:.1f} s)")
     return 0
 

@@ -52,7 +52,8 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
         One of the files exists already, or cannot be written. Nothing is copied then.
     """
     from sarmitsuba.io.atomic import atomic_path, make_folder
-    from sarmitsuba.loader.references import check_document, is_inside
+    from sarmitsuba.loader.references import check_document
+    from sarmitsuba.regular_files import is_inside
 
     root = scene.parent
     check_document(scene)

@@ -28,8 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to serve at (default: 127.0.0.1, which this machine alone reaches); anyone who reaches another "
-        "one can use the page",
+        help="loopback address to serve at: 127.0.0.1 (default), ::1 or localhost; from another machine take ssh -L",
     )
     parser.add_argument("--port", type=int, default=8080, help="(default: 8080, or the next that is free)")
 
@@ -38,6 +37,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Serve until Ctrl-C."""
     from sarmitsuba.backend import ensure_backend
     from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.unfinished import removed_if_stopped
 
     if not 1 <= args.port <= 65535:
         raise SarmitsubaError(f"studio: --port {args.port} is not from 1 to 65535")
@@ -52,7 +52,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         studio = Studio(args.scene, folder.path, args.host, args.port)
         console.say(f"{studio.address}  (Ctrl-C ends it)")
         try:
-            studio.serve()
+            with removed_if_stopped(studio.discard):
+                studio.serve()
         finally:
             studio.close()
     return 0

@@ -29,6 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", help="page to write (default: page.html in the first OUT)"
     )
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="the scene may refer to files outside its own folder, as when it was rendered so",
+    )
     parser.add_argument("--channel", metavar="NAME", help="polarisation, such as HV (default: the first)")
 
 
@@ -37,28 +42,37 @@ def run(args: argparse.Namespace, console: Console) -> int:
     folders = [Path(folder) for folder in args.folders]
     if args.output:
         target = Path(args.output)
-        _write(target, _payload(folders, args.channel, console))
+        _write(target, _payload(folders, args.channel, console, args.allow_outside))
     else:
-        target = view_folder(OutputFolder(folders[0]), console, folders[1:], args.channel)
+        target = view_folder(
+            OutputFolder(folders[0]), console, folders[1:], args.channel, allow_outside=args.allow_outside
+        )
     console.say(f"{target} ({target.stat().st_size / 1e6:.1f} MB; open it in a browser)")
     return 0
 
 
 def view_folder(
-    folder: OutputFolder, console: Console, others: Sequence[Path] = (), channel: str | None = None
+    folder: OutputFolder,
+    console: Console,
+    others: Sequence[Path] = (),
+    channel: str | None = None,
+    *,
+    allow_outside: bool = False,
 ) -> Path:
     """Write the page of a folder of results into it. Return the page's path."""
-    payload = _payload([folder.path, *others], channel, console)
+    payload = _payload([folder.path, *others], channel, console, allow_outside)
     with folder.writing(PAGE) as target:
         _write(target, payload)
     return target
 
 
-def _payload(folders: list[Path], channel: str | None, console: Console) -> "dict[str, Value]":
+def _payload(
+    folders: list[Path], channel: str | None, console: Console, allow_outside: bool
+) -> "dict[str, Value]":
     from sarmitsuba.page.payload import page_payload
     from sarmitsuba.page.run_folder import read_run
 
-    runs = [read_run(folder) for folder in folders]
+    runs = [read_run(folder, allow_outside=allow_outside) for folder in folders]
     for run_folder in runs:
         for note in run_folder.notes:
             console.note(note)

@@ -10,6 +10,8 @@ import numpy as np
 from sarmitsuba.echo.in_pulse import standing_still
 from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
+from sarmitsuba.finite import check_pulses
 from sarmitsuba.focusing.aperture import flight, incidence_angle
 from sarmitsuba.focusing.autofocus import Autofocuser, AutofocusTask, parse_autofocus, remove_error
 from sarmitsuba.focusing.cells import azimuth_cells
@@ -22,16 +24,19 @@ from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.image.validity import check_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.validity import check_radar
 
 # footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
 _FIXED = 1e-9
 
 
+@exclusive
 def focus(
     raw: RawData,
     grid: ImageGrid | None = None,
@@ -75,12 +80,16 @@ def focus(
     ExtensionError
         There is no such focuser or autofocuser.
     DataError
-        Unknown window, or data or a grid that the focuser refuses.
+        Unknown window, data or a grid that the focuser refuses, or echoes that are NaN or infinite.
     ResourceError
         The image does not fit into memory.
     """
+    check_radar(raw.radar)
+    if grid is not None:
+        check_grid(grid)
     focuser = parse_focuser(focuser)
     range_window, azimuth_window = parse_window(range_window), parse_window(azimuth_window)
+    check_pulses(raw.data, "focus: ")
     raw = range_compress(raw, method=compression)
     halfway = start_stop_phase(raw.radar)
     raw = standing_still(raw)

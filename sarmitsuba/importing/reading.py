@@ -5,11 +5,9 @@ import xml.etree.ElementTree as ET
 import xml.parsers.expat
 from pathlib import Path
 
+from sarmitsuba import regular_files
 from sarmitsuba.errors import SceneError
 from sarmitsuba.parameters import one_line
-
-# a city of a million buildings; what is larger is cut first
-LARGEST = 1 << 30
 
 
 class _PrologError(Exception):
@@ -21,15 +19,10 @@ def read_bytes(path: Path) -> bytes:
 
     Raises
     ------
-    SceneError : it cannot be read, or is larger than `LARGEST`
+    SceneError : it cannot be read, is no ordinary file, or is larger than `regular_files.LARGEST`
     """
     try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise SceneError(
-                f"{path.name}: {size / 1e9:.3g} GB is more than {LARGEST / 1e9:.3g} GB; cut out the part you need"
-            )
-        return path.read_bytes()
+        return regular_files.read_bytes(path)
     except OSError as error:
         raise SceneError(
             f"{one_line(path.name)}: cannot be read: {error.strerror}; check the path"
@@ -86,4 +79,4 @@ def read_xml(path: Path) -> ET.Element:
         raise SceneError(f"{path.name}: malformed XML: {one_line(error)}; export it again") from error
 
 
-__all__ = ["LARGEST", "read_bytes", "read_json", "read_xml"]
+__all__ = ["read_bytes", "read_json", "read_xml"]

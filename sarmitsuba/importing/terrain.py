@@ -1,5 +1,6 @@
 """Elevation rasters as terrain in the scene's frame."""
 
+import os
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from sarmitsuba.importing.places import WGS84, Places, local_of_geodetic, projec
 from sarmitsuba.importing.triangulated import Network, network
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.regular_files import check_regular
 
 if TYPE_CHECKING:
     from rasterio.windows import Window
@@ -22,6 +24,14 @@ I32 = NDArray[np.int32]
 
 # samples that are read; triangulating more takes minutes and gigabytes
 MOST_SAMPLES = 16_000_000
+# bytes of a block as it is unpacked; of a tile of 512 x 512 float64 it is 2 MB
+_LARGEST_BLOCK = 1 << 28
+# GDAL looks for side files (.aux.xml, .ovr, .tfw ...) and takes georeference from them, which may lie anywhere
+_ALONE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_PAM_ENABLED": "NO",
+    "GDAL_GEOREF_SOURCES": "INTERNAL",
+}
 # what is no height on the Earth, m
 _LOWEST, _HIGHEST = -12e3, 9e3
 
@@ -71,7 +81,7 @@ class Raster:
 
 
 def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
-    """Read the first band of a GeoTIFF or another raster that rasterio knows.
+    """Read the first band of a GeoTIFF, and no other file: no side files, no other format under its name.
 
     Parameters
     ----------
@@ -94,7 +104,8 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with rasterio.open(path) as file:
+            check_regular(path)
+            with rasterio.Env(**_ALONE), rasterio.open(os.path.abspath(path), driver="GTiff") as file:
                 if file.crs is None:
                     raise SceneError(
                         f"{where}: has no coordinate system; write one into it with gdal_edit -a_srs"
@@ -110,6 +121,12 @@ def read_raster(path: Path, geoid: float, around: F64 | None) -> Raster:
                     raise SceneError(
                         f"{where}: {n} samples are more than {MOST_SAMPLES}; cut a part out or resample it, or give "
                         "buildings or --anchor with --radius"
+                    )
+                rows, columns = file.block_shapes[0]
+                if rows * columns * file.count * np.dtype(file.dtypes[0]).itemsize > _LARGEST_BLOCK:
+                    raise SceneError(
+                        f"{where}: blocks of {rows} x {columns} samples of {file.count} bands take more than "
+                        f"{_LARGEST_BLOCK / 1e6:.0f} MB each; write it with -co TILED=YES"
                     )
                 heights = file.read(1, window=window, masked=True).astype(np.float64).filled(np.nan)
                 transform = file.window_transform(window)

@@ -2,11 +2,18 @@
 
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
 from sarmitsuba.errors import OutputError
+from sarmitsuba.unfinished import removed_if_stopped
+
+# no link is followed and no pipe waited for, where the system knows how
+_UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 @contextmanager
@@ -25,13 +32,30 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     # the suffix stays: some writers choose the format by it
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
-        temporary.unlink(missing_ok=True)  # a link there would be written through
-        yield temporary
-        os.replace(temporary, target)
+        # whoever could write into the folder might have laid a link there, and writers would follow it
+        temporary.unlink(missing_ok=True)
+        with removed_if_stopped(partial(temporary.unlink, missing_ok=True)):
+            yield temporary
+            os.replace(temporary, target)
     except OSError as error:
         raise OutputError(f"{target}: cannot write: {reason_of(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def open_own(path: Path) -> BinaryIO:
+    """Open a plain file for reading and writing, made if need be: no link that somebody may have laid there, no pipe.
+
+    Raises
+    ------
+    OSError
+        As the operating system has it; ``ELOOP`` for a link.
+    """
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | _UNLINKED, 0o666)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "it is no plain file; remove it, or choose another -o")
+    return os.fdopen(handle, "r+b", buffering=0)
 
 
 def make_folder(folder: Path | str) -> Path:
@@ -54,4 +78,4 @@ def reason_of(error: OSError) -> str:
     return " ".join(text.split())
 
 
-__all__ = ["atomic_path", "make_folder", "reason_of"]
+__all__ = ["atomic_path", "make_folder", "open_own", "reason_of"]

@@ -1,14 +1,17 @@
 """The file formats of raw data and images, found by name or by the file's suffix."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from sarmitsuba.echo.raw import RawData
-from sarmitsuba.errors import DataError
+from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.image.validity import check_image
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.validity import check_radar, check_request
 from sarmitsuba.registry import Registry
 
 Content = Literal["raw", "image"]
@@ -103,21 +106,52 @@ def write_image(image: SarImage, path: Path | str, *, format: str | None = None)
 
 
 def read_raw(path: Path | str, *, format: str | None = None) -> RawData:
-    """Read raw data."""
+    """Read raw data.
+
+    Raises
+    ------
+    DataError
+        The format cannot be read, or a number of the radar or of the image asked for is out of bounds.
+    """
     path = Path(path)
     entry = find_format(path, "raw", format)
     if entry.read_raw is None:
         raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
-    return entry.read_raw(path)
+    raw = entry.read_raw(path)
+    with _naming(path):
+        check_radar(raw.radar)
+        if raw.flown is not None:
+            check_radar(replace(raw.radar, track=raw.flown, recorded=None))
+        if raw.request is not None:
+            check_request(raw.request)
+    return raw
 
 
 def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
-    """Read an image."""
+    """Read an image.
+
+    Raises
+    ------
+    DataError
+        The format cannot be read, or a number of the grid or of the calibration is out of bounds.
+    """
     path = Path(path)
     entry = find_format(path, "image", format)
     if entry.read_image is None:
         raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
-    return entry.read_image(path)
+    image = entry.read_image(path)
+    with _naming(path):
+        check_image(image)
+    return image
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file in what is wrong with its numbers."""
+    try:
+        yield
+    except (RadarError, DataError) as error:
+        raise DataError(f"{path}: {error}") from None
 
 
 __all__ = ["FORMATS", "FileFormat", "find_format", "read_image", "read_raw", "write_image", "write_raw"]

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sarmitsuba.io.atomic import open_own
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer, WriteableBuffer
 
@@ -23,7 +25,8 @@ class GuardedFile(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.error: OSError | None = None
-        self._file = open(path, "w+b", buffering=0)
+        self._file = open_own(path)
+        self._file.truncate(0)
 
     def write(self, data: "ReadableBuffer") -> int:
         """Write all of ``data``; drop it once the disk has refused."""
@@ -49,7 +52,9 @@ class GuardedFile(io.RawIOBase):
     def readinto(self, buffer: "WriteableBuffer") -> int:
         """Fill ``buffer`` from the current position, with zeros past the end."""
         view = memoryview(buffer).cast("B")
-        count = self._file.readinto(view) or 0
+        data = self._file.read(len(view))
+        count = len(data)
+        view[:count] = data
         view[count:] = bytes(len(view) - count)
         return len(view)
 

@@ -6,8 +6,6 @@ journal: it and what follows are dropped, everything before it holds.
 """
 
 import json
-import os
-import stat
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -18,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import OutputError
-from sarmitsuba.io.atomic import reason_of
+from sarmitsuba.io.atomic import open_own, reason_of
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
 _HEADER = struct.Struct("<4sIQI")  # magic, bytes of the label, bytes of the payload, CRC-32
 Label = Mapping[str, Any]
-# no link is followed and no pipe waited for, where the system knows how
-_UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 class Journal:
@@ -54,14 +50,10 @@ class Journal:
         self.path = Path(path)
         self.labels: list[dict[str, Any]] = []
         self._payloads: list[tuple[int, int]] = []  # offset and bytes
-        try:  # never through a link, and a pipe must not hold it up
-            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | _UNLINKED, 0o666)
+        try:
+            self._file: BinaryIO = open_own(self.path)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot write: {reason_of(error)}") from error
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            os.close(handle)
-            raise OutputError(f"{self.path}: is no plain file; remove it, or choose another -o")
-        self._file: BinaryIO = open(handle, "r+b", buffering=0)
         head = self._file.read(len(MAGIC))
         if (
             head != MAGIC[: len(head)]

@@ -7,6 +7,7 @@ from typing import Any
 
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
+from sarmitsuba.regular_files import read_text
 
 
 def write(path: Path | str, facts: Mapping[str, object]) -> None:
@@ -18,7 +19,7 @@ def write(path: Path | str, facts: Mapping[str, object]) -> None:
 
 def read(path: Path | str) -> dict[str, Any]:
     """Read the facts back."""
-    facts: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+    facts: dict[str, Any] = json.loads(read_text(path, errors="strict"))
     return facts
 
 

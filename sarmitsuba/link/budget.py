@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.link.findings import Finding, antenna_area, findings
@@ -111,6 +112,7 @@ class LinkBudget:
         return _table(self)
 
 
+@exclusive
 def link_budget(
     scene: Scene,
     *,

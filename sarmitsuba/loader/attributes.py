@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
+from sarmitsuba.regular_files import check_regular, read_bytes
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -90,6 +91,10 @@ def _of_ply(path: Path, faces: I32, names: Sequence[str], where: str) -> dict[st
     """Attributes of a PLY file whose faces are triangles."""
     import trimesh
 
+    try:
+        check_regular(path)
+    except OSError as error:
+        raise SceneError(f"{where}: cannot read {path.name}: {error.strerror}") from error
     mesh = trimesh.load_mesh(path, process=False, fix_texture=False)
     raw = getattr(mesh, "metadata", {}).get("_ply_raw", {})
     vertex, face = (raw.get(part, {}).get("data", {}) for part in ("vertex", "face"))
@@ -125,7 +130,7 @@ def _of_obj(path: Path, faces: I32, where: str) -> F64:
     points: list[list[float]] = []
     corners: list[list[int]] = []
     try:
-        for line in path.read_bytes().split(b"\n"):
+        for line in read_bytes(path).split(b"\n"):
             words = line.split()
             if not words or words[0] not in (b"vt", b"f"):
                 continue

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import Surface
 from sarmitsuba.loader.attributes import at_corners
 from sarmitsuba.loader.collect import Collector
@@ -98,6 +99,7 @@ class SceneVolume:
     name: str = "volume"
 
 
+@exclusive
 def build_scene(
     meshes: Sequence[SceneMesh] = (),
     points: Sequence[PointTarget] = (),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader import tables
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import describe
@@ -22,6 +23,7 @@ from sarmitsuba.scene.scene import Scene
 _DICT = "dict"
 
 
+@exclusive
 def load_scene(
     scene: "Path | str | Mapping[str, object] | mi.Scene",
     *,

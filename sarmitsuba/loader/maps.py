@@ -1,5 +1,6 @@
 """Maps on materials as a scene file has them: bitmaps and attributes of the mesh, nested in a BSDF."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
 from sarmitsuba.parameters import Value, did_you_mean, one_line, string_value
+from sarmitsuba.regular_files import check_regular
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
@@ -33,6 +35,9 @@ _TEXTURES = {
     "bitmap": ("filename", "raw", "filter_type", "wrap_mode", "to_uv"),
     "mesh_attribute": ("name",),
 }
+# a bitmap takes about 20 bytes a pixel while it is read: 1.3 GB
+MOST_PIXELS = 1 << 26
+_EXR = b"\x76\x2f\x31\x01"
 _NUMBER, _COLOUR = "class_", "color_"
 
 
@@ -298,6 +303,7 @@ def _file(texture: Element) -> Path:
 
 def _pixels(path: Path, where: str) -> NDArray[np.generic]:
     """(rows, columns, channels) numbers of a bitmap file as they are, first row on top."""
+    _check_size(path, where)
     try:
         pixels = np.array(mi.Bitmap(str(path)))
     except (RuntimeError, ValueError) as error:
@@ -309,6 +315,49 @@ def _pixels(path: Path, where: str) -> NDArray[np.generic]:
     if pixels.ndim != 3 or not pixels.size:
         raise SceneError(f"{where}: bitmap {path.name} holds no pixels")
     return pixels
+
+
+def _check_size(path: Path, where: str) -> None:
+    """Raise a SceneError where a bitmap's header promises more pixels than `MOST_PIXELS`, before any is decoded."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        check_regular(path)
+        with path.open("rb") as file:
+            exr = file.read(len(_EXR)) == _EXR
+        if exr:
+            import OpenEXR
+
+            low, high = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
+            width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+        else:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+                with Image.open(path) as picture:
+                    width, height = picture.size
+    except OSError as error:
+        what = "unknown format" if isinstance(error, UnidentifiedImageError) else error.strerror or error
+        raise SceneError(
+            f"{where}: cannot read bitmap {path.name}: {one_line(what, 100)}; give a PNG, JPEG or OpenEXR file"
+        ) from None
+    except Image.DecompressionBombError:
+        raise SceneError(
+            f"{where}: bitmap {path.name} has more pixels than the {MOST_PIXELS} that are taken; resample it"
+        ) from None
+    except (
+        RuntimeError,
+        ValueError,
+        KeyError,
+        TypeError,
+        SyntaxError,
+    ) as error:
+        raise SceneError(
+            f"{where}: cannot read bitmap {path.name}: {one_line(error, 100)}; give a PNG, JPEG or OpenEXR file"
+        ) from None
+    if not 0 < width * height <= MOST_PIXELS:
+        raise SceneError(
+            f"{where}: bitmap {path.name} has {width} x {height} pixels; at most {MOST_PIXELS} are taken, resample it"
+        )
 
 
 def _code(key: str, where: str) -> int:

@@ -1,25 +1,30 @@
 """Mesh files as triangles in float64."""
 
-import re
+import errno
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.isolated import survive
 from sarmitsuba.mesh.ply import read_ply
 from sarmitsuba.parameters import one_line
+from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
+
+if TYPE_CHECKING:
+    import trimesh
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
-_USEMTL = re.compile(rb"(?m)^[ \t]*usemtl[ \t]+(.*?)[ \t\r]*$")
 # what a reader that meets arbitrary bytes raises
 _READER_ERRORS = (
     ValueError,
@@ -35,6 +40,24 @@ _READER_ERRORS = (
     MemoryError,
     struct.error,
 )
+
+
+class _Beside:
+    """Files that a glTF file names: ordinary ones in its own folder and below, of bounded size, and no others.
+
+    Raises an ``OSError`` for any other, whatever the version of the reader checks.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __getitem__(self, name: str) -> bytes:
+        """Content of a file."""
+        if "://" in name or not is_inside(name, self._folder):
+            raise OSError(errno.EACCES, f'names "{one_line(name)}", which lies outside its folder')
+        return read_bytes(self._folder / name)
+
+    get = __getitem__
 
 
 class _Names:
@@ -73,6 +96,7 @@ class MeshPart:
 def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
     """Triangles of a ply, obj or stl file, vertices as they are."""
     with _reading(path, where):
+        check_regular(path)
         if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
             return read[0], _checked(*read, path, where)
         import trimesh
@@ -81,7 +105,7 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
             options = {"file_type": "obj", "skip_materials": True, "maintain_order": True}
             loaded = trimesh.load_scene(BytesIO(_obj_geometry(path)), process=False, **options)
         else:
-            loaded = trimesh.load_scene(path, process=False)
+            loaded = _load(path)
         parts = list(loaded.geometry.values())
         # these formats place nothing: an only mesh is taken as it is, without the copies that joining parts makes
         alone = len(parts) == 1 and isinstance(parts[0], trimesh.Trimesh)
@@ -104,15 +128,14 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
         if path.suffix.lower() == ".obj":
             # names are all that matters: the .mtl file may be missing, and its textures are not read
             names = obj_materials(path)
-            text = _USEMTL.sub(lambda found: b"usemtl " + b" ".join(found[1].split()), _obj_geometry(path))
             loaded = trimesh.load_scene(
-                BytesIO(b"mtllib names\n" + text),
+                BytesIO(b"mtllib names\n" + _obj_geometry(path)),
                 file_type="obj",
                 resolver=_Names("".join(f"newmtl {name}\n" for name in names)),
                 process=False,
             )
         else:
-            loaded = trimesh.load_scene(path, process=False)
+            loaded = _load(path)
         parts = []
         for node in sorted(loaded.graph.nodes_geometry):
             matrix, key = loaded.graph[node]
@@ -133,14 +156,40 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
 
 def obj_materials(path: Path) -> tuple[str, ...]:
     """Names of the materials that an obj file uses, in order of first use."""
-    found = _USEMTL.findall(path.read_bytes())
-    return tuple(dict.fromkeys(" ".join(name.decode("utf-8", "replace").split()) for name in found))
+    rows = (row.split() for row in read_bytes(path).split(b"\n") if b"usemtl" in row)
+    found = (b" ".join(words[1:]) for words in rows if words and words[0] == b"usemtl" and len(words) > 1)
+    return tuple(dict.fromkeys(name.decode("utf-8", "replace") for name in found))
 
 
 def _obj_geometry(path: Path) -> bytes:
-    """Text of an obj file without what would split its vertices: texture coordinates, normals; and without mtllib."""
-    text = re.sub(rb"(?m)^[ \t]*(mtllib|vt|vn)\b.*$", b"", path.read_bytes())
-    return re.sub(rb"(?m)^[ \t]*f[ \t].*$", lambda found: re.sub(rb"/\S*", b"", found[0]), text)
+    """Text of an obj file without what would split its vertices: texture coordinates, normals; and without mtllib.
+
+    Blanks are joined, so that names of materials are those of :func:`obj_materials`, and no row costs more than its
+    length.
+    """
+    rows = []
+    for row in read_bytes(path).split(b"\n"):
+        words = row.split()
+        if not words or words[0] in (b"mtllib", b"vt", b"vn"):
+            continue
+        if words[0] == b"f":
+            words[1:] = [word.partition(b"/")[0] for word in words[1:]]
+        rows.append(b" ".join(words))
+    rows.append(b"")
+    return b"\n".join(rows)
+
+
+def _load(path: Path) -> "trimesh.Scene":
+    """A mesh file of any other kind, with the buffers that it names if they lie beside it."""
+    import trimesh
+
+    kind, beside = path.suffix.lower().removeprefix("."), _Beside(path.parent)
+
+    def load() -> "trimesh.Scene":
+        return trimesh.load_scene(BytesIO(read_bytes(path)), file_type=kind, resolver=beside, process=False)
+
+    survive(path, load)
+    return load()
 
 
 @contextmanager
@@ -150,6 +199,8 @@ def _reading(path: Path, where: str) -> Iterator[None]:
         yield
     except SceneError:
         raise
+    except DataError as error:
+        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error}") from None
     except OSError as error:
         raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror or error}") from error
     except _READER_ERRORS as error:
@@ -173,10 +224,13 @@ def _checked(vertices: F64, faces: NDArray[np.int64], path: Path, where: str) ->
 def read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
     """Triangles of Mitsuba's own binary format, through Mitsuba (float32 vertices)."""
     try:
+        check_regular(path)
         mesh = mi.load_dict({"type": "serialized", "filename": str(path), "shape_index": index})
         parameters = mi.traverse(mesh)
         vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
         faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3).astype(np.int32)
+    except OSError as error:
+        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror}") from error
     except (RuntimeError, KeyError, ValueError) as error:
         what = one_line(str(error).rpartition(f'{path.name}": ')[2] or "unreadable", 120)
         raise SceneError(f"{where}: cannot read mesh file {path.name}: {what}; export it as ply") from None

@@ -11,6 +11,7 @@ import numpy as np
 
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.elements import Property, plain_value
 from sarmitsuba.parameters import ParamTable
 
@@ -35,6 +36,7 @@ def plugins_dir() -> Path:
     return folder
 
 
+@exclusive
 def register_plugins() -> tuple[str, ...]:
     """Make ``sar_path``, ``sar_antenna``, ``range_film``, ``radar_material`` ... known to Mitsuba.
 

@@ -1,6 +1,7 @@
 """What a scene file refers to: nothing outside its own folder, unless that is allowed, and no document type."""
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.parsers import expat
@@ -10,9 +11,18 @@ from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.library import scenes_dir
 from sarmitsuba.loader.maps import MAP_NAMES, map_file
 from sarmitsuba.parameters import one_line
+from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
 
 _REMEDY = "move it there, or allow it: --allow-outside (allow_outside=True)"
 _MAX_INCLUDES = 1000
+# tags that name a file or folder in an attribute "value" or "filename"
+_PLACES = ("include", "path")
+_FILE_ATTRIBUTE = re.compile(rb"\bfilename\s*=")
+# elements within each other: scenes have four or five; Mitsuba's parser calls itself for each, and the stack ends
+_DEEPEST = 200
+# bytes of a scene file, and of a spectrum that one names
+_LARGEST_SCENE = 1 << 28
+_LARGEST_SPECTRUM = 1 << 20
 
 
 def check_document(path: Path, *, allow_outside: bool = False) -> None:
@@ -50,9 +60,9 @@ def check_document(path: Path, *, allow_outside: bool = False) -> None:
                 )
             place = path.parent / name
             if tag == "include" and "$" not in name and _exists(place):
-                if not place.is_file():
-                    raise SceneError(f'{file.name}: includes "{one_line(name)}", which is no ordinary file')
                 waiting.append(place)
+            elif tag != "path" and _exists(place):
+                _check_named(place, f'{file.name}: <{tag}> of "{one_line(name)}"')
 
 
 def check_files(label: str, files: Iterable[str], folder: Path) -> None:
@@ -90,13 +100,12 @@ def check_meshes(elements: Iterable[Element]) -> None:
             )
 
 
-def is_inside(name: str | Path, folder: Path) -> bool:
-    """Whether a path, relative to the folder or absolute, ends in it after all links are followed."""
+def _check_named(place: Path, what: str) -> None:
+    """Raise a SceneError where Mitsuba's parser would open what is no small ordinary file."""
     try:
-        place = os.path.realpath(folder / name)
-    except (OSError, ValueError):  # longer than the system takes, or with a null character
-        return ".." not in Path(name).parts and not Path(name).is_absolute()
-    return Path(place).is_relative_to(os.path.realpath(folder))
+        check_regular(place, _LARGEST_SPECTRUM)
+    except OSError as error:
+        raise SceneError(f"{what}: {error.strerror}") from error
 
 
 def _exists(path: Path) -> bool:
@@ -107,27 +116,43 @@ def _exists(path: Path) -> bool:
 
 
 def _references(path: Path) -> Sequence[tuple[str, str]]:
-    """Tag and name of every ``include`` and ``path`` of a file.
+    """Tag and name of every element that names a file or a folder in its attributes.
+
+    These are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which Mitsuba's
+    parser opens while it reads; files that a ``<string>`` names are checked later, by their use.
 
     What is not well-formed is left to the parser, whose messages are better, as long as it cannot refer to a file: that
     one is lenient, and might see references where a strict one stops.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, _LARGEST_SCENE)
     except OSError as error:
         raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
     found: list[tuple[str, str]] = []
     has_type: list[str] = []
+    depth = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if tag in ("include", "path"):
-            found.append((tag, attributes.get("filename") or attributes.get("value") or ""))
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            raise SceneError(
+                f"{path.name} (line {parser.CurrentLineNumber}): more than {_DEEPEST} elements within each other; "
+                "close them"
+            )
+        named = attributes.get("filename") or (attributes.get("value") if tag in _PLACES else None)
+        if named or tag in _PLACES:
+            found.append((tag, named or ""))
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
 
     def document_type(name: str, *_: object) -> None:
         has_type.append(name)
 
     parser = expat.ParserCreate()
-    parser.StartElementHandler = start
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = document_type
     # entities are neither read nor expanded
     parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
@@ -141,9 +166,11 @@ def _references(path: Path) -> Sequence[tuple[str, str]]:
             f"{path.name}: holds a document type or entities (<!DOCTYPE, <!ENTITY), which a scene needs not and which "
             "can hide what it is made of; remove them"
         )
-    if broken and (b"\x00" in data or b"<include" in data or b"<path" in data):
+    if broken and (
+        b"\x00" in data or b"<include" in data or b"<path" in data or _FILE_ATTRIBUTE.search(data)
+    ):
         raise SceneError(f"{path.name}: malformed XML: {broken}; check that every element is closed")
     return found
 
 
-__all__ = ["check_document", "check_files", "check_meshes", "is_inside"]
+__all__ = ["check_document", "check_files", "check_meshes"]

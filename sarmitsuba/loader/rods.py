@@ -11,6 +11,7 @@ from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.shapes import Placed, cylinder_axis, mesh_path
 from sarmitsuba.materials.cylinder import largest_ka
+from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.lines import LineTarget
 
 F64 = NDArray[np.float64]
@@ -100,7 +101,11 @@ def _curves(element: Element) -> list[F64]:
     """Polylines of a file of Mitsuba's ``linearcurve``: rows x y z radius, a blank row between curves."""
     path, where = mesh_path(element), element.where
     curves: list[list[Sequence[float]]] = [[]]
-    for number, row in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    try:
+        text = read_text(path)
+    except OSError as error:
+        raise SceneError(f"{where}: cannot read {path.name}: {error.strerror}") from error
+    for number, row in enumerate(text.splitlines(), 1):
         if not row.split():
             curves.append([])
             continue

@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from pathlib import Path
 
+from sarmitsuba import regular_files
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element, plain_value
@@ -81,7 +82,7 @@ def read_text(path: Path) -> str:
     SceneError : it cannot be read
     """
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
+        return regular_files.read_text(path)
     except OSError as error:
         raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
 
@@ -139,7 +140,7 @@ class _Lines:
         """Line that a node stands in, from 1."""
         number = node.file_index
         if number not in self._ends:
-            text = Path(str(self._state.files[number])).read_bytes()
+            text = regular_files.read_bytes(str(self._state.files[number]))
             self._ends[number] = [found.start() for found in re.finditer(b"\n", text)]
         return bisect_left(self._ends[number], node.offset) + 1
 

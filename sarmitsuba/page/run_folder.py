@@ -12,6 +12,7 @@ from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
 from sarmitsuba.io.encoding import Json
+from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 
 RECORD = "parameters.json"
@@ -45,8 +46,14 @@ class RunFolder:
         return seed if isinstance(seed, int) else None
 
 
-def read_run(path: Path) -> RunFolder:
+def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
     """Read a folder of results.
+
+    Parameters
+    ----------
+    path : the folder
+    allow_outside : the scene that its record names may refer to files outside its own folder; what the record says of
+        that is not believed
 
     Raises
     ------
@@ -63,7 +70,7 @@ def read_run(path: Path) -> RunFolder:
     notes = []
     scene_record, raw_path = record, _result(path, "raw")
     if record.get("command") == "focus":
-        raw_path = Path(str(record["raw_file"]))
+        raw_path = Path(str(record.get("raw_file", "")))
         beside = raw_path.parent / RECORD
         scene_record = _record(raw_path.parent) if beside.is_file() else {}
     raw = None
@@ -73,7 +80,7 @@ def read_run(path: Path) -> RunFolder:
         # as the image's own data were, so that the page makes the same image of them
         done = image.metadata.get("focus", {}).get("range_compression", "flat")
         raw = range_compress(read_raw(raw_path), method=done if done in COMPRESSIONS else "flat")
-    scene = _scene(scene_record)
+    scene = _scene(scene_record, allow_outside)
     if scene is None:
         notes.append(f"{path}: the scene file is not known; the page shows the track and the image alone")
     elif raw is not None:
@@ -84,7 +91,7 @@ def read_run(path: Path) -> RunFolder:
 def _record(folder: Path) -> dict[str, Json]:
     path = folder / RECORD
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(read_text(path, errors="strict"))
     except (OSError, ValueError) as error:
         raise DataError(f"{folder}: {RECORD} cannot be read; give a folder that `render` wrote") from error
     if not isinstance(facts, dict):
@@ -102,7 +109,7 @@ def _result(folder: Path, stem: str) -> Path | None:
     return None
 
 
-def _scene(record: dict[str, Json]) -> Scene | None:
+def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
     """The scene of a run, loaded again as it was."""
     from sarmitsuba.loader.from_mesh import MeshOptions
     from sarmitsuba.loader.library import resolve_radar
@@ -117,11 +124,10 @@ def _scene(record: dict[str, Json]) -> Scene | None:
     radar, mesh = record.get("radar_file"), record.get("mesh")
     options = None
     if isinstance(mesh, dict):
-        materials = mesh.get("materials")
-        up = mesh["up"]
+        materials, up = mesh.get("materials"), mesh.get("up")
         options = MeshOptions(
             "y" if up == "y" else "z" if up == "z" else "auto",
-            str(mesh["unit"]),
+            str(mesh.get("unit", "auto")),
             {str(k): str(v) for k, v in materials.items()} if isinstance(materials, dict) else {},
         )
     return load_scene(
@@ -129,7 +135,7 @@ def _scene(record: dict[str, Json]) -> Scene | None:
         radar=resolve_radar(radar) if isinstance(radar, str) else None,
         parameters=definitions,
         mesh=options,
-        allow_outside=record.get("allow_outside") is True,
+        allow_outside=allow_outside,
     )
 
 

@@ -17,6 +17,7 @@ from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import right_of
 from sarmitsuba.radar.path import FlightPath
+from sarmitsuba.regular_files import read_bytes, read_text
 
 F64 = NDArray[np.float64]
 
@@ -96,7 +97,7 @@ class StateVectors:
         """Read the ``OSV`` elements (UTC, X, Y, Z, VX, VY, VZ) of an Earth Explorer file in the Earth-fixed frame."""
         path = Path(path)
         try:
-            root = _document(path.read_bytes(), path)
+            root = _document(read_bytes(path), path)
         except OSError as error:
             raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
         except ElementTree.ParseError as error:
@@ -126,7 +127,7 @@ class StateVectors:
         """
         path = Path(path)
         try:
-            text = path.read_text(encoding="utf-8", errors="replace")
+            text = read_text(path)
         except OSError as error:
             raise RadarError(f"{path}: cannot read the state vectors: {error.strerror}") from error
         lines = [line.split(",") for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]

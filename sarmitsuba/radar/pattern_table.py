@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from sarmitsuba.errors import RadarError
+from sarmitsuba.regular_files import read_text
 
 F64 = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ class PatternTable:
         """
         path = Path(path)
         try:
-            text = path.read_text(encoding="utf-8")
+            text = read_text(path, errors="strict")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or error
             raise RadarError(f"{path}: cannot read the antenna pattern: {reason}") from error

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import one_line
+from sarmitsuba.regular_files import read_text
 
 F64 = NDArray[np.float64]
 
@@ -137,11 +138,7 @@ class Track:
         """
         path = Path(path)
         try:
-            lines = [
-                ln
-                for ln in path.read_text(encoding="utf-8", errors="replace").splitlines()
-                if ln.strip() and ln.lstrip()[0] != "#"
-            ]
+            lines = [ln for ln in read_text(path).splitlines() if ln.strip() and ln.lstrip()[0] != "#"]
         except OSError as error:
             raise RadarError(f"{path}: cannot read the track: {error.strerror}") from error
         if lines and not _is_number(lines[0].split(",")[0]):

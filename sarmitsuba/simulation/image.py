@@ -20,6 +20,7 @@ from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.polarisation import isotropic_response
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
 from sarmitsuba.simulation.points import visible, way_through
@@ -140,6 +141,7 @@ class Imager:
             planes.append(form_image(cells, look, radar) * np.float32(SUBSET_SHARES[subset]))
             run.timer.lap("form image")
         data = np.concatenate(planes)
+        check_traced(data, 0.0, run.scene.name)
         if not data.any():
             raise RadarError(
                 f"{run.scene.name}: none of {run.statistics.rays} rays returns an echo inside the image; check its "
@@ -180,6 +182,7 @@ class Imager:
         cell = self._middle_cells().center
         run.timer.lap("plan")
         data = self._raster.run(run.plan.flags, cell)
+        check_traced(data, 0.0, run.scene.name)
         run.timer.lap("raster")
         layers = tuple(Layer(c) for c in run.scene.radar.channels)
         run.statistics = TraceStatistics(rays=self._raster.n_rays, key_pulses=1)

@@ -10,13 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.backend import dr
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.parameters import filled
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import in_the_way
 from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
+from sarmitsuba.simulation.prediction.needs import check_rays
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
@@ -131,6 +134,19 @@ class PathTable:
 _NAMES = ("channels", "mesh_names", "material_names")
 
 
+def _named(path: PathTable) -> str:
+    """One path in words."""
+    order = int(path.order[0])
+    shape, material = (int(v[0, order - 1]) for v in (path.shape, path.material))
+    last = "from no shape"
+    if shape >= 0:
+        last = (
+            f'that ends on the shape "{path.mesh_names[shape]}", material "{path.material_names[material]}",'
+        )
+    return f"pulse {path.pulse[0]}: a path of {order} bounce{'s' if order > 1 else ''} {last}"
+
+
+@exclusive
 def trace_paths(
     scene: Scene,
     pulses: int | Sequence[int] | None = None,
@@ -202,6 +218,7 @@ class PathTracer:
             )
             warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.sampling is not None:
+            check_rays(f"{scene.name}: a table of paths", self._run.sampling, self._run.layers)
             self._tracer = self._run.tracer(self._run.sampling)
             self._rays = self._run.rays(self._run.sampling, pass_index)
 
@@ -226,6 +243,9 @@ class PathTracer:
                     for part, record in self._tracer.parts(serving, 1)
                 ]
         table = joined(parts)
+        lost = ~(np.isfinite(table.power) & np.isfinite(table.length) & np.isfinite(table.range_rate))
+        if lost.any():
+            check_traced(np.zeros(0, np.complex64), np.nan, run.scene.name, lambda: _named(table[lost][0:1]))
         phase = np.exp(-2j * np.pi / radar.waveform.wavelength * table.length)
         table = replace(table, amplitude=table.amplitude * phase[:, None])
         return table[np.lexsort((-table.power, table.pulse))]

@@ -14,10 +14,12 @@ from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.height_error import NOTED_DB, WARNED_DB, height_error
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.finished import FinishedBlocks
@@ -34,6 +36,7 @@ from sarmitsuba.timing import Clock
 LOST_POWER = 0.05
 
 
+@exclusive
 def simulate(
     scene: Scene,
     *,
@@ -96,6 +99,7 @@ def simulate(
             run.finished.close()
 
 
+@exclusive
 def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -> RawData:
     """Range-compressed echoes of a run that was made ready; see :func:`simulate`."""
     scene, plan = run.scene, run.plan
@@ -110,6 +114,8 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
         n = add_points(scene, plan.flags, run.trace_scene, data, layers)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
+    for plane in data:
+        check_traced(plane, 0.0, scene.name)
     notes += _check_energy(scene, run.statistics, data) + _check_heights(scene)
     notes += check_folding(scene, run.sampling.windows if run.sampling is not None else ())
     if run.sampling is not None and run.report is not None:

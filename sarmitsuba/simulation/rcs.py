@@ -4,29 +4,38 @@ import itertools
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sarmitsuba.backend import dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.catalog.max_depth import DEFAULT_DEPTH
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
+from sarmitsuba.exclusive import exclusive
+from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.material import Material
+from sarmitsuba.memory import check_fits
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.settings import TOLERANCE_DB
+from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
-from sarmitsuba.trace.launch import LaunchFrame, PulseBatch, frame_towards, lattice, project
+from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Kernel
 
 # lanes of one launch: few enough for progress to be seen, many enough that the launch itself costs nothing
 MAX_LANES = 4_000_000
+# bytes of a ray: its place while the lattice is sorted, and its lane
+RAY_BYTES = 80
 # bounces followed at most where nothing is said, and directions that tell how many are enough
 MOST_DEPTH, PROBED = 256, 24
 # direction that the launch planes' x axes follow where they can
@@ -145,6 +154,7 @@ def _strongest(power: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(power.max(axis=0))
 
 
+@exclusive
 def monostatic_rcs(
     geometry: Geometry,
     materials: tuple[Material, ...],
@@ -194,6 +204,8 @@ def monostatic_rcs(
     ------
     RadarError
         The directions are not (n, 3) finite vectors, or ``max_depth`` is negative.
+    ResourceError
+        The rays of one direction do not fit into memory.
 
     Notes
     -----
@@ -217,6 +229,13 @@ def monostatic_rcs(
     half = _window(geometry, position, frame)
     spacing = ray_spacing or max(
         wavelength / RAYS_PER_WAVELENGTH, float(np.sqrt(4.0 * half[0] * half[1] / most_rays))
+    )
+    n_rays = 4.0 * float(np.prod(half + spacing)) / spacing**2
+    check_fits(
+        f"rcs of a target of {2.0 * radius:.3g} m",
+        int(min(RAY_BYTES * n_rays, 2.0**62)),
+        f"{n_rays:.3g} rays {spacing:.3g} m apart take the most: leave ray_spacing out or set it wider, or check that "
+        "the model is in metres",
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)
@@ -259,6 +278,8 @@ def monostatic_rcs(
                     kernel = Kernel(scene, part.grid, batch, flags, Constants.of(deep, scene, part.grid))
                     source.record(part, kernel, Antenna(), accumulator)
             sums = accumulator.grid().reshape(n_orders, len(channels), batch.n_pulses)
+            if not all_finite(sums):
+                _stop(scene, grid, batch, flags, deep, geometry, materials)
             amplitude[here] = np.moveaxis(sums, 2, 0)
             progress("trace", here.stop, rows.size, {})
         return amplitude, alive
@@ -274,6 +295,33 @@ def monostatic_rcs(
         if not left.enough:
             warnings.warn(left.notes("monostatic_rcs", depth)[0], SarmitsubaWarning, stacklevel=2)
     return RcsResult(amplitude, channels, grid.n_rays, spacing, depth, alive)
+
+
+def _stop(
+    scene: TraceScene,
+    grid: LaunchGrid,
+    batch: PulseBatch,
+    flags: KernelFlags,
+    settings: KernelSettings,
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+) -> None:
+    """Raise the error about a launch whose echoes are not numbers; see `check_traced`."""
+
+    def again(recording: Recording) -> None:
+        _, state = trace(scene, grid, batch, flags, settings, Antenna(), recording)
+        dr.eval(state, recording.memory)
+
+    look = batch.position - batch.frame.center
+    label = partial(_direction, look / np.linalg.norm(look, axis=1, keepdims=True))
+    lanes, n_channels = grid.n_rays * batch.n_pulses, len(flags.channels)
+    names = partial(blamed, again, lanes, settings.max_depth, n_channels, scene, geometry, materials, label)
+    check_traced(np.zeros(0, np.complex64), np.nan, "rcs", names)
+
+
+def _direction(look: NDArray[np.float64], number: int) -> str:
+    """A direction in words."""
+    return "direction ({:.4f}, {:.4f}, {:.4f})".format(*look[number])
 
 
 def _unit_rows(directions: ArrayLike) -> NDArray[np.float64]:

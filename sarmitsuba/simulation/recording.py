@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 NO_FACE = 0xFFFFFFFF
+
+
+class Sieve(Protocol):
+    """What is recorded."""
+
+    def passes(self, contribution: Contribution) -> mi.Bool:
+        """Lanes whose contribution is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +67,7 @@ class Recording:
     """
 
     def __init__(
-        self, n_lanes: int, max_depth: int, n_channels: int, capacity: int, gate: Gate | None = None
+        self, n_lanes: int, max_depth: int, n_channels: int, capacity: int, gate: Sieve | None = None
     ) -> None:
         self.n_lanes, self.max_depth, self.n_channels = n_lanes, max_depth, n_channels
         self.capacity, self.gate = capacity, gate
@@ -105,7 +112,7 @@ class Recording:
 
     def _append(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         power = sum((dr.squared_norm(a) for a in contribution.amplitudes), mi.Float(0.0))
-        kept = contribution.active & (power > 0.0)
+        kept = contribution.active & ~(power <= 0.0)  # also what is not a number
         if self.gate is not None:
             kept &= self.gate.passes(contribution)
         slot = dr.scatter_inc(self.count, mi.UInt32(0), kept)

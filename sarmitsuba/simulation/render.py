@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.progress import Progress, silent
@@ -20,6 +21,7 @@ from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 
+@exclusive
 def render(
     scene: Scene,
     *,

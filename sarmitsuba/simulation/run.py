@@ -135,7 +135,7 @@ class Run:
         ----------
         grid : pixels; default: those that the scene asks for
         """
-        return needs_of(self.scene, self.sampling, self.layers, grid)
+        return needs_of(self.scene, self.sampling, self.layers, grid, self.trace_scene)
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""

@@ -13,7 +13,9 @@ from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
+from sarmitsuba.simulation.blame import blamed, check_traced
 from sarmitsuba.simulation.pairs import pair_sources
+from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources import sources_of
 from sarmitsuba.simulation.statistics import TraceStatistics
@@ -221,6 +223,8 @@ class Tracer:
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
+        if not np.isfinite(power):
+            self._stop(grid, batch, flags, pick, record)
         return TraceStatistics(
             rays=grid.n_rays * batch.n_pulses if record is None else 0,
             hits=totals[0],
@@ -231,6 +235,32 @@ class Tracer:
             power=power * pulses_each,
             power_outside=lost_power * pulses_each,
         )
+
+    def _stop(
+        self, grid: LaunchGrid, batch: PulseBatch, flags: KernelFlags, pick: slice, record: Recorder | None
+    ) -> None:
+        """Raise the error about a launch whose echoes are not numbers; see :func:`check_traced`."""
+        scene, antenna = self.sampling.scene, self.sampling.scene.radar.antenna
+
+        def again(recording: Recording) -> None:
+            if record is None:
+                _, state = trace(self.trace_scene, grid, batch, flags, self.kernel, antenna, recording)
+            else:
+                _, state = record(self.kernel_of(grid, batch), antenna, recording)
+            dr.eval(state, recording.memory)
+
+        def culprit() -> str:
+            lanes = grid.n_rays * batch.n_pulses if record is None else 1
+            n_channels, depth = len(scene.radar.channels), self.kernel.max_depth
+            bodies = self.trace_scene, scene.geometry, scene.materials
+            look = scene.settings.method == "image"
+
+            def label(pulse: int) -> str:
+                return f"look {pulse}" if look else f"pulse {pick.start + pulse}"
+
+            return blamed(again, lanes, depth, n_channels, *bodies, label)
+
+        check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
     def prepared(
         self,

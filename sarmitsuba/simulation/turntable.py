@@ -17,6 +17,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.progress import Progress, silent
@@ -28,6 +29,7 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
 from sarmitsuba.simulation.points import off_surfaces, visible
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
@@ -128,6 +130,7 @@ class RcsSweep:
             return np.asarray(20.0 * np.log10(np.abs(picked)))
 
 
+@exclusive
 def rcs_sweep(
     scene: Scene,
     aspects: Aspects,
@@ -190,6 +193,7 @@ def rcs_sweep(
     points = _points(scene, flags, channels, aspects)
     for i in range(len(channels)):
         amplitude[:, 0, i] += points[:, i]
+    check_traced(amplitude, 0.0, scene.name)
     return RcsSweep(
         aspects,
         frequency,

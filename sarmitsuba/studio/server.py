@@ -23,6 +23,7 @@ from sarmitsuba.radar.bands import BANDS
 from sarmitsuba.radar.mode import MODES
 from sarmitsuba.radar.polarisation import CHANNELS
 from sarmitsuba.studio.bench import View, command, first_state, save, surfaces, view_of
+from sarmitsuba.studio.guard import Guard, check_host
 from sarmitsuba.studio.stage import beam_at, bodies, image_plane, track_shown
 from sarmitsuba.view.display import Display, PictureOptions, prepare
 from sarmitsuba.view.quicklook import panel, pixels
@@ -42,7 +43,7 @@ class Studio:
     ----------
     source : scene file or name of a shipped scene
     folder : for what the user saves
-    host, port : that the page is served at
+    host, port : that the page is served at; a loopback address
 
     Attributes
     ----------
@@ -53,6 +54,7 @@ class Studio:
     """
 
     def __init__(self, source: str, folder: Path, host: str = "127.0.0.1", port: int = 8080) -> None:
+        check_host(host)
         self.state = first_state(source)
         self.folder = folder
         self._work = tempfile.TemporaryDirectory(prefix="sarmitsuba_studio_")
@@ -62,7 +64,8 @@ class Studio:
         self._changed = threading.Event()
         self._changed.set()
         self._lock = threading.Lock()
-        with _without_banner():
+        self._guard = Guard()
+        with _without_banner(), self._guard.installed():
             self.server = viser.ViserServer(host=host, port=port, label="sarmitsuba studio", verbose=False)
         self.server.scene.set_up_direction("+z")
         # no share button: it would open the page to the world through a server elsewhere
@@ -72,8 +75,9 @@ class Studio:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        """Where the page is, with the secret that opens it."""
+        host = self.server.get_host()
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}/?token={self._guard.token}"
 
     def serve(self, stop: Callable[[], bool] = lambda: False, patience: float = 0.5) -> None:
         """Simulate whenever a slider has moved, until told to stop.
@@ -106,6 +110,10 @@ class Studio:
         """Stop serving the page."""
         with _without_banner():
             self.server.stop()
+        self._work.cleanup()
+
+    def discard(self) -> None:
+        """Remove what it keeps on the disk for itself, where there is no time to stop serving."""
         self._work.cleanup()
 
     # ------------------------------------------------------------ controls

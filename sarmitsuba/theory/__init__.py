@@ -68,6 +68,7 @@ from sarmitsuba.theory.link import (
     uniform_aperture_taper,
 )
 from sarmitsuba.theory.mie import sphere_mie, sphere_po, sphere_po_amplitude
+from sarmitsuba.theory.moments import circular_cylinder, strips_by_moments
 from sarmitsuba.theory.moving import (
     along_track_phase,
     apparent_place,
@@ -167,6 +168,7 @@ __all__ = [
     "building_returns",
     "canonical_building",
     "chirp_range_shift",
+    "circular_cylinder",
     "circular_orbit_doppler",
     "circular_response",
     "coherence_pdf",
@@ -255,6 +257,7 @@ __all__ = [
     "staggered_line",
     "staggered_lines",
     "start_stop_azimuth_shift",
+    "strips_by_moments",
     "temporal_coherence",
     "texture_correlation",
     "thin_rod",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field, panes
+from sarmitsuba.trace.corners import corner_share
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.state import (
     COHERENT,
@@ -71,24 +72,21 @@ def close_coherent(
 ) -> Contribution:
     r"""Return of the tube by physical optics: both equivalent currents, and the phase integral over the patch.
 
-    Behind a mirror the incident wave's part of the currents is left out and the reflected wave is received in the plane
-    halfway between its direction and that of the antenna, see :func:`sarmitsuba.trace.field.turned_receive`; at the
-    first hit and at a specular angle that is the same. With it a metal corner seen off its plane by psi has the
-    cross-polar return of the two mirrors, ``sin(2 psi) cos(theta) / cos(2 psi)`` of the co-polar one, to first order.
-
     A chain over A that closes at B and the reversed one, over B to A, are one path of one length, and reciprocity wants
-    ``S_HV(AB) = S_VH(BA)``. Off the specular angle each estimate errs in proportion to the offset, with opposite
-    signs. Both chains are traced, so that the mean of an estimate and of the reversed chain's,
+    ``S_HV(AB) = S_VH(BA)``. Both chains are traced, so that the mean of an estimate and of the reversed chain's,
 
     .. math:: \tfrac12 (S_{HV}(AB) + S_{VH}(BA)) + \tfrac12 (S_{HV}(BA) + S_{VH}(AB)),
 
-    is, in the sum over both, the mean of both cross-polar channels at every closing: HV = VH, without the part of the
-    error that changes sign with the order of the facets. Co-polar channels hold both estimates already.
+    is, in the sum over both, the symmetric part of the scattering matrix at every closing: HV = VH in any basis, and
+    co-polar channels, which hold both estimates already, as they are. Of the two chains of a corner that counts whose
+    last facet ends first, see :func:`sarmitsuba.trace.corners.corner_share`.
     """
     flags, constants = kernel.flags, kernel.constants
     n, s = hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    if ray.mirror is not None:
+        factor *= corner_share(kernel, ray.mirror, hit)
     slant_range, point = _mean_leg(kernel, hit), hit.p
     # of antenna and virtual antenna, as the lit patch sees them
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
@@ -154,13 +152,8 @@ def _closed(
     """Radiation of a facet towards the antenna, received along ``q``; see :func:`close_coherent`."""
     n, s = hit.normal, hit.to_antenna
     if flags.fresnel:
-        value = field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
-    else:
-        value = field.dot(field.po_current_pec(e, hit.direction, n), q)
-    if not flags.multi_bounce:
-        return value
-    turned = field.turned_receive(e_out, reflection.direction, s, q)
-    return dr.select(hit.first, value, turned * -hit.cos_incidence)
+        return field.po_receive(e, e_out, hit.direction, reflection.direction, n, s, q)
+    return field.dot(field.po_current_pec(e, hit.direction, n), q)
 
 
 def _mean_leg(kernel: Kernel, hit: Hit) -> mi.Float64:

@@ -148,29 +148,6 @@ def po_current_pec(e: ComplexVector, d: mi.Vector3f, n: mi.Vector3f) -> ComplexV
     return cross_left(n, cross_left(d, e))
 
 
-def turned_receive(e_out: ComplexVector, d_out: mi.Vector3f, s: mi.Vector3f, q: mi.Vector3f) -> mi.Complex2f:
-    r"""Component along ``q`` of a wave turned the shortest way from its direction ``d'`` into that of the antenna.
-
-    .. math:: C = q \cdot E' - \frac{(q \cdot d') (E' \cdot s)}{1 + s \cdot d'}
-
-    This is the reaction of the wave with the one that the antenna would send,
-    ``(E' x H_q - E_q x H') . b``, on the plane whose normal b is halfway between d' and s, the only plane in which
-    both have the same part. At a facet's first hit b is its normal and C times the cosine of incidence is
-    :func:`po_receive` of a conductor.
-
-    Parameters
-    ----------
-    e_out, d_out : reflected field and its direction
-    s, q : direction to the antenna, receiving polarisation across it
-
-    Notes
-    -----
-    Ignores the sides of the reflected beam, as physical optics does; means nothing towards ``s = -d'``.
-    """
-    share = dr.dot(q, d_out) / dr.maximum(1.0 + dr.dot(s, d_out), 1e-3)
-    return dot(e_out, q) - dot(e_out, s) * share
-
-
 def po_receive(
     e: ComplexVector,
     e_out: ComplexVector,

@@ -56,6 +56,7 @@ class TraceScene:
         :func:`sarmitsuba.mesh.curvature.facet_curvature`; None in a flat scene
     needs : (n_faces,) m, largest distance between rays that serves each face, for coherent and diffuse returns
     triangles : (n_faces, 3, 3) float64, m
+    piece : (n_faces,) number of the piece of surface of each face, see :func:`sarmitsuba.mesh.pieces.piece_of`
     geometry_faces : (n_faces,) rows of ``Geometry.faces`` that these faces are
     surfaces : what varies over them; None where all are even
     movers : faces that move, and the time at which all tables have them; None where all rest
@@ -87,6 +88,7 @@ class TraceScene:
     curvature_table: mi.Float | None
     needs: tuple[NDArray[np.float64], NDArray[np.float64]]
     triangles: NDArray[np.float64]
+    piece: NDArray[np.int64]
     geometry_faces: NDArray[np.intp]
     surfaces: SurfaceTables | None = None
     movers: Movers | None = None
@@ -236,7 +238,8 @@ def build_trace_scene(
     vertex = weld(triangles.reshape(-1, 3))
     if movers is not None:  # surfaces that move differently have no edge in common
         vertex = movers.apart(vertex)
-    area, width = piece_sizes(triangles, piece_of(triangles, vertex))
+    piece = piece_of(triangles, vertex)
+    area, width = piece_sizes(triangles, piece)
     largest = np.minimum(width, np.sqrt(area / LEAST_SCATTERERS)).astype(np.float32)
     group = geometry.face_group[rows_kept]
     bend = facet_curvature(triangles, group, wavelength, vertex)
@@ -280,6 +283,7 @@ def build_trace_scene(
         curvature_table=None if bend is None else _table32(bend),
         needs=needs,
         triangles=triangles,
+        piece=piece,
         geometry_faces=rows_kept,
         surfaces=surfaces,
         movers=movers,
@@ -328,6 +332,7 @@ def _with_places(
         n_faces=0,
         needs=(np.zeros(0), np.zeros(0)),
         triangles=np.zeros((0, 3, 3)),
+        piece=np.zeros(0, dtype=np.int64),
         geometry_faces=np.zeros(0, dtype=np.intp),
     )
 

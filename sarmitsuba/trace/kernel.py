@@ -140,6 +140,8 @@ def _bounce(
     arrived = through_passages(kernel, ray, hit)
     ray = past_foci(arrived, hit)
     tube_here = footprint(kernel, lane, ray, hit)
+    if tube_here.lost is not None:
+        hit = hit.without(tube_here.lost)
     reflection = mirror(kernel, ray, hit, hit.normal)
     receive, lane, hit = receiver(kernel, lane, ray, hit)
     coherent = diffuse = None
@@ -152,8 +154,8 @@ def _bounce(
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:
-        ended = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
-        return arrived, hit, ended, added
+        last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
+        return arrived, hit, last, added
     mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count)
     return arrived, hit, mirrored, added
 

@@ -12,11 +12,12 @@ from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
+from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.moving import Rim
 from sarmitsuba.trace.panes import blocked, slab_factors
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, RayState, Reflection, TubeSpread
+from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         fields=tuple(field.transmitted(letter, h, v, weight) for letter in flags.tracked),
         contributions=u32(0),
         crossed=u32(0) if kernel.transmits else None,
+        mirror=Mirror.none() if kernel.reversible else None,
     )
     return lane, state
 
@@ -312,6 +314,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
     spreads, constant = dr.opaque(mi.Bool, kernel.flags.spreading), kernel.constants.inverse_range2
     loss = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length_back)), constant)
     loss_retro = dr.select(spreads, mi.Float(1.0 / (hit.length * hit.length)), constant)
+    lost = None
     if ray.spread is not None:
         # a tube keeps its power: spread more than a sphere's it carries less field over more area
         wider = dr.norm(dr.cross(cross_a, cross_b)) / (lane.tube_area * dr.square(growth))
@@ -319,7 +322,8 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         squeezed = dr.rsqrt(dr.maximum(wider, 1e-12))
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
-    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro)
+        lost = ~(wider < curvature.WIDEST_SPREAD)  # also where it is not a number
+    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
@@ -453,6 +457,7 @@ def reflect(
         fields=fields,
         contributions=ray.contributions,
         crossed=ray.crossed,
+        mirror=None if ray.mirror is None else mirror_at(kernel, hit),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -137,6 +137,11 @@ class Kernel:
         """True where another antenna receives."""
         return self.pulses.receiver is not None
 
+    @property
+    def reversible(self) -> bool:
+        """True where a coherent path and the reversed one return the same."""
+        return self.flags.coherent and self.flags.multi_bounce and not self.bistatic
+
 
 @dataclass(frozen=True, eq=False)
 class Lane:
@@ -181,6 +186,34 @@ class TubeSpread:
 
 
 @dataclass
+class Mirror:
+    """The facet that a ray was mirrored in last.
+
+    Parameters
+    ----------
+    face : row of the scene's tables
+    bits : of its own material, with the edges that only cut it into parts
+    point : m, of reflection, from the triangle's vertex 0
+    normal : facing the ray
+    length : float64, m, unfolded, to there
+    flat : 1 where it is no part of a curved surface, else 0 (lanes keep no booleans in local memory)
+    """
+
+    face: mi.UInt32
+    bits: mi.UInt32
+    point: mi.Vector3f
+    normal: mi.Vector3f
+    length: mi.Float64
+    flat: mi.UInt32
+
+    @staticmethod
+    def none() -> Mirror:
+        """Before the first."""
+        zero = dr.zeros(mi.Vector3f)
+        return Mirror(mi.UInt32(0), mi.UInt32(0), zero, zero, mi.Float64(0.0), mi.UInt32(0))
+
+
+@dataclass
 class RayState:
     """A ray between two bounces: the state of the loop.
 
@@ -201,6 +234,7 @@ class RayState:
     fields : of each tracked transmit polarisation, unit at launch
     contributions : so far
     crossed : panes that the path went through; None where nothing lets waves through
+    mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
     """
 
     active: mi.Bool
@@ -219,6 +253,7 @@ class RayState:
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
+    mirror: Mirror | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +313,14 @@ class Hit:
     met: mi.Bool
     before_facet: mi.Float | None = None
 
+    def without(self, lost: mi.Bool) -> Hit:
+        """The hit but for some lanes, whose rays end before it."""
+        kept = ~lost
+        order = dr.select(kept | ~self.active, self.order, self.order - 1)
+        return replace(
+            self, active=self.active & kept, sees=self.sees & kept, met=self.met & kept, order=order
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
@@ -291,6 +334,7 @@ class Footprint:
     bounds : of what its coherent return comes from, exact up to the facet's corners
     area : m^2, of the whole footprint
     loss, loss_retro : 1/m^2, spreading of the field on the way home, and back along the ray's own chain
+    lost : lanes whose tube curved mirrors have spread beyond all measure; None where no mirror bends
     """
 
     u: mi.Vector3f
@@ -301,6 +345,7 @@ class Footprint:
     area: mi.Float
     loss: mi.Float
     loss_retro: mi.Float
+    lost: mi.Bool | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,10 @@ from collections.abc import Callable
 
 from sarmitsuba.backend import dr, mi
 
+# cross-section of a tube behind curved mirrors over that behind flat ones, beyond which its ray ends: its field is then
+# 120 dB down, and float32 soon no longer holds what further mirrors make of it
+WIDEST_SPREAD = 1e12
+
 
 def normal_change(
     table: mi.Float, face: mi.UInt32, active: mi.Bool, sign: mi.Float
@@ -27,4 +31,4 @@ def normal_change(
     return apply
 
 
-__all__ = ["normal_change"]
+__all__ = ["WIDEST_SPREAD", "normal_change"]

@@ -20,6 +20,9 @@ REACH_RIM = 1.5
 # phase from one ray to the next (rad) beyond which what neighbouring parts of a facet have in common is left out. Over
 # a bandwidth B about f it cancels to B / 2 f times a fifth of the phase's square only
 INNER_UP_TO = 2.0
+# phase over a tube (rad) beyond which float32 does not tell it (and sines of its sums leave -1 ... 1): tubes so long
+# graze a facet or were spread by curved mirrors, and return nothing that could be told
+MOST_PHASE = 1e6
 # of a ray to meet a narrow facet; bounds the weight
 LEAST_CHANCE = 1e-3
 
@@ -379,6 +382,8 @@ def part_integral(
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
+    told = squared < MOST_PHASE**2
+    qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
     inner = dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.sqrt(squared), 0.0, 1.0), 1.0)
     normal = dr.cross(u, v)
     flat = dr.norm(dr.cross(q, normal)) * dr.rcp(dr.maximum(dr.norm(normal), 1e-30))  # q along the facet
@@ -426,6 +431,7 @@ def part_integral(
     area = 0.5 * twice_area
     x = moment * (1.0 / 6.0) * dr.rcp(dr.maximum(area, 1e-9))
     filled = dr.select(small, mi.Complex2f(1.0 - 0.5 * x * x, x) * area, total) * piece.weight
+    filled = dr.select(told, filled, 0.0)
     scale = dr.rcp(sum_of_moduli)
     place = tuple(
         dr.select(piece.exact, mean * scale, rim)

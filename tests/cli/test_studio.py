@@ -3,6 +3,7 @@
 import dataclasses
 import shlex
 import socket
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.cli import main
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import SarmitsubaError, SceneError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.io import read_image
 from sarmitsuba.studio.bench import BenchState, command, first_state, save, scene_xml, surfaces, view_of
@@ -161,9 +162,8 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
         port = free.getsockname()[1]
     studio = Studio("plate", tmp_path, port=port)
     try:
-        assert studio.address == f"http://127.0.0.1:{port}"
-        page = urllib.request.urlopen(studio.address).read()
-        assert b"<html" in page.lower()
+        assert studio.address.startswith(f"http://127.0.0.1:{port}/?token=")
+        assert_guarded(studio.address)
         studio.step()
         assert studio.view is not None and studio.view.state.look_angle_deg == studio.state.look_angle_deg
         before = studio.view
@@ -187,6 +187,44 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
         assert _has(studio, {"frequency": 1.2575e9})
     finally:
         studio.close()
+
+
+def assert_guarded(address: str) -> None:
+    """The page opens by its address, then by the cookie; not without, by another name, or from other pages."""
+    bare, _, token = address.partition("?token=")
+    cookie = {"Cookie": f"sarmitsuba_studio={token}"}
+    socket_of = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    socket_of["Sec-WebSocket-Key"] = "AAAAAAAAAAAAAAAAAAAAAA=="
+
+    def status(url: str, headers: dict[str, str]) -> int:
+        try:
+            with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as found:
+                assert b"<html" in found.read().lower()
+                return int(found.status)
+        except urllib.error.HTTPError as error:
+            return error.code
+
+    assert status(address, {}) == 200 and status(bare, cookie) == 200
+    own = bare.rstrip("/")
+    assert status(bare, cookie | {"Origin": own}) == 200
+    for headers in (
+        {},
+        {"Cookie": "sarmitsuba_studio=x"},
+        cookie | {"Host": "evil.example"},
+        cookie | {"Origin": "http://evil.example"},
+        cookie | {"Origin": "null"},
+        cookie | socket_of | {"Origin": "http://127.0.0.1:1"},
+        socket_of | {"Origin": own},
+    ):
+        assert status(bare, headers) == 403, headers
+
+
+def test_the_page_is_for_this_machine_alone(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    from sarmitsuba.studio.server import Studio
+
+    with pytest.raises(SarmitsubaError, match="could be reached by others"):
+        Studio("plate", tmp_path, host="0.0.0.0")
 
 
 def _has(studio: object, asked: dict[str, object]) -> bool:

@@ -14,7 +14,7 @@ from sarmitsuba import cli
 from sarmitsuba.commands.scenes import copy_scene
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaError, SceneError
 from sarmitsuba.io import read_raw
-from sarmitsuba.io.isolated import survive
+from sarmitsuba.isolated import survive
 from sarmitsuba.kernel_cache import CACHE_VARIABLE, prepare_kernel_cache
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.ephemeris import StateVectors

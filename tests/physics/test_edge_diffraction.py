@@ -347,15 +347,14 @@ def test_off_is_as_if_there_were_no_edges() -> None:
 
 
 def test_the_plan_says_what_edges_add() -> None:
-    """On where they count, off below the tolerance, without metal, and where waves go from metal to metal."""
+    """On where they count, also where waves go from metal to metal; off below the tolerance and without metal."""
     found = [name for name in SHIPPED if plan_scene(load_scene(name)).on("edge_diffraction")]
     assert found == ["plate_edges"]
     plan = plan_effects(load_scene("plate", parameters={"tilt_deg": "10"}))
     assert plan.on("edge_diffraction")
-    low = plan_effects(load_scene("trihedral", parameters={"sar_antenna.center_frequency": "2e9"}))
-    decision = low.decision("edge_diffraction")
-    assert decision is not None and not decision.on and decision.error_db > -40.0
-    assert "between metal" in decision.why
+    assert plan_effects(load_scene("trihedral", parameters={"sar_antenna.center_frequency": "2e9"})).on(
+        "edge_diffraction"
+    )
 
 
 @pytest.mark.parametrize("seed", [51])

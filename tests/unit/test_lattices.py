@@ -1,10 +1,12 @@
 """Walks over lattices, against brute force: scatterers of a patch, rays over outlines, blocks of a track."""
 
 import numpy as np
+import pytest
 
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.echo.block import _even
-from sarmitsuba.simulation.sampling.small_lattice import nodes_over
+from sarmitsuba.mesh import tessellate
+from sarmitsuba.simulation.sampling.small_lattice import Lattice, ManyNodesError, nodes_over
 from sarmitsuba.trace.launch import frame_towards, project
 from sarmitsuba.trace.speckle import TURN_COS, TURN_SIN, ScattererLattice
 from sarmitsuba.tubes.tube import Extent, patch
@@ -66,7 +68,7 @@ def test_rays_over_outlines_are_those_near_a_triangle() -> None:
     antenna = np.array([[-3000.0, 0.0, 3000.0]])
     frame = frame_towards(antenna, np.zeros(3), np.array([0.0, 1.0, 0.0]))
     spacing, rotation, shift = 0.25, 0.4, np.array([0.1, 0.07])
-    x, y = nodes_over(triangles, antenna, frame, spacing, rotation, shift)
+    x, y = nodes_over(triangles, antenna, Lattice(frame, spacing, rotation, shift))
     turn = np.array([[np.cos(rotation), -np.sin(rotation)], [np.sin(rotation), np.cos(rotation)]])
     found = np.rint((np.stack([x, y], axis=1) - shift) @ turn / spacing).astype(int)
     assert len(np.unique(found, axis=0)) == len(found)
@@ -85,6 +87,45 @@ def test_rays_over_outlines_are_those_near_a_triangle() -> None:
     assert wanted <= {tuple(node) for node in found}
     # and no more than a rim of a tenth of a step about them
     assert len(found) < 1.2 * len(wanted)
+
+
+def test_a_slender_body_is_laid_out_as_one() -> None:
+    """Every node over a tube of 200 facets as any antenna sees it, and few others; with facets by themselves too."""
+    vertices, faces = tessellate.cylinder(0.3, 0.0, 40.0, 1e-4)
+    tilt = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, -0.2], [-0.3, 0.2, 1.0]])
+    triangles = (vertices @ tilt)[faces]
+    antennas = np.array([[-3000.0, y, 3000.0] for y in (-30.0, 0.0, 30.0)])
+    frame = frame_towards(antennas[1:2], np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    lattice = Lattice(frame, 0.05, 0.4, np.array([0.01, 0.03]))
+    found = []
+    for piece in (np.zeros(len(triangles), dtype=np.int64), None):
+        xy = np.stack(nodes_over(triangles, antennas, lattice, piece=piece), axis=1)
+        nodes = np.rint((xy - lattice.shift) @ lattice.axes / lattice.spacing).astype(int)
+        assert len(np.unique(nodes, axis=0)) == len(nodes)
+        found.append({tuple(node) for node in nodes})
+    wanted: set[tuple[int, ...]] = set()
+    for antenna in antennas:
+        for corner in lattice.steps(triangles, antenna):
+            low, high = np.ceil(corner.min(axis=0)), np.floor(corner.max(axis=0))
+            rows = np.arange(low[0], high[0] + 1.0)
+            side = np.roll(corner, -1, axis=0) - corner
+            # where the rows cross the sides
+            for row in rows:
+                at = (row - corner[:, 0]) / np.where(side[:, 0] == 0.0, 1.0, side[:, 0])
+                on = corner[:, 1] + at * side[:, 1]
+                on = on[(at >= 0.0) & (at <= 1.0) & (side[:, 0] != 0.0)]
+                if on.size:
+                    wanted |= {
+                        (int(row), c) for c in range(int(np.ceil(on.min())), int(np.floor(on.max())) + 1)
+                    }
+    assert len(wanted) > 5000
+    for nodes_found in found:
+        # tol: nodes within rounding of an outline
+        assert len(wanted - nodes_found) <= 2
+        # what moves between the antennas, and the rim
+        assert len(nodes_found) < 1.25 * len(wanted)
+    with pytest.raises(ManyNodesError):
+        nodes_over(triangles, antennas, lattice, most=0.5 * len(wanted))
 
 
 def test_no_block_of_few_pulses_is_left_over() -> None:

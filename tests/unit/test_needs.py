@@ -106,7 +106,7 @@ def test_an_image_that_does_not_fit_is_refused_before_focusing(monkeypatch: pyte
 @pytest.mark.parametrize("name", ["tower", "sphere", "bridge"])
 @pytest.mark.parametrize("subsets", ["true", "false"])
 def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
-    """Plain lattices against those that are made; finer ones over small parts are left out."""
+    """Plain lattices against those that are made."""
     run = Run(load_scene(name, parameters={"sar_path.keep_subsets": subsets}))
     assert run.sampling is not None
     middle = run.scene.radar.track.center_index
@@ -120,6 +120,35 @@ def test_rays_are_counted_without_making_them(name: str, subsets: str) -> None:
     assert sum(lattice_rays(run.sampling, run.layers)) == pytest.approx(
         sum(made), rel=0.02, abs=8 * np.sqrt(max(made))
     )
+
+
+POLES = """<scene version="3.0.0">
+    <bsdf type="radar_material" id="steel"><string name="material" value="metal"/></bsdf>
+    <shape type="rectangle"><transform name="to_world"><scale value="30"/></transform><ref id="steel"/></shape>
+    {poles}
+</scene>"""
+
+
+@pytest.mark.parametrize("n", [1, pytest.param(40, marks=pytest.mark.slow)])
+def test_rays_over_small_parts_are_counted_too(tmp_path: Path, n: int) -> None:
+    """Poles of 30 m x 8 cm, one and so many that they share the budget: also seconds of laying them out."""
+    rng = np.random.default_rng(n)
+    poles = "".join(
+        f'<shape type="cylinder"><point name="p0" x="{x}" y="{y}" z="0"/><point name="p1" x="{x + a}" y="{y}" z="30"/>'
+        '<float name="radius" value="0.04"/><ref id="steel"/></shape>'
+        for x, y, a in rng.uniform(-20.0, 20.0, (n, 3)) * [1.0, 1.0, 0.1]
+    )
+    path = tmp_path / "poles.xml"
+    path.write_text(POLES.format(poles=poles), encoding="utf-8")
+    run = Run(load_scene(path, radar="airborne_x"))
+    assert run.sampling is not None
+    needs = run.needs()
+    plain = sum(lattice_rays(run.sampling, run.layers))
+    made = sum(grid.n_rays for grids in run.lattices(run.sampling, 0) for grid in grids)
+    assert made > 1.3 * plain
+    # tol: nodes of a wider lattice over bodies a few of its steps wide
+    assert needs.rays / needs.key_pulses - plain == pytest.approx(made - plain, rel=0.15)
+    assert needs.seconds["launch grid"] > 0.05
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sarmitsuba.effects.context import CELL_BELOW_CLUTTER_DB, SceneContext
 from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
-from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.effects.text import length
 from sarmitsuba.materials.diffuse import diffuse_tables
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
@@ -36,14 +35,13 @@ class EdgeDiffraction(Effect):
     where nothing is rough, what the metal's own facets return: as mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves
     bounce more than once, else by physical optics from the antenna's places.
 
-    Off, but on request, where waves may bounce from metal to metal: what mirrors send to edges, and edges to mirrors,
-    is then as strong as what is followed, and only the ground below an edge counts as a mirror.
+    Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed.
     """
 
     name = "edge_diffraction"
     title = "fringe currents of metal edges"
     documentation = "diffraction by the sharp edges of metal beyond physical optics"
-    off_when = "no sharp metal edge, what the strongest adds lies below the tolerance, or metal faces metal"
+    off_when = "no sharp metal edge, or what the strongest adds lies below the tolerance"
     off_means = "physical optics alone: the same in HH and VV, nothing from a thin plate seen edge-on"
     rank = 105
     kernel_flags: ClassVar[Mapping[str, str]] = {
@@ -73,10 +71,6 @@ class EdgeDiffraction(Effect):
             return Assessment(False, "no metal edge is seen", -np.inf)
         error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
         what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
-        if error > limit and decided["max_depth"].on and not _one_bounce(context):
-            return Assessment(
-                False, f"{what}; waves between metal and its edges would be as strong", min(error, 0.0)
-            )
         return Assessment(error > limit, what, min(error, 0.0))
 
     def flags(
@@ -105,14 +99,6 @@ def _edges(found: _Metal) -> SharpEdges:
     """Sharp metal edges of a scene, thinned where there are many; those that something touches among them."""
     edges = sharp_edges(found.corners, found.metal)
     return edges.of(np.unique(np.linspace(0, edges.n - 1, min(edges.n, EDGES)).astype(np.int64)))
-
-
-def _one_bounce(context: SceneContext) -> bool:
-    """Whether no wave can bounce from metal to metal, as far as that can be proven."""
-    scene = context.scene
-    metal = np.array([m.pec and not m.invisible for m in scene.materials], dtype=bool)
-    shape = ShapeAnalysis(scene.geometry, metal, context.antenna, thorough=not scene.geometry.moves)
-    return bool(shape.single_bounce)
 
 
 def _strongest(edges: SharpEdges, context: SceneContext) -> float:

@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError, RadarError
+from sarmitsuba.finite import check_pulses
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import groups
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.encoding import to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
-from sarmitsuba.io.isolated import survive
+from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.geodesy import Anchor
@@ -212,7 +213,7 @@ def read_raw(path: Path | str) -> RawData:
         request = groups.read_fields(groups.group_of(file, "image_request"), ImageRequest) if asked else None
         metadata = _read_metadata(file)
         if planes:
-            _check_echoes(data)
+            check_pulses(data)
         return RawData(data, layers, domain, radar, metadata, request, flown)  # type: ignore[arg-type]
 
     return _read(path, "raw data", "raw data", load)
@@ -367,16 +368,6 @@ def _read_planes(
     for row, plane in zip(data, planes, strict=True):
         plane.read_direct(row)
     return data, tuple(layers)
-
-
-def _check_echoes(data: NDArray[np.complex64]) -> None:
-    """Raise a DataError where a pulse holds NaN or infinite numbers."""
-    bad = [i for i in range(data.shape[1]) if not np.isfinite(data[:, i]).all()]
-    if bad:
-        raise DataError(
-            f"{len(bad)} of {data.shape[1]} pulses hold NaN or infinite numbers, the first is pulse {bad[0]}; set "
-            "them to zero"
-        )
 
 
 def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.io.formats import FORMATS, FileFormat
-from sarmitsuba.io.isolated import survive
 from sarmitsuba.io.phase_history import PhaseHistory, joined, raw_of
+from sarmitsuba.isolated import survive
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.polarisation import CHANNELS
 

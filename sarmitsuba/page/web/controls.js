@@ -1,5 +1,7 @@
 // Buttons and switches of a page, and the keys that do the same.
 
+import { html } from "sarmitsuba/markup.js";
+
 /** A button that says its key. */
 export function button(parent, text, key, call) {
   const node = document.createElement("button");
@@ -43,7 +45,7 @@ export const keyName = (event) => (event.key.length === 1 ? event.key.toLowerCas
 
 /** What a help dialogue says. */
 export function helpText(keys, mouse) {
-  return `<h2>Keys</h2><table>${keys.map(([key, text]) => `<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`).join("")}</table>
+  return html`<h2>Keys</h2><table>${keys.map(([key, text]) => html`<tr><td><kbd>${key}</kbd></td><td>${text}</td></tr>`)}</table>
     <h2>Mouse</h2><p>${mouse}</p>
     <form method="dialog"><button>Close</button></form>`;
 }

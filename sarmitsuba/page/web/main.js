@@ -6,6 +6,7 @@ import { createComparison } from "sarmitsuba/compare.js";
 import { button, helpText, keyName, ours, switches, turn } from "sarmitsuba/controls.js";
 import { createImageView } from "sarmitsuba/image_view.js";
 import { pixelOf, pointOf, sub } from "sarmitsuba/localise.js";
+import { fill, html } from "sarmitsuba/markup.js";
 import { Signals } from "sarmitsuba/profile.js";
 import { createRefocus } from "sarmitsuba/refocus.js";
 import { Store } from "sarmitsuba/store.js";
@@ -79,7 +80,7 @@ class Page {
     this.data.looks.forEach((look, i) => {
       if (this.data.looks.length > 1) button($("looks"), this.nameOf(look), "l", () => this.store.set({ look: i })).dataset.look = i;
     });
-    $("speed").innerHTML = PASS_SECONDS.map((s) => `<option value="${s}" ${s === 10 ? "selected" : ""}>${s} s</option>`).join("");
+    fill($("speed"), PASS_SECONDS.map((s) => html`<option value="${s}" ${s === 10 ? "selected" : ""}>${s} s</option>`));
     $("speed").addEventListener("change", () => this.store.set({ seconds: Number($("speed").value) }));
     $("play").addEventListener("click", () => this.play());
     $("pulse").addEventListener("input", () => this.store.set({ pulse: Number($("pulse").value), playing: false }));
@@ -89,8 +90,8 @@ class Page {
     $("compare").addEventListener("click", () => this.compare());
     $("comparison").addEventListener("close", () => this.comparison?.remove());
     for (const tab of document.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.showTab(tab.id));
-    $("help-text").innerHTML = helpText(KEYS, `Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes
-      are drawn. Drag in the echo for the wave at one range; drag in the raw data to go to a pulse.`);
+    fill($("help-text"), helpText(KEYS, `Drag to turn, wheel to come nearer, right drag to move. Click a spot of the image for its paths, a wall for where its echoes
+      are drawn. Drag in the echo for the wave at one range; drag in the raw data to go to a pulse.`));
   }
 
   nameOf(look) {

@@ -5,6 +5,7 @@ import { boot } from "sarmitsuba/boot.js";
 import { button, helpText, keyName, ours, switches, turn } from "sarmitsuba/controls.js";
 import { bounces, createImageView } from "sarmitsuba/image_view.js";
 import { sub } from "sarmitsuba/localise.js";
+import { fill, html } from "sarmitsuba/markup.js";
 import { Store } from "sarmitsuba/store.js";
 import { Target } from "sarmitsuba/target.js";
 
@@ -82,7 +83,7 @@ class Page {
     $("aspect").addEventListener("input", () => store.set({ aspect: Number($("aspect").value), playing: false }));
     $("play").addEventListener("click", () => turn(store, "playing"));
     $("help").addEventListener("click", () => $("help-text").showModal());
-    $("help-text").innerHTML = helpText(KEYS, `Drag in the scene to turn it, wheel to come nearer, right drag to move. Drag in the plot for another aspect. Point at the
+    fill($("help-text"), helpText(KEYS, `Drag in the scene to turn it, wheel to come nearer, right drag to move. Drag in the plot for another aspect. Point at the
       image for how strong a spot is.`);
   }
 
@@ -178,10 +179,10 @@ class Page {
       { name: "phase of all", order: null, values: channels.map(({ total, phase }) => (Number.isFinite(total[aspect]) ? text(phase[aspect], "°") : "none")) },
     ];
     const head = channels.map(({ name, error }, i) =>
-      `<th scope="col" ${i === number ? 'class="shown"' : ""}>${name}${error === null ? "" : `<span class="quiet"> error ${error.toFixed(1)} dB</span>`}</th>`);
-    const mark = (order) => (order === null ? "" : `<i style="background: ${lineColour(order)}"></i>`);
-    $("numbers").innerHTML = `<thead><tr><th scope="col">From here</th>${head.join("")}</tr></thead><tbody>${rows.map(({ name, order, values }) =>
-      `<tr data-order="${order ?? "phase"}"><th scope="row">${mark(order)}${name}</th>${values.map((value) => `<td>${value}</td>`).join("")}</tr>`).join("")}</tbody>`;
+      html`<th scope="col" ${i === number ? html`class="shown"` : ""}>${name}${error === null ? "" : html`<span class="quiet"> error ${error.toFixed(1)} dB</span>`}</th>`);
+    const mark = (order) => (order === null ? "" : html`<i style="background: ${lineColour(order)}"></i>`);
+    fill($("numbers"), html`<thead><tr><th scope="col">From here</th>${head}</tr></thead><tbody>${rows.map(({ name, order, values }) =>
+      html`<tr data-order="${order ?? "phase"}"><th scope="row">${mark(order)}${name}</th>${values.map((value) => html`<td>${value}</td>`)}</tr>`)}</tbody>`);
   }
 
   /** One frame while the radar goes round. */

@@ -1,6 +1,7 @@
 // What a click shows, in the scene and in words: the paths behind a pixel, and where the echoes of a wall are drawn.
 
 import { add, dot, landings, norm, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { fill, html } from "sarmitsuba/markup.js";
 import { orderColour } from "sarmitsuba/stage.js";
 
 const NAMES = ["", "one bounce", "two bounces", "three bounces"];
@@ -12,10 +13,6 @@ const KINDS = {
 };
 // a hit this high above the image's plane, in parts of the scene's size, is no longer on the ground
 const HIGH = 0.01;
-
-export function escapeText(text) {
-  return String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-}
 
 /** Paths of the cell of the image that holds a pixel, or of the nearest within a few; null: none kept. */
 export function cellAt(look, at, reach = 2) {
@@ -80,8 +77,8 @@ export class Story {
     return this.page.looks[this.store.get("look")];
   }
 
-  show(html) {
-    this.element.innerHTML = html;
+  show(markup) {
+    fill(this.element, markup);
     this.element.scrollTop = 0;
   }
 
@@ -89,7 +86,7 @@ export class Story {
     this.world.clearPick();
     const { look } = this;
     const marked = look.paths ? `${look.paths.cell.length.toLocaleString("en")} cells of the image have their ray paths in this page: the brightest ones.` : "";
-    this.show(`<h2>What you see</h2>
+    this.show(html`<h2>What you see</h2>
       <p>A radar flies along the line and looks to its ${look.radar ? look.radar.side : "side"}. It sends pulses and listens: for every echo it knows
       <b>how far</b> it came from, and, from many pulses, <b>how far along the flight</b>. It knows nothing of height.</p>
       <p>Click a <b>bright spot of the image</b> (right, or on the ground) to see the paths that made it. Click a <b>wall or a roof</b> to
@@ -117,11 +114,12 @@ export class Story {
     const middle = pointOf(look.grid, [(cell.row + 0.5) * paths.cell_size[0] - 0.5, (cell.column + 0.5) * paths.cell_size[1] - 0.5]);
     const [lead] = list;
     const parts = shares.map((s, i) => [i + 1, s]).filter(([, s]) => s > 0.005)
-      .map(([order, s]) => `<span class="o${Math.min(order, 4)}">${percent(s)} ${bounces(order)}</span>`).join(", ");
-    this.show(`${head}<h2>The paths behind this spot</h2><p>${this.meaning(lead, middle, main)}</p>
+      .map(([order, s]) => html`<span class="o${Math.min(order, 4)}">${percent(s)} ${bounces(order)}</span>`)
+      .flatMap((part, i) => (i ? [", ", part] : [part]));
+    this.show(html`${head}<h2>The paths behind this spot</h2><p>${this.meaning(lead, middle, main)}</p>
       <p>By amplitude: ${parts}. ${paths.found[cell.place].toLocaleString("en")} paths end in this cell; the strongest are listed.</p>
       <table><thead><tr><th>Bounces</th><th>On</th><th>Length there and back</th><th>Share</th></tr></thead><tbody>
-      ${list.slice(0, 8).map((path) => this.line(path)).join("")}</tbody></table>`);
+      ${list.slice(0, 8).map((path) => this.line(path))}</tbody></table>`);
     for (const node of this.element.querySelectorAll("tr.path")) {
       const call = () => this.draw(Number(node.dataset.path));
       node.addEventListener("click", call);
@@ -139,8 +137,8 @@ export class Story {
     const first = paths.starts[path];
     const on = Array.from({ length: order }, (_, i) => materials[paths.material[first + i]] ?? "point").join(" → ");
     const kind = paths.kinds[paths.kind[path]];
-    return `<tr class="path" tabindex="0" data-path="${path}" data-order="${order}"><td class="o${Math.min(order, 4)}">${order}</td>
-      <td>${escapeText(on)} <span class="quiet">${KINDS[kind] ?? kind}</span></td>
+    return html`<tr class="path" tabindex="0" data-path="${path}" data-order="${order}"><td class="o${Math.min(order, 4)}">${order}</td>
+      <td>${on} <span class="quiet">${KINDS[kind] ?? kind}</span></td>
       <td class="number">${metres(paths.length[path], 2)}</td><td class="number">${percent(paths.share[path])}</td></tr>`;
   }
 
@@ -184,26 +182,26 @@ export class Story {
     const away = dot(sub(middle, top), look.grid.across);
     if (order === 1) {
       if (high > HIGH * world.radius) {
-        return `<b>Layover.</b> This echo comes from ${metres(high)} above the ground, and yet it is drawn on the ground ${metres(Math.abs(away))}
+        return html`<b>Layover.</b> This echo comes from ${metres(high)} above the ground, and yet it is drawn on the ground ${metres(Math.abs(away))}
           ${away < 0 ? "nearer to" : "further from"} the radar: that ground is just as far from the radar as the high point (white arc). Whatever is high leans
           towards the radar.`;
       }
-      return "<b>A single bounce</b> off the ground and straight back: it is drawn where it is.";
+      return html`<b>A single bounce</b> off the ground and straight back: it is drawn where it is.`;
     }
     const antenna = row(look.radar.position, paths.pulse[path]);
     const detour = 0.5 * paths.length[path] - Math.min(...points.map((point) => norm(sub(point, antenna))));
     const spread = Math.max(...points.map((point) => norm(sub(point, points[0]))));
     const where = Math.abs(away) < 0.02 * world.radius ? "right there" : `${metres(Math.abs(away))} ${away > 0 ? "behind" : "before"} it`;
     if (detour < 3 * look.image.resolution[1] && spread < 0.1 * world.radius) {
-      return `<b>A corner, ${metres(high)} up.</b> ${order === 2 ? "Two" : "Several"} faces that meet here throw the pulse back to where it came from, all of it in step: a
+      return html`<b>A corner, ${metres(high)} up.</b> ${order === 2 ? "Two" : "Several"} faces that meet here throw the pulse back to where it came from, all of it in step: a
         strong echo. ${high > HIGH * world.radius ? `${where === "right there" ? "" : `Like everything high it leans towards the radar: it is drawn ${where}.`}` : ""}`;
     }
     if (order === 2) {
-      return `<b>Two bounces:</b> off one surface, off another, and back. Where a wall meets the ground, every such path is exactly as long as the way to the
+      return html`<b>Two bounces:</b> off one surface, off another, and back. Where a wall meets the ground, every such path is exactly as long as the way to the
         foot of the wall and back, however high the wall is hit (here ${metres(high)} up). So the whole wall adds up in one bright line, drawn ${where === "right there" ? "at its foot" : where}.`;
     }
     const name = bounces(order);
-    return `<b>${name[0].toUpperCase()}${name.slice(1)}:</b> the pulse went ${metres(detour)} out of its way each way. All that the radar knows is how long it took, so the
+    return html`<b>${name[0].toUpperCase()}${name.slice(1)}:</b> the pulse went ${metres(detour)} out of its way each way. All that the radar knows is how long it took, so the
       echo is drawn ${where}, where nothing need be: a ghost.`;
   }
 
@@ -220,11 +218,11 @@ export class Story {
         const point = hit.point.toArray();
         world.addLine([place, point], 0x8899aa, { width: 0.7 });
         world.addLine([point, add(point, scaled(unit(sub(row(look.radar.position, pulse), point)), world.radius))], 0xffd166, { width: 0.7 });
-        text = `<b>Shadow.</b> On the straight way from the radar to this ground stands ${escapeText(hit.object.userData.material || "something")}: no pulse gets here, nothing
+        text = html`<b>Shadow.</b> On the straight way from the radar to this ground stands ${hit.object.userData.material || "something"}: no pulse gets here, nothing
           comes back, and the image stays dark.`;
       }
     }
-    this.show(`${head}<h2>This spot</h2><p>${text}</p>`);
+    this.show(html`${head}<h2>This spot</h2><p>${text}</p>`);
   }
 
   // ---- a wall ---------------------------------------------------------------------------------------------------
@@ -233,7 +231,7 @@ export class Story {
   wall(point, facts, { head = "" } = {}) {
     const { look, world } = this;
     world.clearPick();
-    if (!look.radar) return this.show(`${head}<p>This run's track is not known.</p>`);
+    if (!look.radar) return this.show(html`${head}<p>This run's track is not known.</p>`);
     const { grid } = look;
     const pulse = look.radar.time.length >> 1;
     const antenna = row(look.radar.position, pulse);
@@ -253,23 +251,23 @@ export class Story {
       if (!landing.point) continue;
       world.addSpot(`landing${landing.order}`, landing.point, orderColour(landing.order), upright ? titles[landing.order - 1] : "drawn here", `o${landing.order}`);
       const away = dot(sub(landing.point, foot), grid.across);
-      rows.push(`<tr data-landing="${landing.order}"><td class="o${landing.order}">${bounces(landing.order)}</td><td class="number">${metres(landing.range - norm(sub(antenna, look.middle)), 2)}</td>
+      rows.push(html`<tr data-landing="${landing.order}"><td class="o${landing.order}">${bounces(landing.order)}</td><td class="number">${metres(landing.range - norm(sub(antenna, look.middle)), 2)}</td>
         <td>${Math.abs(away) < 0.05 ? "where it stands" : `${metres(Math.abs(away))} ${away < 0 ? "nearer to the radar" : "further away"}`}</td></tr>`);
     }
     if (upright) {
       this.arc(point, pulse);
       world.addLine([point, foot], 0x8899aa, { width: 0.4 });
     }
-    const name = escapeText([facts.mesh, facts.material].filter(Boolean).join(", "));
+    const name = [facts.mesh, facts.material].filter(Boolean).join(", ");
     this.landed = places;
-    const sees = lit ? "The radar sees it." : "<b>It lies in shadow:</b> something stands between it and the radar, so nothing of this comes back from here.";
-    const why = !upright ? "" : `The single echo is drawn nearer to the radar than the point stands, because what is high is nearer to the radar than its foot
-      (white arc: all of it is equally far).${facts.steep ? ` The echo over the ground and the wall is as long as the way to the foot, and is drawn there. The one that touches the
+    const sees = lit ? "The radar sees it." : html`<b>It lies in shadow:</b> something stands between it and the radar, so nothing of this comes back from here.`;
+    const why = !upright ? "" : html`The single echo is drawn nearer to the radar than the point stands, because what is high is nearer to the radar than its foot
+      (white arc: all of it is equally far).${facts.steep ? html` The echo over the ground and the wall is as long as the way to the foot, and is drawn there. The one that touches the
       ground twice seems to come from a mirror image under the ground, and is drawn behind. <span class="quiet">Two and three bounces need smooth, level ground before the
       wall.</span>` : ""}`;
-    this.show(`${head}<h2>Where this point is drawn</h2>
+    this.show(html`${head}<h2>Where this point is drawn</h2>
       <p>${name ? `${name}: ` : ""}${upright ? `${metres(high)} above ${facts.steep ? "what lies below it" : "the ground"}.` : "level with the ground."} ${sees}</p>
-      <table><thead><tr><th>Echo</th><th>Range from the image's middle</th><th>Drawn</th></tr></thead><tbody>${rows.join("")}</tbody></table>
+      <table><thead><tr><th>Echo</th><th>Range from the image's middle</th><th>Drawn</th></tr></thead><tbody>${rows}</tbody></table>
       <p>${why}</p>`);
   }
 }

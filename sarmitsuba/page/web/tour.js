@@ -1,6 +1,7 @@
 // A guided tour: what this scene shows, step by step, each with a view, something drawn and a few sentences.
 
 import { add, dot, norm, pixelOf, pointOf, row, scaled, sub, unit } from "sarmitsuba/localise.js";
+import { html } from "sarmitsuba/markup.js";
 import { pointsOf } from "sarmitsuba/story.js";
 
 /** Index of the greatest of some numbers; -1 where none is above the bound. */
@@ -84,7 +85,7 @@ function stepsOf({ page, store, world, story }) {
   const steps = [];
   if (look.radar) {
     steps.push({
-      text: `<h2>A radar flies by</h2><p>It flies along the line and looks sideways and down. The blue cone is its beam: ${
+      text: html`<h2>A radar flies by</h2><p>It flies along the line and looks sideways and down. The blue cone is its beam: ${
         look.radar.mode === "spotlight" ? "in <b>spotlight</b> mode it is held on one place" : look.radar.mode === "stripmap" ? "in <b>stripmap</b> mode it points straight to the side and sweeps over the ground with the platform" : look.radar.mode_doc
       }. Press Play, or drag the pulse slider.</p>`,
       go: () => {
@@ -93,7 +94,7 @@ function stepsOf({ page, store, world, story }) {
       },
     });
     steps.push({
-      text: `<h2>It measures distance, nothing else</h2><p>Each pulse runs over the scene as a shell that grows with the speed of light. Whatever the shell touches at
+      text: html`<h2>It measures distance, nothing else</h2><p>Each pulse runs over the scene as a shell that grows with the speed of light. Whatever the shell touches at
         one moment answers at one moment, and the radar cannot tell such points apart. Drag the white line in the echo below: the shell follows.</p>`,
       go: () => {
         world.view("scene");
@@ -101,7 +102,7 @@ function stepsOf({ page, store, world, story }) {
       },
     });
     steps.push({
-      text: `<h2>Many pulses make the image</h2><p>From one pulse to the next the distances change a little, and differently for every place. Adding all pulses up
+      text: html`<h2>Many pulses make the image</h2><p>From one pulse to the next the distances change a little, and differently for every place. Adding all pulses up
         with the right delay for a place makes what is there stand out and all else cancel. Watch the image become sharp while the radar flies.</p>`,
       go: () => {
         world.view("overview");
@@ -126,7 +127,7 @@ function buildingSteps({ look, store, world, story }) {
   const high = top >= 0 ? pointsOf(look, top)[0] : null;
   if (high && high[2] - look.grid.height > 0.02 * world.radius) {
     steps.push({
-      text: `<h2>Why high things lean towards the radar</h2>`,
+      text: html`<h2>Why high things lean towards the radar</h2>`,
       go: (head) => {
         store.set(still);
         world.view("scene", around([high]));
@@ -136,7 +137,7 @@ function buildingSteps({ look, store, world, story }) {
     const shadow = shadowOf(look, world, high);
     if (shadow) {
       steps.push({
-        text: `<h2>Where the shadow falls</h2><p>The straight line from the radar over the edge meets the ground ${shadow.length.toFixed(0)} m further. Between them no pulse
+        text: html`<h2>Where the shadow falls</h2><p>The straight line from the radar over the edge meets the ground ${shadow.length.toFixed(0)} m further. Between them no pulse
           reaches the ground: nothing comes back, and the image is black there. The scene is lit here as if the radar were a lamp, so the lamp's shadow and the black of the
           image are the same place. Turn the image off and on with <kbd>I</kbd>.</p>`,
         go: (head) => {
@@ -161,7 +162,7 @@ function buildingSteps({ look, store, world, story }) {
   const foot = brightest(look, 2, atFoot);
   if (foot >= 0) {
     steps.push({
-      text: `<h2>The bright line at the foot</h2>`,
+      text: html`<h2>The bright line at the foot</h2>`,
       go: (head) => {
         store.set(still);
         world.view("scene", around([pointOf(look.grid, cellPixel(look, foot))]));
@@ -172,7 +173,7 @@ function buildingSteps({ look, store, world, story }) {
   const ghost = brightest(look, 3, () => true);
   if (ghost >= 0) {
     steps.push({
-      text: `<h2>Ghosts</h2>`,
+      text: html`<h2>Ghosts</h2>`,
       go: (head) => {
         store.set(still);
         world.view("scene", around([pointOf(look.grid, cellPixel(look, ghost))]));
@@ -181,7 +182,7 @@ function buildingSteps({ look, store, world, story }) {
     });
   }
   steps.push({
-    text: `<h2>Your turn</h2><p>Click anything: a spot of the image, a wall, a roof. Press <kbd>?</kbd> for all keys.</p>`,
+    text: html`<h2>Your turn</h2><p>Click anything: a spot of the image, a wall, a roof. Press <kbd>?</kbd> for all keys.</p>`,
     go: (head) => {
       story.welcome();
       story.show(head);
@@ -206,9 +207,9 @@ export class Tour {
     if (!this.steps || at < 0 || at >= this.steps.length) return this.end();
     this.at = at;
     const step = this.steps[at];
-    const bar = `<p><button type="button" data-tour="-1" ${at === 0 ? "disabled" : ""}>Back</button>
+    const bar = html`<p><button type="button" data-tour="-1" ${at === 0 ? "disabled" : ""}>Back</button>
       <button type="button" data-tour="1">${at + 1 < this.steps.length ? "Next" : "Done"}</button> <span class="quiet">${at + 1} of ${this.steps.length}</span></p>`;
-    const head = bar + step.text;
+    const head = html`${bar}${step.text}`;
     story.show(head);
     step.go(head);
     story.element.onclick = (event) => {

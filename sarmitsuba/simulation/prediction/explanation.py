@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.effects.plan import Decision, EffectsPlan
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
@@ -99,6 +100,7 @@ class Explanation:
         return "\n".join(lines)
 
 
+@exclusive
 def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
     """Decide the effects of a scene and predict what simulating and focusing it will take.
 

@@ -21,6 +21,7 @@ from sarmitsuba.simulation.prediction.speed import TWO_CORES, scatterers_met
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
+from sarmitsuba.trace.geometry import TraceScene
 
 # bytes of one ray: coordinates; and while its lattice is sorted, those twice, a key and a place in the order
 RAY, SORTED_RAY = 8, 28
@@ -46,7 +47,7 @@ class Needs:
     ----------
     name : of the scene
     method : of simulation
-    rays : of the whole run, finer lattices over small parts left out
+    rays : of the whole run
     image_shape : pixels, azimuth and range
     layers : of raw data and image
     stages : bytes that each stage holds at most, what outlives it included
@@ -161,7 +162,11 @@ def duration(seconds: float) -> str:
 
 
 def needs_of(
-    scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid | None = None
+    scene: Scene,
+    sampling: SamplingPlan | None,
+    layers: LayerPlan,
+    grid: ImageGrid | None = None,
+    trace_scene: TraceScene | None = None,
 ) -> Needs:
     """Needs of a run.
 
@@ -170,20 +175,27 @@ def needs_of(
     scene, sampling : as the effects plan leaves them; no sampling where there is no mesh
     layers : what is kept apart
     grid : pixels; default: those that the scene asks for; one pulse makes no image
+    trace_scene : what is traced; None: finer lattices over its small parts are left out
 
     Notes
     -----
-    Ignores finer lattices over small parts, whose rays are bounded, those of passes beyond the first
-    (:attr:`Needs.of_passes` adds their data), and copies of the raw data in other domains. The seconds are those of
-    usual cores; :func:`predict` measures.
+    Ignores passes beyond the first (:attr:`Needs.of_passes` adds their data), and copies of the raw data in other
+    domains. The seconds are those of usual cores; :func:`predict` measures.
     """
     of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method)
     if of_method is None and grid is None and scene.radar.track.n_pulses < 2:
-        return _of_raw(scene, sampling, layers, None)
-    return (of_method or _of_raw)(scene, sampling, layers, grid or default_grid(scene.radar, scene.image))
+        return _of_raw(scene, sampling, layers, None, trace_scene)
+    grid = grid or default_grid(scene.radar, scene.image)
+    return (of_method or _of_raw)(scene, sampling, layers, grid, trace_scene)
 
 
-def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _of_raster(
+    scene: Scene,
+    sampling: SamplingPlan | None,
+    layers: LayerPlan,
+    grid: ImageGrid,
+    trace_scene: TraceScene | None,
+) -> Needs:
     pixels, n_channels = int(np.prod(grid.shape)), len(layers.channels)
     screen = 0
     if sampling is not None:
@@ -201,7 +213,13 @@ def _of_raster(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, g
     )
 
 
-def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid) -> Needs:
+def _of_image(
+    scene: Scene,
+    sampling: SamplingPlan | None,
+    layers: LayerPlan,
+    grid: ImageGrid,
+    trace_scene: TraceScene | None,
+) -> Needs:
     n_layers = len(layers.layers)
     rays: tuple[int, ...] = (0,)
     rows, columns, looks = look_size(scene.radar, grid)
@@ -209,8 +227,9 @@ def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, gr
     seconds = {"form image": float(np.prod(grid.shape)) * n_layers * FORMED_PIXEL}
     if sampling is not None:
         sampling = sampling.of_one_look()
-        rays = lattice_rays(sampling, layers)
-        seconds = {"trace": _trace_seconds(sampling, layers, rays, looks)} | seconds
+        finer = finer_rays(sampling, layers, trace_scene)
+        rays = tuple(map(sum, zip(lattice_rays(sampling, layers), finer, strict=True)))
+        seconds = _trace_seconds(sampling, layers, rays, finer, looks) | seconds
     lanes = max(rays) * max(1, min(looks, MAX_LANES // max(max(rays), 1)))
     forming = look_bytes(grid, n_layers, rows * columns)
     return Needs(
@@ -230,7 +249,13 @@ def _of_image(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, gr
     )
 
 
-def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid: ImageGrid | None) -> Needs:
+def _of_raw(
+    scene: Scene,
+    sampling: SamplingPlan | None,
+    layers: LayerPlan,
+    grid: ImageGrid | None,
+    trace_scene: TraceScene | None,
+) -> Needs:
     radar, n_layers = scene.radar, len(layers.layers)
     n_pulses = radar.track.n_pulses
     samples = n_layers * n_pulses * radar.window.n_samples
@@ -252,7 +277,8 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
             parts={"raw data": 8 * samples, "image": focusing},
             seconds={"focus": focus},
         )
-    rays, interval = lattice_rays(sampling, layers), sampling.key_pulse_interval
+    finer, interval = finer_rays(sampling, layers, trace_scene), sampling.key_pulse_interval
+    rays = tuple(map(sum, zip(lattice_rays(sampling, layers), finer, strict=True)))
     keys = n_pulses if interval == 1 else -(-n_pulses // interval)
     numbers, lanes, synthesis = _synthesis(sampling, layers, max(rays))
     return Needs(
@@ -275,7 +301,7 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
             "image": focusing,
         },
         seconds={
-            "trace": _trace_seconds(sampling, layers, rays, keys),
+            **_trace_seconds(sampling, layers, rays, finer, keys),
             "synthesise": samples * TWO_CORES.sample,
             "focus": focus,
         },
@@ -283,12 +309,15 @@ def _of_raw(scene: Scene, sampling: SamplingPlan | None, layers: LayerPlan, grid
     )
 
 
-def _trace_seconds(sampling: SamplingPlan, layers: LayerPlan, rays: tuple[int, ...], keys: int) -> float:
-    """Seconds on two usual cores for so many key pulses."""
-    scatterers = len(layers.subsets) * scatterers_met(sampling)
-    return keys * (
-        sum(rays) * TWO_CORES.ray + len(rays) * TWO_CORES.launch + scatterers * TWO_CORES.scatterer
-    )
+def _trace_seconds(
+    sampling: SamplingPlan, layers: LayerPlan, rays: tuple[int, ...], finer: tuple[int, ...], keys: int
+) -> dict[str, float]:
+    """Seconds by stage on two usual cores for so many key pulses, ``finer`` of the ``rays`` over small parts."""
+    scatterers, few = len(layers.subsets) * scatterers_met(sampling), sum(finer)
+    each = sum(rays) * TWO_CORES.ray + few * TWO_CORES.finer_ray
+    each += len(rays) * TWO_CORES.launch + scatterers * TWO_CORES.scatterer
+    layout = {"launch grid": few * TWO_CORES.node} if few else {}
+    return layout | {"trace": keys * each}
 
 
 def lattice_rays(sampling: SamplingPlan, layers: LayerPlan) -> tuple[int, ...]:
@@ -297,6 +326,31 @@ def lattice_rays(sampling: SamplingPlan, layers: LayerPlan) -> tuple[int, ...]:
     return tuple(
         int(area / spacing**2) + 1 for subset in layers.subsets for _, spacing in sampling.purposes(subset)
     )
+
+
+def finer_rays(sampling: SamplingPlan, layers: LayerPlan, trace_scene: TraceScene | None) -> tuple[int, ...]:
+    """Rays that the finer lattices over small parts of a scene add to each of :func:`lattice_rays`."""
+    wanted = [each for subset in layers.subsets for each in sampling.purposes(subset)]
+    if trace_scene is None:
+        return (0,) * len(wanted)
+    known = {each: sampling.finer_rays(trace_scene, each[1], each[0]) for each in dict.fromkeys(wanted)}
+    return tuple(known[each] for each in wanted)
+
+
+def check_rays(name: str, sampling: SamplingPlan, layers: LayerPlan) -> None:
+    """Refuse lattices that do not fit, where nothing else of a run is held.
+
+    Raises
+    ------
+    ResourceError
+        More memory is needed than there is.
+    """
+    rays, spacing = lattice_rays(sampling, layers), sampling.spacings.coherent
+    remedy = (
+        f"{sum(rays):.3g} rays, {spacing:.3g} m apart, take the most: check that the model is in metres (to_world), "
+        "make the image smaller, or set ray_spacing"
+    )
+    check_fits(name, _ray_bytes(rays, max(rays)), remedy)
 
 
 def copies() -> int:
@@ -352,4 +406,4 @@ def _synthesis(sampling: SamplingPlan, layers: LayerPlan, most_rays: int) -> tup
     return grid_numbers(plan.shape(slots), channels), most_rays, profiles
 
 
-__all__ = ["Needs", "duration", "lattice_rays", "needs_of"]
+__all__ = ["Needs", "check_rays", "duration", "lattice_rays", "needs_of"]

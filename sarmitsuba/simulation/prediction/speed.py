@@ -37,6 +37,8 @@ class SpeedModel:
     Parameters
     ----------
     ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
+    finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
+    node : s for laying such a ray out, once for all pulses
     """
 
     ray: float
@@ -45,6 +47,8 @@ class SpeedModel:
     path_pulse: float
     sample: float
     pixel_pulse: float
+    finer_ray: float = 0.0
+    node: float = 0.0
 
     @staticmethod
     def measured(work: Work, seconds: Mapping[str, float]) -> "SpeedModel":
@@ -77,7 +81,14 @@ class SpeedModel:
 # 2 million samples, 400 million pixel-pulses. The launch is what recording, laying out a block and reading its grid
 # back take; adding to the grid is in the rays and scatterers
 TWO_CORES = SpeedModel(
-    ray=1 / 5e6, launch=2e-3, scatterer=1 / 5e6, path_pulse=0.0, sample=1 / 2e6, pixel_pulse=1 / 4e8
+    ray=1 / 5e6,
+    launch=2e-3,
+    scatterer=1 / 5e6,
+    path_pulse=0.0,
+    sample=1 / 2e6,
+    pixel_pulse=1 / 4e8,
+    finer_ray=4e-7,
+    node=2.4e-6,
 )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.noise import add_noise
 from sarmitsuba.echo.raw import Layer, RawData, channels_of, sum_of_channel
 from sarmitsuba.errors import DataError
+from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.atomic import atomic_path
@@ -203,6 +204,7 @@ class Refinement:
     history: tuple[tuple[float, float], ...]
 
 
+@exclusive
 def refine(
     scene: Scene,
     *,

@@ -14,8 +14,10 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
-from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, launch_windows
-from sarmitsuba.trace.launch import LaunchGrid, Purpose, lattice
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, bounding_antennas, launch_windows
+from sarmitsuba.simulation.sampling.small_parts import expected_finer_rays
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 
 F64 = NDArray[np.float64]
 
@@ -297,6 +299,15 @@ class SamplingPlan:
         if 0.5 < diffuse / coherent < 1.25:  # a second launch would cost more than the few rays it saves
             return (("all", min(coherent, diffuse)),)
         return (("coherent", coherent), ("diffuse", diffuse))
+
+    def finer_rays(self, scene: TraceScene, spacing: float, purpose: Purpose) -> int:
+        """About as many rays as finer lattices over small parts add to a plain one, see `with_small_parts`."""
+        window, none = self.window, np.zeros(0, dtype=np.float32)
+        grid = LaunchGrid(
+            none, none, spacing, LATTICE_TURN, window.half_x, window.half_y, window.taper, purpose
+        )
+        antennas = bounding_antennas(self.scene.radar.track, window.pulses)
+        return expected_finer_rays(grid, int(window.area / spacing**2), scene, window.frame, antennas)
 
     def _lattices(self, spacing: float, purpose: Purpose, draw: int) -> tuple[LaunchGrid, ...]:
         """One lattice in the launch plane of every sector."""

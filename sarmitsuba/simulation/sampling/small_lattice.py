@@ -1,106 +1,316 @@
 """Lattices over small parts of the scene: finer rays where a piece of surface is narrower than the rays are apart."""
 
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from sarmitsuba.trace.launch import LaunchFrame, project
 
 F64 = NDArray[np.float64]
 
-# triangles are cut until they are no longer than so many steps of the lattice: their boxes then hold few extra nodes
-LONGEST = 12.0
-# steps that a lattice goes on beyond the outline: for what the track does between the antennas, and rounding
+# triangles are cut until they are no longer than so many steps of the lattice: what the track does between the antennas
+# differs from end to end of a long one
+LONGEST = 500.0
+# parts of the longest edge at most
+MOST_CUTS = 64.0
+# steps that a lattice goes on beyond the outline: for rounding, and what the track does between the antennas
 RIM = 0.1
+# steps within which corners count as one, and those of a convex outline may lie on the wrong side of its edges
+SAME, ON_EDGE = 1e-3, 1e-6
+# rows that the triangles of a stretch of surface have in all to be laid out together, and have for each of its own
+ROWS_TOGETHER, FEWER_ROWS = 2000.0, 4.0
+# rows that may be laid out for each node that there may be
+ROWS_A_NODE = 8.0
+# rows of outlines, and triangles, that are laid out at once: bounds the temporary arrays
+MOST_ROWS, MOST_TRIANGLES = 1_000_000, 100_000
+
+
+class ManyNodesError(Exception):
+    """The nodes over outlines are more than there may be, or too many rows to lay out."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A square lattice in a launch plane.
+
+    Parameters
+    ----------
+    frame : launch plane
+    spacing : m
+    turn : rad
+    shift : (2,) m
+    """
+
+    frame: LaunchFrame
+    spacing: float
+    turn: float
+    shift: F64
+
+    @property
+    def axes(self) -> F64:
+        """(2, 2) columns along its rows and columns."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        return np.array([[c, -s], [s, c]])
+
+    def steps(self, points: F64, antenna: F64) -> F64:
+        """(..., 2) row and column, in steps, of points (..., 3) as an antenna sees them."""
+        return np.asarray(
+            (project(points, antenna, self.frame) - self.shift) @ self.axes / self.spacing, dtype=np.float64
+        )
+
+    def places(self, nodes: F64) -> F64:
+        """(n, 2) m, of rows and columns."""
+        return np.asarray(nodes @ self.axes.T * self.spacing + self.shift)
 
 
 def nodes_over(
     triangles: F64,
     antennas: F64,
-    frame: LaunchFrame,
-    spacing: float,
-    rotation: float,
-    shift: F64,
+    lattice: Lattice,
     rim: float = RIM,
+    reach: tuple[float, float] = (np.inf, np.inf),
+    piece: NDArray[np.int64] | None = None,
+    most: float = np.inf,
+    stretches: float = LONGEST,
 ) -> tuple[F64, F64]:
     """Nodes of a square lattice that lie over the outlines of triangles, in coordinates of the launch plane.
 
     Parameters
     ----------
     triangles : (n, 3, 3) float64, m, scene frame
-    antennas : (m, 3) float64, m; the outline is what any of these and what lies between them sees
-    frame : launch plane
-    spacing, rotation, shift : of the lattice, m, rad and (2,) m
+    antennas : (m, 3) float64, m; the outline is the convex hull of what these see
+    lattice : whose nodes
     rim : steps that the lattice goes on beyond the outlines
+    reach : m, largest modulus of x and of y
+    piece : (n,) numbers of the pieces of surface that the triangles belong to: long ones are laid out as one, stretch
+        by stretch, where that takes no more nodes; None: each triangle by itself
+    most : nodes that there may be
+    stretches : steps, length of the parts that long triangles are laid out in
 
     Returns
     -------
     x, y : (n_nodes,) float64, m, each node once, in order of its row and column
+
+    Raises
+    ------
+    ManyNodesError
+        There would be more.
     """
-    pieces = cut(triangles, LONGEST * spacing)
-    c, s = np.cos(rotation), np.sin(rotation)
-    turn = np.array([[c, -s], [s, c]])
-    seen = [(project(pieces, antenna, frame) - shift) @ turn / spacing for antenna in antennas]
-    low, high = np.min([n.min(axis=1) for n in seen], axis=0), np.max([n.max(axis=1) for n in seen], axis=0)
-    start, stop = _runs(low, high, seen, rim)
-    if not start.size:
+    # no row and no column of the window lies farther out
+    farthest = min(float(np.hypot(*reach)) / lattice.spacing + 2.0, 2.0**30)
+    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    longest = max(stretches * lattice.spacing, float(edges.max(initial=0.0)) / MOST_CUTS)
+    runs = [np.zeros((0, 3), dtype=np.int64)]
+    corners, owner = cut(triangles, longest)
+    stretch = None if piece is None else _stretches(corners, piece[owner], longest)
+    rows_left = ROWS_A_NODE * max(most, 1.0)
+    for first in range(0, len(corners), MOST_TRIANGLES):
+        of = slice(first, first + MOST_TRIANGLES)
+        seen = [lattice.steps(corners[of], antenna) for antenna in antennas]
+        outlines, alone = [], np.ones(len(seen[0]), dtype=bool)
+        if stretch is not None:
+            for together, ring in _rings(seen, stretch[of]):
+                alone[together] = False
+                outlines.append(_Outlines.of_ring(ring))
+        if alone.any():
+            outlines.append(_Outlines.of([points[alone] for points in seen]))
+        for outline in outlines:
+            rows_left -= outline.n_rows(rim, farthest)
+            if rows_left < 0.0:
+                raise ManyNodesError
+            runs += outline.runs(rim, farthest)
+    run = np.concatenate(runs)
+    if not len(run):
         return np.zeros(0), np.zeros(0)
     # one number per node: runs of rows that follow each other stay apart
-    least, columns = int(start[:, 1].min()), int(np.ptp(np.concatenate([start[:, 1], stop]))) + 1
-    number = _union(start[:, 0] * columns + (start[:, 1] - least), start[:, 0] * columns + (stop - least))
+    least, columns = int(run[:, 1].min()), int(np.ptp(run[:, 1:])) + 1
+    number = _union(
+        run[:, 0] * columns + (run[:, 1] - least), run[:, 0] * columns + (run[:, 2] - least), most
+    )
     nodes = np.stack([number // columns, number % columns + least], axis=1).astype(np.float64)
-    xy = nodes @ turn.T * spacing + shift
-    return xy[:, 0], xy[:, 1]
+    xy = lattice.places(nodes)
+    inside = (np.abs(xy) <= reach).all(axis=1)
+    return xy[inside, 0], xy[inside, 1]
 
 
-def _runs(low: F64, high: F64, seen: list[F64], rim: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Runs of nodes within ``rim`` of a triangle, (n, 3, 2) in steps, as any of the antennas sees it.
+@dataclass(frozen=True)
+class _Outlines:
+    """Convex outlines in steps of a lattice, as what lies between two sets of lines.
 
     Parameters
     ----------
-    low, high : (n, 2) bounds of each triangle, whichever antenna sees it
-
-    Returns
-    -------
-    start, stop : (n_runs, 2) row and column of the first node, and column of the last
+    low, high : (n, 2) bounds, row and column
+    left, right : (n, k, 2) lines whose columns ``a + b row`` an outline lies beyond, and before
+    at_left, at_right : (n,) rows of the outlines' outermost columns
     """
-    middle = seen[len(seen) // 2]
-    walk = np.max([np.linalg.norm(n - middle, axis=2).max(axis=1) for n in seen], axis=0)
-    along = np.roll(middle, -1, axis=1) - middle
-    length = np.linalg.norm(along, axis=2)
-    along /= np.maximum(length, 1e-300)[:, :, None]
-    outward = np.stack([along[..., 1], -along[..., 0]], axis=2)
-    # wound the other way, the normals point inward
-    facing = np.sign(np.einsum("ti,ti->t", outward[:, 0], middle[:, 0] - middle[:, 2]))
-    outward *= np.where(facing == 0.0, 1.0, facing)[:, None, None]
-    limit = np.einsum("tki,tki->tk", outward, middle) + (walk + rim)[:, None]
 
-    first = np.ceil(low - rim).astype(np.int64)
-    last = np.floor(high + rim).astype(np.int64)
-    count = np.maximum(last[:, 0] - first[:, 0] + 1, 0)
-    owner = np.repeat(np.arange(len(low)), count)
-    row = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count) + first[owner, 0]
-    left, right = first[owner, 1].astype(np.float64), last[owner, 1].astype(np.float64)
-    for k in range(3):
-        across, slope = outward[owner, k, 0], outward[owner, k, 1]
-        left_over = limit[owner, k] - row * across
-        steep = np.abs(slope) > 1e-9
-        end = left_over / np.where(steep, slope, 1.0)
-        # a side along the row has all of it on one side
-        right = np.where(steep & (slope > 0.0), np.minimum(right, end), right)
-        left = np.where(steep & (slope < 0.0), np.maximum(left, end), left)
-        left = np.where(~steep & (left_over < 0.0), np.inf, left)
-    kept = np.ceil(left) <= np.floor(right)
-    column = np.ceil(left[kept]).astype(np.int64)
-    return np.stack([row[kept], column], axis=1), np.floor(right[kept]).astype(np.int64)
+    low: F64
+    high: F64
+    left: F64
+    right: F64
+    at_left: F64
+    at_right: F64
+
+    @staticmethod
+    def of(seen: Sequence[F64]) -> "_Outlines":
+        """Convex hulls of triangles as several antennas see them, each (n, 3, 2) in steps, row and column."""
+        ends = 0.5 * (seen[0] + seen[-1])
+        if all(np.abs(corners - ends).max(initial=0.0) < 0.5 * RIM for corners in seen[1:-1]):
+            seen = (seen[0], seen[-1])
+        points = np.concatenate(seen, axis=1)
+        rows = np.arange(len(points))
+        left, right = _hull_lines(points, combinations(range(points.shape[1]), 2))
+        at_left, at_right = (points[rows, pick(points[..., 1], axis=1), 0] for pick in (np.argmin, np.argmax))
+        return _Outlines(points.min(axis=1), points.max(axis=1), left, right, at_left, at_right)
+
+    @staticmethod
+    def of_ring(ring: F64) -> "_Outlines":
+        """A convex polygon of corners (m, 2) in turn, row and column."""
+        left, right = _hull_lines(
+            ring[None], zip(range(len(ring)), np.roll(range(len(ring)), -1), strict=True)
+        )
+        ends = (ring[[pick(ring[:, 1])], 0] for pick in (np.argmin, np.argmax))
+        return _Outlines(ring.min(axis=0)[None], ring.max(axis=0)[None], left, right, *ends)
+
+    def _rows(self, rim: float, most: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """First row of each outline, and how many it has."""
+        first, last = (
+            np.clip(v, -most, most).astype(np.int64)
+            for v in (np.ceil(self.low[:, 0] - rim), np.floor(self.high[:, 0] + rim))
+        )
+        return first, np.maximum(last - first + 1, 0)
+
+    def n_rows(self, rim: float, most: float) -> int:
+        """Rows of all outlines together."""
+        return int(self._rows(rim, most)[1].sum())
+
+    def runs(self, rim: float, most: float) -> list[NDArray[np.int64]]:
+        """Rows with their first and last columns, (n_runs, 3) each, of the nodes within ``rim`` along both axes."""
+        first, count = self._rows(rim, most)
+        total = np.cumsum(count)
+        out, done = [], 0
+        while done < len(count):
+            before = int(total[done - 1]) if done else 0
+            end = max(done + 1, int(np.searchsorted(total, before + MOST_ROWS, "right")))
+            of = slice(done, end)
+            owner = np.repeat(np.arange(done, end), count[of])
+            row = np.arange(owner.size) - np.repeat(total[of] - count[of] - before, count[of]) + first[owner]
+            columns = self._columns(owner, row.astype(np.float64), rim)
+            low, high = np.ceil(np.clip(columns[0], -most, most)), np.floor(np.clip(columns[1], -most, most))
+            kept = low <= high
+            out.append(np.stack([row, low.astype(np.int64), high.astype(np.int64)], axis=1)[kept])
+            done = end
+        return out
+
+    def _columns(self, owner: NDArray[np.intp], row: F64, rim: float) -> tuple[F64, F64]:
+        """Leftmost and rightmost column of outlines within ``rim`` of a row, and ``rim`` beyond."""
+        ends = []
+        for lines, at, bound, pick in (
+            (self.left, self.at_left, self.low[:, 1], np.maximum),
+            (self.right, self.at_right, self.high[:, 1], np.minimum),
+        ):
+            # the columns of a convex outline reach out the farther, the nearer a row is to that of the outermost
+            nearest = np.clip(
+                np.clip(at[owner], row - rim, row + rim), self.low[owner, 0], self.high[owner, 0]
+            )
+            end = bound[owner]
+            for k in range(lines.shape[1]):
+                a, b = lines[owner, k].T
+                end = pick(end, a + b * nearest)
+            ends.append(end)
+        return ends[0] - rim, ends[1] + rim
 
 
-def _union(start: NDArray[np.int64], stop: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Whole numbers that runs ``start ... stop`` hold, each once, in order."""
+def _stretches(corners: F64, piece: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+    """Number of the stretch of its piece of surface that each triangle lies on, no longer than ``longest``."""
+    if not len(corners):
+        return np.zeros(0, dtype=np.int64)
+    _, number = np.unique(piece, return_inverse=True)
+    order = np.argsort(number, kind="stable")
+    start = np.flatnonzero(np.diff(number[order], prepend=-1))
+    low = np.minimum.reduceat(corners.min(axis=1)[order], start)
+    high = np.maximum.reduceat(corners.max(axis=1)[order], start)
+    axis = (high - low).argmax(axis=1)[number]
+    row = np.arange(len(corners))
+    along = (corners.mean(axis=1)[row, axis] - low[number, axis]) / longest
+    _, stretch = np.unique(number * (int(along.max()) + 2) + along.astype(np.int64), return_inverse=True)
+    return np.asarray(stretch, dtype=np.int64)
+
+
+def _rings(seen: Sequence[F64], stretch: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.intp], F64]]:
+    """Triangles whose rows are laid out together, and the convex hull (m, 2) of what all antennas see of them.
+
+    Those of a stretch whose hull is no larger than their outlines side by side, and has far fewer rows.
+    """
+    rows = np.ptp(seen[0][..., 0], axis=1) + 1.0
+    order = np.argsort(stretch, kind="stable")
+    start = np.flatnonzero(np.diff(stretch[order], prepend=-1))
+    many = np.add.reduceat(rows[order], start) > ROWS_TOGETHER
+    for first, end in zip(start[many], np.append(start[1:], len(order))[many], strict=True):
+        together = order[first:end]
+        points = np.concatenate([corners[together].reshape(-1, 2) for corners in seen])
+        if FEWER_ROWS * (np.ptp(points[:, 0]) + 1.0) > rows[together].sum():
+            continue
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError):  # all on one line, or no numbers
+            continue
+        step = [np.linalg.norm(corners[together] - seen[0][together], axis=2).max() for corners in seen]
+        edges = np.roll(seen[0][together], -1, axis=1) - seen[0][together]
+        size = 0.5 * np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]).sum()
+        length = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if hull.volume <= size + length * (2.0 * RIM + max(step)):  # of what moves between the antennas
+            yield together, points[hull.vertices]
+
+
+def _hull_lines(points: F64, pairs: Iterable[tuple[int, int]]) -> tuple[F64, F64]:
+    """Lines along the left and the right edges of the convex hulls of points (n, m, 2): columns ``a + b row``.
+
+    The edges are among the ``pairs`` of points. Edges shorter than ``SAME`` are left out: what the other lines bound is
+    larger by no more than that.
+    """
+    lines: tuple[list[F64], list[F64]] = ([], [])
+    for i, j in pairs:
+        step = points[:, j] - points[:, i]
+        length = np.linalg.norm(step, axis=1)
+        unit = step / np.maximum(length, SAME)[:, None]
+        away = points - points[:, i, None]
+        # columns beyond the line, where it is walked towards rising rows
+        beyond = away[..., 1] * unit[:, None, 0] - away[..., 0] * unit[:, None, 1]
+        upwards = np.sign(unit[:, :1])
+        beyond *= upwards
+        steep = (length > SAME) & (np.abs(unit[:, 0]) > ON_EDGE)
+        slope = unit[:, 1] / np.where(steep, unit[:, 0], 1.0)
+        start = points[:, i, 1] - slope * points[:, i, 0]
+        for side, bounds, none in (
+            (0, beyond.min(axis=1) >= -ON_EDGE, -np.inf),
+            (1, beyond.max(axis=1) <= ON_EDGE, np.inf),
+        ):
+            of = steep & bounds
+            lines[side].append(np.stack([np.where(of, start, none), np.where(of, slope, 0.0)], axis=1))
+    kept = []
+    for side_lines, none in zip(lines, (-np.inf, np.inf), strict=True):
+        stacked = np.stack(side_lines, axis=1)
+        # few of the pairs are edges: those first, the others cut off
+        order = np.argsort(np.isinf(stacked[..., 0]), axis=1, kind="stable")
+        most = int((stacked[..., 0] != none).sum(axis=1).max(initial=0))
+        kept.append(np.take_along_axis(stacked, order[:, :most, None], axis=1))
+    return kept[0], kept[1]
+
+
+def _union(start: NDArray[np.int64], stop: NDArray[np.int64], most: float) -> NDArray[np.int64]:
+    """Whole numbers that runs ``start ... stop`` hold, each once, in order; ``most`` bounds how many."""
     order = np.argsort(start, kind="stable")
     start, reached = start[order], np.maximum.accumulate(stop[order])
     new = np.flatnonzero(np.append(True, start[1:] > reached[:-1]))
     begin, end = start[new], reached[np.append(new[1:], len(start)) - 1]
     count = end - begin + 1
+    if count.sum() > most:
+        raise ManyNodesError
     return np.repeat(begin - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
 
 
@@ -111,20 +321,26 @@ def outline_area(triangles: F64, antenna: F64, frame: LaunchFrame) -> F64:
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def cut(triangles: F64, longest: float) -> F64:
-    """Halve triangles across their longest edge until none is longer."""
-    done = []
+def cut(triangles: F64, longest: float) -> tuple[F64, NDArray[np.intp]]:
+    """Halve triangles across their longest edge until none is longer; the parts, and which triangle each is of."""
+    done: list[F64] = []
+    owners: list[NDArray[np.intp]] = []
+    owner = np.arange(len(triangles))
     while triangles.size:
         edges = np.roll(triangles, -1, axis=1) - triangles
         length = np.sqrt(np.einsum("tki,tki->tk", edges, edges))
         long = length.max(axis=1) > longest
         done.append(triangles[~long])
-        triangles, k = triangles[long], length[long].argmax(axis=1)
+        owners.append(owner[~long])
+        triangles, owner, k = triangles[long], owner[long], length[long].argmax(axis=1)
         row = np.arange(k.size)
         a, b, c = (triangles[row, (k + i) % 3] for i in range(3))
         m = 0.5 * (a + b)
         triangles = np.concatenate([np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
-    return np.concatenate(done) if done else triangles
+        owner = np.concatenate([owner, owner])
+    if not done:
+        return triangles, owner
+    return np.concatenate(done), np.concatenate(owners)
 
 
-__all__ = ["cut", "nodes_over", "outline_area"]
+__all__ = ["LONGEST", "RIM", "Lattice", "ManyNodesError", "cut", "nodes_over", "outline_area"]

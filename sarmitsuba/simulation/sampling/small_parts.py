@@ -1,20 +1,35 @@
 """Finer lattices of rays over the parts of a scene that the plain lattice is too coarse for."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.simulation.sampling.small_lattice import nodes_over, outline_area
+from sarmitsuba.simulation.sampling.small_lattice import (
+    LONGEST,
+    RIM,
+    Lattice,
+    ManyNodesError,
+    nodes_over,
+    outline_area,
+)
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
 
 F64 = NDArray[np.float64]
+# places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve
+Nodes = tuple[NDArray[np.float32], NDArray[np.float32]]
+Density = tuple[float, tuple[float, float]]
 
 # rays that finer lattices may have in all: so many, or a share of the plain lattice's where that has more
 MOST_RAYS = 600_000
 SHARE = 0.15
+# what outlines side by side may have over that: where they overlap, their rays are fewer
+LOOSE = 4.0
+# how much wider the lattices are that tell how many rays there will be
+SPARSE = 4.0
 # halvings of the distance between rays
 MOST_LEVELS = 12
 
@@ -77,47 +92,117 @@ def with_small_parts(
     Faces that need more than the bounds on rays allow get the finest lattice there is: those rays that meet a facet
     narrower than their distance count for the rest of it. Diffuse power is then right on average.
     """
-    coherent, diffuse = scene.needs
-    need = {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[grid.purpose]
-    level = np.ceil(np.log2(grid.spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
-    level = np.clip(level, 0, MOST_LEVELS)
+    need = _needs(grid.purpose, scene)
+    level = _levels(need, grid.spacing)
     if not level.any():
         return grid, None
     area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
     budget = max(MOST_RAYS, SHARE * grid.n_rays)
-    finest = _finest(level, area, grid.spacing, budget)
+    finest, finer = _Layout(grid, scene, frame, antennas).finest(level, area, budget, rng)
     short = _shortfall(grid, need, area, finest)
     if finest == 0:
         return grid, short
-    level = np.minimum(level, finest)
-    rays, levels = [(grid.x, grid.y)], [(grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf))]
-    for k in range(1, finest + 1):
-        faces = scene.triangles[level == k]
-        spacing = grid.spacing * 2.0**-k
-        needs = (0.0 if k == finest else spacing * (1.0 - 1e-6), 2.0 * spacing * (1.0 - 1e-6))
-        if not len(faces):
-            continue
-        shift = rng.random(2) * spacing
-        x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift)
-        if not x.size:  # so small that no node lies over it: those beside it
-            x, y = nodes_over(faces, antennas, frame, spacing, grid.turn, shift, rim=1.0)
-        reach_x, reach_y = (max(half + grid.taper, spacing) for half in (grid.half_x, grid.half_y))
-        inside = (np.abs(x) <= reach_x) & (np.abs(y) <= reach_y)
-        x, y = x[inside], y[inside]
-        if not x.size:
-            continue
-        order = np.argsort(
-            morton(x, y, float(np.hypot(grid.half_x, grid.half_y) + grid.taper)), kind="stable"
-        )
-        rays.append((x[order].astype(np.float32), y[order].astype(np.float32)))
-        levels.append((spacing, needs))
+    plain = ((grid.x, grid.y), (grid.spacing, (grid.spacing * (1.0 - 1e-6), np.inf)))
+    rays, levels = zip(plain, *finer, strict=True)
     return _joined(grid, rays, levels), short
+
+
+def expected_finer_rays(
+    grid: LaunchGrid, n_rays: int, scene: TraceScene, frame: LaunchFrame, antennas: F64
+) -> int:
+    """About as many rays as :func:`with_small_parts` adds, from lattices ``SPARSE`` times as wide.
+
+    Parameters
+    ----------
+    grid : plain lattice, its rays left out
+    n_rays : that it has
+    scene, frame, antennas : as there
+    """
+    need = _needs(grid.purpose, scene)
+    level = _levels(need, grid.spacing)
+    if not level.any():
+        return 0
+    area = outline_area(scene.triangles, antennas[len(antennas) // 2], frame)
+    budget = max(MOST_RAYS, SHARE * n_rays)
+    layout = _Layout(grid, scene, frame, antennas, SPARSE)
+    _, found = layout.finest(level, area, budget, np.random.default_rng(0))
+    return int(SPARSE**2 * sum(x.size for (x, _), _ in found))
+
+
+def _needs(purpose: Purpose, scene: TraceScene) -> F64:
+    """Largest distance between rays of a purpose that serves each face, m."""
+    coherent, diffuse = scene.needs
+    return {"coherent": coherent, "diffuse": diffuse, "all": np.minimum(coherent, diffuse)}[purpose]
+
+
+def _levels(need: F64, spacing: float) -> NDArray[np.int_]:
+    """Halvings of the distance between rays that each face wants."""
+    level = np.ceil(np.log2(spacing / np.maximum(need, 1e-9)) - 1e-6).astype(int)
+    return np.asarray(np.clip(level, 0, MOST_LEVELS))
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Lays finer lattices out over a scene; ``sparse`` ones, as many times as wide, tell how many nodes there are."""
+
+    grid: LaunchGrid
+    scene: TraceScene
+    frame: LaunchFrame
+    antennas: F64
+    sparse: float = 1.0
+
+    def finest(
+        self, level: NDArray[np.int_], area: F64, budget: float, rng: np.random.Generator
+    ) -> tuple[int, list[tuple[Nodes, Density]]]:
+        """The finest level that keeps all finer lattices within a budget of rays, and their nodes and density."""
+        spacing = self.grid.spacing
+        shifts = deepcopy(rng).random((MOST_LEVELS + 1, 2))
+        # of the levels that have faces, in turn
+        turn = np.cumsum([0, 0, *(np.any(level == k) for k in range(1, MOST_LEVELS + 1))])
+        coarser: dict[int, Nodes] = {}
+        for finest in range(_finest(level, area, spacing, LOOSE * budget), 0, -1):
+            try:
+                left, laid = budget / self.sparse**2, []
+                # the finest has the most nodes; those below are the same whichever it is
+                for k in range(finest, 0, -1):
+                    of = level >= k if k == finest else level == k
+                    nodes = coarser.get(k) if k < finest else None
+                    if nodes is None:
+                        nodes = self._nodes(of, spacing * 2.0**-k, shifts[turn[k]], left)
+                    if k < finest:
+                        coarser[k] = nodes
+                    left -= nodes[0].size
+                    if left < 0.0:
+                        raise ManyNodesError
+                    step = spacing * 2.0**-k
+                    needs = (0.0 if k == finest else step * (1.0 - 1e-6), 2.0 * step * (1.0 - 1e-6))
+                    laid.append((nodes, (step, needs)))
+            except ManyNodesError:
+                continue
+            rng.random((turn[finest] + 1, 2))
+            return finest, [each for each in laid[::-1] if each[0][0].size]
+        return 0, []
+
+    def _nodes(self, of: NDArray[np.bool_], spacing: float, shift: F64, most: float) -> Nodes:
+        """Nodes of one lattice over some of the faces, in Morton order."""
+        grid, sparse = self.grid, self.sparse
+        if not of.any():
+            return np.zeros(0, np.float32), np.zeros(0, np.float32)
+        reach = (grid.half_x + grid.taper, grid.half_y + grid.taper)
+        lattice = Lattice(self.frame, sparse * spacing, grid.turn, shift * spacing)
+        faces, piece = self.scene.triangles[of], self.scene.piece[of]
+        within = (max(reach[0], spacing), max(reach[1], spacing))
+        x, y = nodes_over(faces, self.antennas, lattice, RIM / sparse, within, piece, most, LONGEST / sparse)
+        if not x.size and sparse == 1.0:  # so small that no node lies over it: those beside it
+            x, y = nodes_over(faces, self.antennas, lattice, 1.0, within, piece, most)
+        order = np.argsort(morton(x, y, float(np.hypot(*reach))), kind="stable")
+        return x[order].astype(np.float32), y[order].astype(np.float32)
 
 
 def _joined(
     grid: LaunchGrid,
-    rays: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]],
-    levels: Sequence[tuple[float, tuple[float, float]]],
+    rays: Sequence[Nodes],
+    levels: Sequence[Density],
 ) -> LaunchGrid:
     """One lattice of all levels that hold a ray: launched together, they cost one kernel launch and one grid."""
     kept = [i for i, (x, _) in enumerate(rays) if x.size] or [0]
@@ -154,4 +239,4 @@ def _finest(level: NDArray[np.int_], area: F64, spacing: float, budget: float) -
     return 0
 
 
-__all__ = ["Shortfall", "with_small_parts"]
+__all__ = ["Shortfall", "expected_finer_rays", "with_small_parts"]

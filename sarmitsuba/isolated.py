@@ -13,10 +13,15 @@ from sarmitsuba.errors import DataError
 # s of CPU time: a hundred times what any sound file needs, and the share of a large one
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
+# bytes of memory beyond what the process has: what a reader's modules take, and of every byte of the file. Complex
+# numbers in text, or compressed tenfold, read in several copies, take 60
+_LEAST_MEMORY = 1 << 28
+_MEMORY_PER_BYTE = 60
+_OUT_OF_MEMORY = 3
 
 
 def survive(path: Path, read: Callable[[], object]) -> None:
-    """Read in a forked process, and refuse the file when that dies or never ends.
+    """Read in a forked process, and refuse the file when that dies, never ends or takes far more memory than the file.
 
     libhdf5 loops for ever on some damaged attributes and SciPy's reader of MATLAB files reads through pointers that it
     never set; neither can be stopped from within. Errors of the trial are no matter: the caller reads again, and words
@@ -30,17 +35,18 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     Raises
     ------
     DataError
-        The process was ended by a signal, or took more CPU time than any sound file of that size.
+        The process was ended by a signal, or took more CPU time or memory than any sound file of that size.
     """
     if sys.platform == "win32":
         return
-    limit = int(_LEAST_LIMIT + path.stat().st_size / _BYTES_PER_SECOND)
+    size = path.stat().st_size
+    limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), _LEAST_MEMORY + _MEMORY_PER_BYTE * size
     with warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
         child = os.fork()
     if child == 0:
-        _try(read, limit)
+        _try(read, limit, memory)
     status = None
     try:
         _, status = os.waitpid(child, 0)
@@ -48,6 +54,11 @@ def survive(path: Path, read: Callable[[], object]) -> None:
         if status is None:  # Ctrl-C
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
+    if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _OUT_OF_MEMORY:
+        raise DataError(
+            f"the file unpacks to more than {memory / 1e6:.0f} MB, {memory / max(size, 1):.0f} times its size; it is "
+            "damaged or a trap"
+        )
     if not os.WIFSIGNALED(status):
         return
     number = os.WTERMSIG(status)
@@ -55,20 +66,48 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     raise DataError(f"the file is damaged: its reader {what}; copy or make it again")
 
 
-def _try(read: Callable[[], object], limit: int) -> None:
+def _try(read: Callable[[], object], limit: int, memory: int) -> None:
     """Body of the child; does not return."""
     import resource
 
     try:
         faulthandler.disable()
-        for number in (signal.SIGXCPU, signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGINT):
+        for number in (
+            signal.SIGXCPU,
+            signal.SIGSEGV,
+            signal.SIGBUS,
+            signal.SIGABRT,
+            signal.SIGINT,
+            signal.SIGTERM,
+        ):
             signal.signal(number, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+        # not the address space, of which every thread's arena reserves a lot that it never writes to
+        most = _writable_bytes() + memory
+        resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
         read()
     finally:
         # whatever was raised, and nothing of the parent's is flushed or closed twice
-        os._exit(0)
+        os._exit(_OUT_OF_MEMORY if _of_memory(sys.exc_info()[1]) else 0)
+
+
+def _of_memory(error: BaseException | None) -> bool:
+    """Whether an error began as one of memory, however it is worded by now."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _writable_bytes() -> int:
+    """Bytes that the process may write to; without /proc none is known and the limit is none."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+    except OSError:
+        return 1 << 62
+    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 __all__ = ["survive"]

@@ -1,0 +1,50 @@
+"""One thread at a time in the back end: a lock around every function that records or evaluates Dr.Jit arrays."""
+
+import functools
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_lock = threading.RLock()
+_depth = 0  # of calls within each other in the thread that holds the lock
+
+
+@contextmanager
+def backend_lock() -> Iterator[None]:
+    """Hold the back end for the calling thread; other threads wait. Calls may nest.
+
+    Notes
+    -----
+    Dr.Jit records per thread but shares variables, and what one thread has launched another does not wait for: the
+    last of nested calls therefore ends with all launched work done. Processes share nothing and need no lock.
+    """
+    global _depth
+    with _lock:
+        _depth += 1
+        try:
+            yield
+        finally:
+            _depth -= 1
+            if _depth == 0:
+                drjit = sys.modules.get("drjit")
+                if drjit is not None and hasattr(drjit, "sync_thread"):
+                    drjit.sync_thread()
+
+
+def exclusive(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function so that only one thread at a time is in any function decorated so."""
+
+    @functools.wraps(function)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> T:
+        with backend_lock():
+            return function(*args, **kwargs)
+
+    return alone
+
+
+__all__ = ["backend_lock", "exclusive"]

@@ -1,0 +1,71 @@
+"""Bounds of an image's numbers on every way in: what a file says of its pixels is checked before it is used."""
+
+import numpy as np
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.image.sar_image import ImageGrid, SarImage
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.validity import check_anchor, check_bounds
+
+_FARTHEST = 1e10  # m
+# of unit vectors, and of steps along an axis over their mean: numbers that were kept in float32
+_ROUGH = 1e-3
+# float64 rounding of a coordinate over its size, in steps
+_ROUNDING = 8.0 * np.finfo(np.float64).eps
+
+
+def check_grid(grid: ImageGrid) -> None:
+    """Raise a DataError where pixels of a grid stand nowhere.
+
+    Parameters
+    ----------
+    grid : of any source
+
+    Raises
+    ------
+    DataError, RadarError
+        What is wrong, its value and its bounds, in one line.
+    """
+    if grid.kind not in ("slant", "ground"):
+        raise DataError(f'image grid: kind "{one_line(grid.kind)}" is neither slant nor ground')
+    for name in ("azimuth", "range"):
+        axis = getattr(grid, name)
+        if axis.ndim != 1 or not axis.size or not (np.abs(axis) <= _FARTHEST).all():
+            raise DataError(f"image grid: {name} of shape {axis.shape} is no axis of finite metres")
+        steps = np.diff(axis)
+        if not steps.size:
+            continue
+        uneven = _ROUGH * steps.mean() + _ROUNDING * np.abs(axis).max()
+        if not (steps > 0.0).all() or np.ptp(steps) > uneven:
+            raise DataError(
+                f"image grid: {name} goes in steps of {steps.min():g} to {steps.max():g} m; they must be even, and "
+                "above 0"
+            )
+    vectors = np.stack([grid.along, grid.across])
+    if vectors.shape != (2, 3) or not np.allclose(vectors @ vectors.T, np.eye(2), rtol=0.0, atol=_ROUGH):
+        raise DataError("image grid: along and across must be unit vectors, square to each other")
+    if not (np.abs([*grid.origin, *grid.offset, grid.height]) <= _FARTHEST).all():
+        raise DataError(f"image grid: origin, offset or height lies beyond {_FARTHEST:g} m, or is none")
+    check_anchor(grid.anchor)
+
+
+def check_image(image: SarImage) -> None:
+    """Raise a DataError where what an image is calibrated with is out of bounds; its grid too."""
+    check_grid(image.grid)
+    check_bounds(
+        "image",
+        (
+            ("wavelength", image.wavelength, 1e-4, 1e3, "m"),
+            ("azimuth_resolution_cell", image.azimuth_resolution_cell, 1e-9, 1e9, "m"),
+            ("range_resolution_cell", image.range_resolution_cell, 1e-9, 1e9, "m"),
+        ),
+    )
+    angle = image.incidence_angle
+    if not ((angle > 0.0) & (angle <= 0.5 * np.pi)).all():
+        raise DataError(
+            f"image: incidence angles from {angle.min():g} to {angle.max():g} rad; each must be above 0 and at most "
+            "pi / 2"
+        )
+
+
+__all__ = ["check_grid", "check_image"]

@@ -1,0 +1,145 @@
+"""Bounds of a radar's numbers on every way in that is no scene file: recordings, results, and what Python code makes.
+
+Scene files have the same bounds, in degrees and decibels, beside each parameter of
+:class:`sarmitsuba.radar.description.RadarDescription`.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.errors import RadarError
+from sarmitsuba.parameters import one_line
+from sarmitsuba.radar.geodesy import Anchor
+from sarmitsuba.radar.image_request import ImageRequest
+from sarmitsuba.radar.polarisation import CHANNELS
+from sarmitsuba.radar.radar import Radar
+from sarmitsuba.radar.track import Track
+
+# name, value, lowest, highest, unit
+Bound = tuple[str, float, float, float, str]
+
+# m: a position in a frame that lies on the Earth, at a geostationary orbit or at the Moon
+_FARTHEST = 1e10
+_FASTEST = 1e6  # m/s
+_ROUNDING = 1e-9  # of 0 dB
+# lengths of unit vectors, over 1: those of files in float32
+_UNIT = 1e-3
+
+
+def check_radar(radar: Radar) -> None:
+    """Raise a RadarError where a number of a radar is out of the bounds that scene files have.
+
+    Parameters
+    ----------
+    radar : of any source
+
+    Raises
+    ------
+    RadarError
+        What is wrong, its value and its bounds, in one line.
+    """
+    wave, antenna, window = radar.waveform, radar.antenna, radar.window
+    check_bounds(
+        "radar",
+        (
+            ("center_frequency", wave.center_frequency, 1e6, 1e12, "Hz"),
+            ("bandwidth", wave.bandwidth, 1e3, 1e12, "Hz"),
+            ("pulse_width", wave.pulse_width, 1e-10, 1.0, "s"),
+            ("antenna gain", antenna.gain, 1e-10, 1e10, ""),
+            ("azimuth_beamwidth", antenna.azimuth_beamwidth, 1e-9, 2.0 * np.pi, "rad"),
+            ("elevation_beamwidth", antenna.elevation_beamwidth, 1e-9, 2.0 * np.pi, "rad"),
+            ("transmit_power", radar.transmit_power, 1e-12, 1e12, "W"),
+            ("noise_temperature", radar.noise_temperature, 0.0, 1e9, "K"),
+            ("losses", radar.losses, 1.0 - _ROUNDING, 1e10, ""),
+            ("half_aperture", radar.half_aperture, 1e-9, np.inf, ""),
+            ("sample_spacing", window.sample_spacing, 1e-5, 1e6, "m"),
+            ("n_samples", window.n_samples, 1, 2**31, ""),
+        ),
+    )
+    if radar.look_side not in ("left", "right"):
+        raise RadarError(f'radar: look_side = "{one_line(radar.look_side)}" is neither left nor right')
+    unknown = [name for name in radar.channels if name not in CHANNELS]
+    if unknown or not radar.channels:
+        raise RadarError(f'radar: channel "{one_line(unknown[:1])}" is none of {", ".join(CHANNELS)}')
+    _check_places("aim_point", radar.aim_point)
+    _check_places("offset", radar.offset)
+    _check_places("start_range", window.start_range)
+    for name, track in (("track", radar.track), ("receiver", radar.receiver), ("recorded", radar.recorded)):
+        if track is not None:
+            _check_track(name, track)
+    for name, pointing in (("pointing", radar.pointing), ("receiver_pointing", radar.receiver_pointing)):
+        if pointing is not None:
+            for axis in ("boresight", "azimuth_axis", "elevation_axis"):
+                _check_unit(f"{name} {axis}", getattr(pointing, axis))
+    check_anchor(radar.anchor)
+
+
+def check_request(request: ImageRequest) -> None:
+    """Raise a RadarError where an image is asked for that cannot be."""
+    if request.grid not in ("slant", "ground"):
+        raise RadarError(f'image: grid = "{one_line(request.grid)}" is neither slant nor ground')
+    check_bounds(
+        "image",
+        (
+            ("extent_azimuth", request.extent_azimuth, 1e-6, 1e7, "m"),
+            ("extent_range", request.extent_range, 1e-6, 1e7, "m"),
+            ("spacing_azimuth", request.spacing_azimuth, 0.0, 1e6, "m"),
+            ("spacing_range", request.spacing_range, 0.0, 1e6, "m"),
+            ("center_x", request.center_x, -_FARTHEST, _FARTHEST, "m"),
+            ("center_y", request.center_y, -_FARTHEST, _FARTHEST, "m"),
+            ("height", request.height, -1e7, 1e7, "m"),
+        ),
+    )
+
+
+def check_anchor(anchor: Anchor) -> None:
+    """Raise a RadarError where the place on the Earth is none."""
+    check_bounds(
+        "anchor",
+        (
+            ("latitude", anchor.latitude, -0.5 * np.pi, 0.5 * np.pi, "rad"),
+            ("longitude", anchor.longitude, -2.0 * np.pi, 2.0 * np.pi, "rad"),
+            ("height", anchor.height, -1e4, 1e6, "m"),
+        ),
+    )
+
+
+def check_bounds(where: str, bounds: Iterable[Bound]) -> None:
+    """Raise a RadarError at the first number that lies out of its bounds; NaN lies out of all."""
+    for name, value, low, high, unit in bounds:
+        if not low <= value <= high:
+            given, bounds_text = f"{value:g} {unit}".rstrip(), f"{low:g} to {high:g} {unit}".rstrip()
+            raise RadarError(f"{where}: {name} = {given} is out of bounds ({bounds_text})")
+
+
+def _check_track(name: str, track: Track) -> None:
+    _check_places(f"{name} position", track.position)
+    if not np.isfinite(track.time).all() or np.ptp(track.time) > 1e7:
+        raise RadarError(
+            f"radar: {name} times span {np.ptp(track.time):g} s, or are none; give seconds, at most 1e7"
+        )
+    speed = np.linalg.norm(track.velocity, axis=1)
+    if not ((speed > 0.0) & (speed <= _FASTEST)).all():
+        raise RadarError(
+            f"radar: {name} speeds from {speed.min():g} to {speed.max():g} m/s; each must be above 0 and at most "
+            f"{_FASTEST:g}"
+        )
+
+
+def _check_places(name: str, values: NDArray[np.float64]) -> None:
+    if not (np.abs(values) <= _FARTHEST).all():  # NaN neither
+        raise RadarError(
+            f"radar: {name} reaches {np.abs(values).max():g} m; at most {_FARTHEST:g} m, and finite"
+        )
+
+
+def _check_unit(name: str, vectors: NDArray[np.float64]) -> None:
+    length = np.linalg.norm(vectors, axis=-1)
+    if not (np.abs(length - 1.0) <= _UNIT).all():
+        worst = length[np.nanargmax(np.abs(np.nan_to_num(length, nan=1e9) - 1.0))]
+        raise RadarError(f"radar: {name} holds a vector of length {worst:g}; give unit vectors")
+
+
+__all__ = ["check_anchor", "check_bounds", "check_radar", "check_request"]

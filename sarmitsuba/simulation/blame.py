@@ -1,0 +1,105 @@
+"""Which path made an echo that is not a number: the pulse, the surfaces and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.errors import SceneError
+from sarmitsuba.finite import all_finite
+from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.simulation.recording import NO_FACE, Recording
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sarmitsuba.materials.material import Material
+    from sarmitsuba.scene.geometry import Geometry
+    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.state import Contribution
+
+# such paths that there is room for; one is named
+ROOM = 16
+# above every finite float32
+LARGEST = 3.4028235e38
+REMEDY = "this is a defect of the program: report the scene; till then leave the shape out or lower max_depth"
+
+
+class NotFinite:
+    """What a recording keeps: contributions of which a number is none."""
+
+    def passes(self, contribution: Contribution) -> mi.Bool:
+        """Lanes whose amplitudes, slant range or range rate are not finite."""
+        fine = mi.Bool(True)
+        for a in contribution.amplitudes:
+            fine &= (dr.abs(a.real) <= LARGEST) & (dr.abs(a.imag) <= LARGEST)
+        for x in (contribution.slant_range, contribution.range_rate):
+            fine &= dr.abs(x) <= LARGEST
+        return ~fine
+
+
+def blamed(
+    launch: Callable[[Recording], None],
+    n_lanes: int,
+    max_depth: int,
+    n_channels: int,
+    scene: TraceScene,
+    geometry: Geometry,
+    materials: tuple[Material, ...],
+    label: Callable[[int], str],
+) -> str:
+    """The first path that is not a number, in words; empty where a second look finds none.
+
+    Parameters
+    ----------
+    launch : runs the launch again into a recording, and evaluates it
+    n_lanes : rays of the launch; 1 for a source's
+    max_depth, n_channels : of the launch
+    scene : that was traced, of ``geometry``
+    materials : of the geometry
+    label : names a pulse of the launch by its number
+    """
+    recording = Recording(n_lanes, max_depth, n_channels, ROOM, NotFinite())
+    launch(recording)
+    rows = recording.rows()
+    if not len(rows.labels):
+        return ""
+    lane, _, order, pulse = (int(v) for v in rows.labels[0])
+    faces = rows.hit_face[: min(order, max_depth), min(lane, n_lanes - 1)]
+    faces = scene.geometry_faces[faces[faces != NO_FACE]]
+    way = f"{label(pulse)}: an echo of {order} bounce{'s' if order > 1 else ''}"
+    if not faces.size:
+        return f"{way} from a scatterer that no ray finds (rod, edge, crown or pair)"
+    face = int(faces[-1])
+    shape = geometry.mesh_names[int(np.searchsorted(geometry.mesh_face_offset, face, side="right")) - 1]
+    material = with_parts(materials)[int(geometry.face_material[face])]
+    return f'{way} that ends on the shape "{shape}", face {face}, material "{material.name}",'
+
+
+def check_traced(
+    data: NDArray[np.complexfloating], power: float, where: str, culprit: Callable[[], str] = str
+) -> None:
+    """Stop a run whose echoes are not numbers.
+
+    Parameters
+    ----------
+    data : pulses or rows first; empty where ``power`` tells all
+    power : of all contributions
+    where : scene and pulse
+    culprit : finds out who it was
+
+    Raises
+    ------
+    SceneError
+        They are not finite.
+    """
+    if np.isfinite(power) and all_finite(data):
+        return
+    what = culprit() or "the sum of the echoes"
+    raise SceneError(f"{where}: {what} is not a finite number; {REMEDY}")
+
+
+__all__ = ["NotFinite", "blamed", "check_traced"]

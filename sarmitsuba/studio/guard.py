@@ -1,0 +1,106 @@
+"""Who may use the bench's page: who was given its address, from a page of its own, on this machine."""
+
+import hmac
+import http
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import websockets.asyncio.server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from sarmitsuba.errors import SarmitsubaError
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_COOKIE = "sarmitsuba_studio"
+
+Answer = Callable[[Any, Request], Response | None]
+
+
+class Guard:
+    """Checks every request, that of a web socket too, before the page's server sees it.
+
+    A request must ask for a loopback host (others come by names that an attacker made to point here), come from a page
+    of that host or from none, and carry the secret: in the address the first time, afterwards as a cookie that no other
+    site is sent.
+
+    Attributes
+    ----------
+    token : the secret, made anew for every start
+    """
+
+    def __init__(self) -> None:
+        self.token = secrets.token_urlsafe(24)
+
+    def refusal(self, request: Request) -> str:
+        """Why a request is not answered; empty where it is."""
+        host = request.headers.get("Host", "")
+        origin = request.headers.get("Origin")
+        if urlsplit(f"//{host}").hostname not in LOOPBACK:
+            return "this host is not served"
+        if origin is not None and urlsplit(origin).netloc != host:
+            return "other pages may not use this one"
+        if not (self._in_address(request) or self._in_cookie(request)):
+            return "open the address that the command has printed"
+        return ""
+
+    def around(self, answer: Answer | None) -> Answer:
+        """The server's answer to those who may have it."""
+
+        def guarded(connection: Any, request: Request) -> Response | None:
+            reason = self.refusal(request)
+            if reason:
+                body = f"{reason}\n".encode()
+                head = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
+                return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", head, body)
+            response = None if answer is None else answer(connection, request)
+            if response is not None and self._in_address(request):
+                response.headers["Set-Cookie"] = f"{_COOKIE}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+            return response
+
+        return guarded
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Servers of web sockets that are started meanwhile are guarded; viser has no setting for it."""
+        module = websockets.asyncio.server
+        plain = module.serve
+
+        def serve(*args: Any, process_request: Answer | None = None, **kwargs: Any) -> Any:
+            return plain(*args, process_request=self.around(process_request), **kwargs)
+
+        module.serve = serve  # type: ignore[misc,assignment]
+        try:
+            yield
+        finally:
+            module.serve = plain  # type: ignore[misc]
+
+    def _in_address(self, request: Request) -> bool:
+        given = parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+    def _in_cookie(self, request: Request) -> bool:
+        parts = (
+            part.strip().partition("=")
+            for line in request.headers.get_all("Cookie")
+            for part in line.split(";")
+        )
+        return any(
+            name == _COOKIE and hmac.compare_digest(value.encode(), self.token.encode())
+            for name, _, value in parts
+        )
+
+
+def check_host(host: str) -> None:
+    """Raise a SarmitsubaError for an address that other machines reach."""
+    if host not in LOOPBACK:
+        raise SarmitsubaError(
+            f"studio: --host {host} could be reached by others; it is served to this machine alone "
+            f"({', '.join(LOOPBACK)}), and from elsewhere through `ssh -L 8080:127.0.0.1:8080`"
+        )
+
+
+__all__ = ["Guard", "check_host"]

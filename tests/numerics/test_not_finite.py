@@ -1,0 +1,137 @@
+"""Results that are not numbers: none come of odd bodies, and what makes one stops the run and is named."""
+
+import importlib.util
+import warnings
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.finite import all_finite
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.path_table import trace_paths
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+
+ROOT = Path(__file__).parents[2]
+# wires and a wall, needles, shells inside out, a body on itself: cheap ones of the benchmark's
+ODD = (2, 8, 10)
+
+
+def odd_bodies() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("odd_bodies", ROOT / "benchmarks" / "odd_bodies.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def outcome(seed: int, folder: Path) -> tuple[str, str]:
+    module = odd_bodies()
+    drawn = module.draw(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kind, line = module.outcome(drawn, module.write(drawn, folder))
+    return str(kind), str(line)
+
+
+@pytest.mark.parametrize("seed", ODD)
+def test_odd_bodies_return_numbers(seed: int, tmp_path: Path) -> None:
+    kind, line = outcome(seed, tmp_path)
+    assert kind == "finite", line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 130))
+def test_more_odd_bodies_return_numbers_or_are_refused(seed: int, tmp_path: Path) -> None:
+    kind, line = outcome(seed, tmp_path)
+    assert kind in ("finite", "refused"), line
+    assert kind == "finite" or 0 < len(line) < 1000
+
+
+def bar(a: np.ndarray, b: np.ndarray, radius: float) -> str:
+    ends = "".join(
+        f'<point name="{name}" x="{p[0]}" y="{p[1]}" z="{p[2]}"/>' for name, p in (("p0", a), ("p1", b))
+    )
+    return f'<shape type="cylinder">{ends}<float name="radius" value="{radius}"/><ref id="steel"/></shape>'
+
+
+@pytest.mark.slow
+def test_a_crane_of_thin_cylinders(tmp_path: Path) -> None:
+    """88 members of 4 and 8 cm: after five mirrors so curved a tube is wider than float32 can tell. Was all NaN."""
+    corner = np.array([[-0.8, -0.8, 0.0], [0.8, -0.8, 0.0], [0.8, 0.8, 0.0], [-0.8, 0.8, 0.0]])
+    up = np.array([0.0, 0.0, 1.5])
+    shapes = [bar(c, c + 20 * up, 0.04) for c in corner]
+    for i in range(20):
+        for k in range(4):
+            a, b = (k, (k + 1) % 4) if i % 2 == 0 else ((k + 1) % 4, k)
+            shapes.append(bar(corner[a] + i * up, corner[b] + (i + 1) * up, 0.02))
+    shapes += [bar(corner[k] + 20 * up, corner[(k + 1) % 4] + 20 * up, 0.02) for k in range(4)]
+    materials = "".join(
+        f'<bsdf type="radar_material" id="{name}"><string name="material" value="{of}"/>'
+        '<float name="rms_height" value="0.001"/></bsdf>'
+        for name, of in (("asphalt", "asphalt_concrete"), ("steel", "metal"))
+    )
+    plate = '<shape type="rectangle"><transform name="to_world"><scale value="30"/></transform>'
+    plate += '<ref id="asphalt"/></shape>'
+    path = tmp_path / "crane.xml"
+    path.write_text(f'<scene version="3.0.0">{materials}{plate}{"".join(shapes)}</scene>', encoding="utf-8")
+    scene = load_scene(path, radar="airborne_x")
+    assert len(shapes) == 88
+    raw = simulate(scene)
+    assert all_finite(raw.data) and np.any(raw.data)
+
+
+@pytest.fixture
+def faulty() -> Scene:
+    """A trihedral whose roughness is no number, as no file can have it."""
+    scene = load_scene("trihedral", parameters={"radar_material.rms_height": "0.0001"})
+    material = copy(scene.materials[0])
+    object.__setattr__(material, "rms_height", np.nan)
+    return replace(scene, materials=(material,))
+
+
+NAMED = r"\d bounces? that ends on the shape \"trihedral\".*\"metal\".* is not a finite number; .*"
+
+
+def test_echoes_that_are_no_numbers_stop_the_run(faulty: Scene) -> None:
+    with pytest.raises(SceneError, match=r"trihedral: pulse \d+: an echo of " + NAMED):
+        simulate(faulty)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["raw", "image"])
+def test_so_does_every_method(faulty: Scene, method: str) -> None:
+    with pytest.raises(SceneError, match=r"trihedral: (pulse|look) \d+: an echo of " + NAMED):
+        render(faulty, method=method)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_so_do_paths_and_cross_sections(faulty: Scene) -> None:
+    with pytest.raises(SceneError, match=r"trihedral: pulse \d+: a path of " + NAMED):
+        trace_paths(faulty)
+    with pytest.raises(SceneError, match=r"rcs: direction \(.*\): an echo of " + NAMED):
+        rcs_sweep(faulty, Aspects(np.array([0.8]), np.array([0.5])), checked=0)
+
+
+def test_echoes_from_elsewhere_that_are_no_numbers_are_refused() -> None:
+    raw = simulate(load_scene("point"))
+    raw.data[0, 3, 5] = np.nan
+    raw.data[0, 4, 5] = np.inf
+    with pytest.raises(
+        DataError, match=r"focus: 2 of \d+ pulses hold NaN or infinite numbers, the first is pulse 3"
+    ):
+        focus(raw)
+
+
+def test_large_numbers_are_numbers() -> None:
+    assert all_finite(np.full(4, 3e38, np.float32))  # whose squares overflow
+    assert not all_finite(np.array([0.0, 1.0j * np.inf], np.complex64))
+    assert all_finite(np.zeros((0, 3), np.complex64))
