@@ -14,12 +14,12 @@ from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
 from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
-
 
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
@@ -344,7 +344,12 @@ def spread_reference(
 
 
 def synthesise(
-    grid: NDArray[np.complexfloating], plan: BlockPlan, radar: Radar, *, beam: bool = False
+    grid: NDArray[np.complexfloating],
+    plan: BlockPlan,
+    radar: Radar,
+    *,
+    beam: bool = False,
+    share: RangeFilter | None = None,
 ) -> C64:
     r"""Make the block's range-compressed profiles from a filled grid.
 
@@ -358,6 +363,7 @@ def synthesise(
     ----------
     grid : (n_layers, n_range, n_range_rate) complex, any strides
     beam : weigh every pulse with its own azimuth pattern, which the grid then is without
+    share : factor on the spectrum, of one of several traced frequencies; None: one
 
     Returns
     -------
@@ -365,8 +371,8 @@ def synthesise(
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:
-        parts = [synthesise(grid[i : i + group], plan, radar, beam=beam) for i in range(0, len(grid), group)]
-        return np.concatenate(parts)
+        groups = (grid[i : i + group] for i in range(0, len(grid), group))
+        return np.concatenate([synthesise(part, plan, radar, beam=beam, share=share) for part in groups])
     spectrum = _pulses_from_range_rates(grid, plan, radar, _azimuth_gain(plan, radar) if beam else None)
     wavenumber = 4.0 * np.pi * radar.waveform.center_frequency / SPEED_OF_LIGHT
     first = plan.range0 - plan.guard * plan.range_step
@@ -380,7 +386,7 @@ def synthesise(
     inner -= bend.astype(np.float32) * scipy.fft.ifft(slope, axis=-1, workers=-1, overwrite_x=True)
     inner *= unit_phasor(-wavenumber * bend - reference_phase[:, None])
     offset = radar.window.start_range[plan.start : plan.stop] - reference - first
-    return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples)
+    return to_window(inner, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, share=share)
 
 
 def _azimuth_gain(plan: BlockPlan, radar: Radar) -> F64:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
 from sarmitsuba.echo.in_pulse import InPulse, widest_shift
+from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -144,19 +145,23 @@ def spread_reference(
     return grid.reshape(plan.shape(len(amplitude))).astype(np.complex64)
 
 
-def finish(grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar) -> C64:
+def finish(
+    grid: NDArray[np.complexfloating], plan: DirectPlan, radar: Radar, *, share: RangeFilter | None = None
+) -> C64:
     """Turn filled grids into range-compressed profiles.
 
     Parameters
     ----------
     grid : (n_layers, n_pulses, n_range) complex
+    share : factor on the spectrum, of one of several traced frequencies; None: one
 
     Returns
     -------
     (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
     """
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
-    return to_window(grid, offset, plan.fine, radar.waveform.range_cell, radar.window.n_samples, plan.kernel)
+    cell, n_samples = radar.waveform.range_cell, radar.window.n_samples
+    return to_window(grid, offset, plan.fine, cell, n_samples, plan.kernel, share)
 
 
 __all__ = ["DirectPlan", "box_distance", "box_slant_range", "finish", "plan_direct", "spread_reference"]

@@ -23,6 +23,7 @@ import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.echo.phasor import phase_ramp
+from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
 
 F64 = NDArray[np.float64]
@@ -248,6 +249,7 @@ def to_window(
     range_cell: float,
     n_samples: int,
     kernel: SpreadingKernel | None = None,
+    share: RangeFilter | None = None,
 ) -> C64:
     r"""Turn contributions on a fine range grid into range-compressed samples of exactly the radar's band.
 
@@ -261,6 +263,7 @@ def to_window(
     range_cell : c / (2 B), m
     n_samples : samples to return
     kernel : divided out when the contributions were spread with one
+    share : factor on the spectrum; None: one
 
     Returns
     -------
@@ -274,6 +277,8 @@ def to_window(
     """
     n_layers, n_pulses, _ = fine.shape
     weight, count = _band_weight(grid, range_cell, kernel)
+    if share is not None:
+        weight = weight * share(np.arange(-count, count + 1) / (grid.n_fine * grid.range_step))
     ramp = phase_ramp(2.0 * np.pi / (grid.n_fine * grid.range_step) * offset, -count, 2 * count + 1)
     ramp *= (weight * (grid.n_out / grid.n_fine)).astype(np.complex64)
     out = np.empty((n_layers, n_pulses, n_samples), dtype=np.complex64)

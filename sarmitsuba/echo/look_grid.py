@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.gridding import SpreadingKernel, spreading_kernel
+from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.samples import Samples
 
 F64 = NDArray[np.float64]
+C64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,31 @@ class LookGrid:
         x = (offset - self.range0) * (1.0 / self.range_step)
         y = (azimuth - self.azimuth0) * (1.0 / self.azimuth_step)
         return offset, x, y
+
+    def filtered(self, cells: C64, share: RangeFilter | None, wavelength: float) -> C64:
+        """Cells (n_layers, n_range, n_azimuth) with a factor on their spectrum over the band; None leaves them.
+
+        In a fan's coordinates frequencies are circles about the origin of the wavenumbers, as in the response.
+
+        Parameters
+        ----------
+        wavelength : m, of the carrier, whose phase the cells have
+        """
+        if share is None:
+            return cells
+        cycles = scipy.fft.fftfreq(self.n_range, self.range_step)[:, None]
+        axes = [0]
+        if self.fan is not None:
+            carrier = 2.0 / wavelength
+            aside = scipy.fft.fftfreq(self.n_azimuth, self.azimuth_step) / self.fan.stretch
+            cycles, axes = np.hypot(carrier + cycles, aside) - carrier, [0, 1]
+        factor = share(cycles.reshape(-1)).reshape(cycles.shape).astype(np.float32)
+        out = np.empty(cells.shape, dtype=np.complex64)
+        for layer, plane in enumerate(cells):
+            spectrum = scipy.fft.fftn(np.asarray(plane, dtype=np.complex64), axes=axes, workers=-1)
+            spectrum *= factor
+            out[layer] = scipy.fft.ifftn(spectrum, axes=axes, workers=-1, overwrite_x=True)
+        return out
 
 
 __all__ = ["BeamFan", "LookGrid"]

@@ -28,6 +28,7 @@ class Assessment:
     value : for effects that are a number (bounce depth)
     measured : the pilot decided, not a fact
     asked : the user decided, by a setting other than the effect's switch
+    note : what is left though the effect is on, one line; a warning
     """
 
     on: bool
@@ -36,6 +37,7 @@ class Assessment:
     value: int | None = None
     measured: bool = False
     asked: bool = False
+    note: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
+from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
 from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
@@ -73,6 +74,12 @@ class EffectsPlan:
         """True when the effect is simulated."""
         decision = self.decision(name)
         return decision is not None and decision.on
+
+    @property
+    def sub_bands(self) -> int:
+        """Number of frequencies that the band is traced at; 1: the carrier alone."""
+        decision = self.decision("wideband")
+        return decision.value or LEAST_SUB_BANDS if decision is not None and decision.on else 1
 
     def with_decision(self, decision: Decision) -> "EffectsPlan":
         """The plan with one line added, or replaced where the name is there."""
@@ -203,6 +210,8 @@ def plan_effects(
         decision = _decide(effect.name, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
         chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
+        if decision.on and assessment.note:
+            notes.append(assessment.note)
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
         if loses and not assessment.error_db <= context.tolerance_db:
             known = (
@@ -269,7 +278,7 @@ def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
         name,
         on,
         f"set {switch} by the user; {assessment.why}",
-        assessment.value,
+        assessment.value if on else None,
         assessment.error_db,
         source="user",
     )

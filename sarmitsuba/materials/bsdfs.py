@@ -10,6 +10,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.change import change_of
 from sarmitsuba.materials.diffuse_law import LAWS, DiffuseLaw, law_parameters
+from sarmitsuba.materials.dispersion import Dispersion
 from sarmitsuba.materials.library import MATERIALS, material_parameters, permittivity_from_conductivity
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.named.itu_p2040 import ITU_BANDS
@@ -48,6 +49,7 @@ def named_material(
         surface = replace(surface, sheet_resistance=entry.sheet_resistance)
     if entry.pec:
         return replace(surface, name=name, pec=True), ""
+    surface = replace(surface, dispersion=Dispersion(kind, tuple(sorted((values or {}).items()))))
     return _material(name, entry.permittivity(frequency), surface), entry.note(frequency)
 
 
@@ -95,6 +97,9 @@ def radar_material(
     own = _own_values(kind, values, given, where)
     if kind:
         return named_material(name, kind, frequency, surface, own)
+    if "conductivity" in given:
+        real, conductivity = (float_value(values, key) for key in ("permittivity_real", "conductivity"))
+        surface = replace(surface, dispersion=Dispersion(real=real, conductivity=conductivity))
     return _material(name, _permittivity(values, given, frequency), surface), ""
 
 
@@ -156,15 +161,18 @@ def sionna_material(
         return Material(name, permittivity=1.0 + 0.0j), ""
     note = ""
     if plugin == "itu-radio-material":
-        entry = MATERIALS[string_value(values, "type")]
+        dispersion = Dispersion(string_value(values, "type"))
+        entry = MATERIALS[dispersion.kind]
         eps, note = entry.permittivity(frequency), entry.note(frequency)
     else:
-        eps = permittivity_from_conductivity(
-            float_value(values, "relative_permittivity"), float_value(values, "conductivity"), frequency
-        )
+        real, conductivity = (float_value(values, key) for key in ("relative_permittivity", "conductivity"))
+        dispersion = Dispersion(real=real, conductivity=conductivity)
+        eps = dispersion.permittivity(frequency)
     if "scattering_coefficient" in given or rms_height == 0.0:
-        return _material(name, eps, scattering_surface(values, eps, frequency)), note
-    return _material(name, eps, rough(rms_height)), note
+        surface = scattering_surface(values, eps, frequency)
+    else:
+        surface = rough(rms_height)
+    return _material(name, eps, replace(surface, dispersion=dispersion)), note
 
 
 def scattering_surface(values: Mapping[str, Value | None], eps: complex, frequency: float) -> Material:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.materials.change import coherence_after
 from sarmitsuba.materials.diffuse_law import LAWS
+from sarmitsuba.materials.dispersion import Dispersion
 from sarmitsuba.materials.texture import Bitmap, check_texture
 
 
@@ -36,6 +37,7 @@ class Material:
     thickness : m, of a slab, of which every facet is one; 0: a half space
     sheet_resistance : ohm per square, of a conducting coat on the slab's face away from the facet's normal; 0: none
     facet_depth : where in a slab its facets lie, 0 ... 1: share of the thickness before them, on their normal's side
+    dispersion : the permittivity over frequency; None: the same at all frequencies
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Material:
     thickness: float = 0.0
     sheet_resistance: float = 0.0
     facet_depth: float = 0.0
+    dispersion: Dispersion | None = None
 
     def __post_init__(self) -> None:
         if self.diffuse_law not in LAWS:
@@ -81,6 +84,17 @@ class Material:
                 )
         if self.rms_height == 0.0:
             object.__setattr__(self, "rms_height", LAWS[self.diffuse_law].implied_rms_height(self))
+
+    def at_frequency(self, frequency: float) -> "Material":
+        """The material with its permittivity at another frequency, Hz; that of its maps' materials too."""
+        changed = self
+        if self.dispersion is not None:
+            changed = replace(changed, permittivity=self.dispersion.permittivity(frequency))
+        if self.maps is not None and self.maps.classes is not None:
+            classes = self.maps.classes
+            parts = tuple(m.at_frequency(frequency) for m in classes.materials)
+            changed = replace(changed, maps=replace(self.maps, classes=replace(classes, materials=parts)))
+        return changed
 
     @property
     def scatters(self) -> bool:

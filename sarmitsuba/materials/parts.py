@@ -85,6 +85,7 @@ def varied(
                 material,
                 maps=None,
                 permittivity=material.permittivity if permittivity is None else complex(eps, eps * loss),
+                dispersion=material.dispersion if permittivity is None else None,
                 rms_height=height,
             )
         )

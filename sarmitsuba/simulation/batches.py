@@ -114,6 +114,7 @@ class TraceJob:
     layers : what is kept apart
     max_depth : most bounces
     pass_index : of the run's rays
+    sub_bands : number of frequencies that the band is traced at
     """
 
     scene: Scene
@@ -121,11 +122,13 @@ class TraceJob:
     layers: LayerPlan
     max_depth: int
     pass_index: int
+    sub_bands: int = 1
 
     def bench(self) -> Bench:
         """Build the geometry on this process's device; the back end must be there."""
         trace_scene = built(self.scene)
-        tracer = Tracer(self.sampling, self.sampling.flags, trace_scene, self.max_depth, StageTimer())
+        flags, timer = self.sampling.flags, StageTimer()
+        tracer = Tracer(self.sampling, flags, trace_scene, self.max_depth, timer, self.sub_bands)
         rays = Rays(self.sampling, trace_scene, self.layers.subsets, self.pass_index)
         return Bench(tracer, rays, self.layers.per_subset, self.layers.max_order)
 

@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.look_grid import LookGrid
 from sarmitsuba.echo.noise import noise_generator, noise_power
 from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.aperture import incidence_angle, matched_weights
@@ -23,13 +24,14 @@ from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
 from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
-from sarmitsuba.simulation.points import visible, way_through
+from sarmitsuba.simulation.points import over_band, visible, way_through
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import MAX_LANES, Tracer
 from sarmitsuba.timing import StageTimer
+from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
 from sarmitsuba.trace.look_accumulator import ImageAccumulator
 
@@ -207,57 +209,85 @@ class Imager:
             assert self.sampling is not None
             # the image is calibrated for the pattern, so the look is taken without it
             self._tracer = run.tracer(self.sampling, antenna_pattern=False)
-        tracer = self._tracer
-        accumulator = ImageAccumulator(
-            grid,
-            len(run.layers.orders),
-            len(run.layers.channels),
-            run.layers.max_order,
-            run.scene.radar.waveform.wavelength,
-        )
-        together = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
-        together = min(together, grid.n_looks, tracer.most_pulses or grid.n_looks)
-        for first in range(0, grid.n_looks, together):
-            pick = slice(first, min(first + together, grid.n_looks))
-            tracer.pose(time[pick])
-            accumulator.serve(pick.start, pick.stop)
-            state = (grid.position[pick], grid.velocity[pick])
-            for lattice in rays:
-                batch = tracer.launch(lattice, *state, slice(0, 1), accumulator, 1)
-                run.statistics = run.statistics.plus(batch)
-            for part, record in tracer.parts(rays, len(state[0])):
-                batch = tracer.launch(part.grid, *state, slice(0, 1), accumulator, 1, record)
-                run.statistics = run.statistics.plus(batch)
-        return np.asarray(accumulator.grid())
+        wavelength = run.scene.radar.waveform.wavelength
+        most = max(1, MAX_LANES // max(lattice.n_rays for lattice in rays))
+        together = min(most, grid.n_looks, self._tracer.most_pulses or grid.n_looks)
+
+        def traced(tracer: Tracer, share: RangeFilter | None) -> tuple[C64, TraceStatistics]:
+            accumulator = ImageAccumulator(
+                grid, len(run.layers.orders), len(run.layers.channels), run.layers.max_order, wavelength
+            )
+            stats = TraceStatistics()
+            for first in range(0, grid.n_looks, together):
+                pick = slice(first, min(first + together, grid.n_looks))
+                tracer.pose(time[pick])
+                accumulator.serve(pick.start, pick.stop)
+                state = (grid.position[pick], grid.velocity[pick])
+                for lattice in rays:
+                    stats = stats.plus(tracer.launch(lattice, *state, slice(0, 1), accumulator, 1))
+                for part, record in tracer.parts(rays, len(state[0])):
+                    batch = tracer.launch(part.grid, *state, slice(0, 1), accumulator, 1, record)
+                    stats = stats.plus(batch)
+            return grid.filtered(np.asarray(accumulator.grid()), share, wavelength), stats
+
+        cells, stats = self._tracer.over_band(traced)
+        run.statistics = run.statistics.plus(stats)
+        return cells
 
     def _points(self, layers: tuple[Layer, ...]) -> C64:
         """Ideal points of the scene on the grid of the looks, layers of the first order only."""
-        grid = self.look.grid
-        out = np.zeros((len(layers), grid.n_range, grid.n_azimuth), dtype=np.complex64)
-        for look in range(grid.n_looks):
-            self._add_points(out, layers, look)
+        grid, wave = self.look.grid, self.run.scene.radar.waveform
+        shape = (len(layers), grid.n_range, grid.n_azimuth)
+        there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
+        hindered = in_the_way(there, self.run.plan.flags)
+        count = 1 if hindered is None else self.run.plan.sub_bands
+        bands = SubBands(wave.center_frequency, wave.bandwidth, count)
+        standing = (None,) if hindered is None else over_band(self.run.scene, hindered, bands)
+        out = np.zeros(shape, dtype=np.complex64)
+        for index, at in enumerate(standing):
+            part = np.zeros(shape, dtype=np.complex64)
+            for look in range(grid.n_looks):
+                self._add_points(
+                    part, layers, look, there, at, SPEED_OF_LIGHT / float(bands.frequencies[index])
+                )
+            out += grid.filtered(part, bands.range_filter(index), wave.wavelength)
         return out
 
-    def _add_points(self, out: C64, layers: tuple[Layer, ...], look: int) -> None:
-        """Add the ideal points as one look sees them."""
-        radar, grid = self.run.scene.radar, self.look.grid
+    def _add_points(
+        self,
+        out: C64,
+        layers: tuple[Layer, ...],
+        look: int,
+        there: TraceScene | None,
+        hindered: TraceScene | None,
+        wavelength: float,
+    ) -> None:
+        """Add the ideal points as one look sees them.
+
+        Parameters
+        ----------
+        there : what can hide them; what moves is seen by one look alone
+        hindered : the same at a frequency, where something takes a part of the waves, else None
+        wavelength : m, at that frequency
+        """
+        radar, grid, flags = self.run.scene.radar, self.look.grid, self.run.plan.flags
         points, time = self.run.scene.points, np.asarray(self.look.time[look])
-        antenna = grid.position[look]
+        antenna, way = grid.position[look], None
         position = np.array([p.position_at(time) for p in points])
         velocity = grid.velocity[look] - np.array([p.motion.velocity_at(time) for p in points])
         leg = position - antenna
         distance = np.linalg.norm(leg, axis=1)
         amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
         amplitude = amplitude * radar.amplitude_constant / distance**2
-        flags, way = self.run.plan.flags, None
-        if self.run.trace_scene is not None:
-            there = self.run.trace_scene.at(float(time))
+        if there is not None:
             seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
             amplitude = amplitude * seen
-            if in_the_way(there, flags) is not None:
-                way = way_through(there, flags, radar, position, np.broadcast_to(antenna, position.shape))
-                leg = leg - way.shift
-                distance = np.linalg.norm(leg, axis=1)
+        if hindered is not None:
+            way = way_through(
+                hindered, flags, radar, position, np.broadcast_to(antenna, position.shape), wavelength
+            )
+            leg = leg - way.shift
+            distance = np.linalg.norm(leg, axis=1)
         rate = -np.einsum("ni,ni->n", leg, velocity) / distance
         place = (look, distance, rate)
         plane = spread_points(grid, *place, amplitude, radar.waveform.wavelength)

@@ -40,6 +40,8 @@ KINDS = ("coherent", "diffuse", "retro", "point", "reversed", "scatterer")
 POINT = 3
 # contributions that there is room for at first, per ray and at least; a launch that finds more is run once more
 ROOM_PER_RAY, LEAST_ROOM = 2, 1 << 16
+# change of amplitudes over the band that is worth a warning, dB: a tenth of what they are
+CHANGES_DB = -20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +177,8 @@ def trace_paths(
 
     Returns
     -------
-    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise: each stands in it as
-    ``amplitude sinc((r - slant_range) / range_cell)``
+    the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
+    ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``
 
     Raises
     ------
@@ -186,7 +188,8 @@ def trace_paths(
     Notes
     -----
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray.
+    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray. Amplitudes
+    are those at the carrier, of wide bands too.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -211,6 +214,13 @@ class PathTracer:
         self._run = Run(replace(scene, settings=settings), plan=plan)
         self._tracer: Tracer | None = None
         self._rays: Rays | None = None
+        wideband = self._run.plan.decision("wideband")
+        if wideband is not None and wideband.on and wideband.error_db > CHANGES_DB:
+            text = (
+                f"{scene.name}: tables of paths hold the amplitudes at the carrier, and echoes change over the band; "
+                "give wideband=off to the integrator for echoes that keep the carrier's"
+            )
+            warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.plan.flags.transmission:
             text = (
                 f"{scene.name}: tables of paths leave out paths through panes; "
@@ -377,7 +387,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     for point, (sees,) in zip(scene.points, sights, strict=True):
         distance, amplitude = point_returns(scene, flags, point, pick)
         shown = response
-        ways = ways_of(scene, flags, hindered, point, pick)
+        ways = ways_of(scene, flags, hindered, point, pick, scene.radar.waveform.wavelength)
         if ways is not None:
             distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
             shown = np.array([ways[0].channel(ways[1], channel)[0] for channel in channels])

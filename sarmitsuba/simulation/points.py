@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, mi
-from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.constants import SPEED_OF_LIGHT, SUBSET_SHARES
 from sarmitsuba.echo.in_pulse import InPulse, carrier_range
 from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.polarisation import isotropic_response
@@ -31,6 +32,7 @@ def add_points(
     trace_scene: TraceScene | None,
     data: NDArray[np.complex64],
     layers: Sequence[Layer],
+    sub_bands: int = 1,
 ) -> int:
     r"""Add every point target's exact band-limited echo to range-compressed data.
 
@@ -44,6 +46,7 @@ def add_points(
     trace_scene : what can hide a point, or None
     data : (n_layers, n_pulses, n_samples) complex64, changed in place; layers of the first order only
     layers : labels of ``data``
+    sub_bands : number of frequencies at which what stands in the way is looked at
 
     Returns
     -------
@@ -64,6 +67,9 @@ def add_points(
         for i, layer in enumerate(layers)
         if layer.order in (0, 1) and (isotropic_response(layer.channel) or hindered is not None)
     }
+    wave = radar.waveform
+    bands = SubBands(wave.center_frequency, wave.bandwidth, 1 if hindered is None else sub_bands)
+    standing = (None,) if hindered is None else over_band(scene, hindered, bands)
     sample = np.arange(window.n_samples) * window.sample_spacing
     moving = InPulse.of(radar, slice(None))
     added = 0
@@ -75,34 +81,55 @@ def add_points(
             distance, amplitude = point_returns(scene, flags, point, pick)
             amplitude = amplitude * sight
             added += int(np.count_nonzero(amplitude))
-            ways = ways_of(scene, flags, hindered, point, pick)
-            if ways is not None:
-                distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
-            place = distance
-            if moving is not None:
-                rate = point_history(radar, point, pick)[1]
-                distance = carrier_range(distance, rate, moving.range_per_rate, moving.reference[pick])
-                place = distance + moving.range_per_rate * rate
-            offset = (window.start_range[pick, None] + sample - place[:, None]) / radar.waveform.range_cell
-            echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * distance - point.phase)))[:, None]
-            profile = (echo * np.sinc(offset)).astype(np.complex64)
-            for i, factor in factors.items():
+            for index, there in enumerate(standing):
+                ways = ways_of(
+                    scene, flags, there, point, pick, SPEED_OF_LIGHT / float(bands.frequencies[index])
+                )
+                apart = distance
                 if ways is not None:
-                    share = ways[0].channel(ways[1], layers[i].channel) * SUBSET_SHARES[layers[i].subset]
-                    data[i, pick] += profile * share.astype(np.complex64)[:, None]
-                else:
-                    data[i, pick] += profile * factor
+                    apart = distance + 0.5 * (ways[0].extra + ways[1].extra)
+                place = apart
+                if moving is not None:
+                    rate = point_history(radar, point, pick)[1]
+                    apart = carrier_range(apart, rate, moving.range_per_rate, moving.reference[pick])
+                    place = apart + moving.range_per_rate * rate
+                offset = (window.start_range[pick, None] + sample - place[:, None]) / wave.range_cell
+                echo = (amplitude * np.exp(-1j * (4 * np.pi / wavelength * apart - point.phase)))[:, None]
+                response = np.sinc(offset) if bands.count == 1 else bands.response(index, offset)
+                profile = (echo * response).astype(np.complex64)
+                for i, factor in factors.items():
+                    if ways is not None:
+                        share = ways[0].channel(ways[1], layers[i].channel) * SUBSET_SHARES[layers[i].subset]
+                        data[i, pick] += profile * share.astype(np.complex64)[:, None]
+                    else:
+                        data[i, pick] += profile * factor
     return added
 
 
+def over_band(scene: Scene, hindered: TraceScene, bands: SubBands) -> tuple[TraceScene, ...]:
+    """What stands in the way, at each traced frequency."""
+    if bands.count == 1:
+        return (hindered,)
+    return tuple(
+        hindered.at_frequency(tuple(m.at_frequency(f) for m in scene.materials), SPEED_OF_LIGHT / f)
+        for f in bands.frequencies.tolist()
+    )
+
+
 def ways_of(
-    scene: Scene, flags: KernelFlags, hindered: TraceScene | None, point: PointTarget, pick: slice
+    scene: Scene,
+    flags: KernelFlags,
+    hindered: TraceScene | None,
+    point: PointTarget,
+    pick: slice,
+    wavelength: float,
 ) -> tuple[PointWay, PointWay] | None:
     """The ways of a point's waves out and home in the pulses ``pick``; None where nothing stands in them.
 
     Parameters
     ----------
     hindered : the scene where something may, see :func:`in_the_way`
+    wavelength : m
     """
     if hindered is None:
         return None
@@ -113,12 +140,15 @@ def ways_of(
     for track in radar.tracks:
         antenna = track.position[pick]
         if hindered.movers is None:
-            both.append(way_through(hindered, flags, radar, position, antenna))
+            both.append(way_through(hindered, flags, radar, position, antenna, wavelength))
             continue
         each = zip(time, position, antenna, strict=True)
         both.append(
             PointWay.joined(
-                [way_through(hindered.at(float(t)), flags, radar, p[None], a[None]) for t, p, a in each]
+                [
+                    way_through(hindered.at(float(t)), flags, radar, p[None], a[None], wavelength)
+                    for t, p, a in each
+                ]
             )
         )
     return both[0], both[-1]
@@ -130,12 +160,13 @@ def way_through(
     radar: Radar,
     position: NDArray[np.float64],
     antenna: NDArray[np.float64],
+    wavelength: float,
 ) -> PointWay:
-    """Ways from points to one antenna, both (n, 3) m, through panes and volumes."""
+    """Ways from points to one antenna, both (n, 3) m, through panes and volumes, at a wavelength, m."""
     leg = antenna - position
     start = off_surfaces(trace_scene, position, leg / np.linalg.norm(leg, axis=1)[:, None])
     up = polarisation_up(radar, position[len(position) // 2], radar.track.center_position)
-    return PointWay.of(trace_scene, flags, radar.waveform.wavelength, start, antenna, up)
+    return PointWay.of(trace_scene, flags, wavelength, start, antenna, up)
 
 
 def point_returns(
@@ -300,6 +331,7 @@ __all__ = [
     "add_points",
     "off_planes",
     "off_surfaces",
+    "over_band",
     "point_history",
     "point_returns",
     "sightlines",

@@ -111,7 +111,7 @@ def echoes(run: Run, *, pass_index: int = 0, progress: Progress | None = None) -
     if run.sampling is not None:
         run.report = _trace(run, run.sampling, data, pass_index, progress or silent)
     if scene.points:
-        n = add_points(scene, plan.flags, run.trace_scene, data, layers)
+        n = add_points(scene, plan.flags, run.trace_scene, data, layers, plan.sub_bands)
         run.statistics = run.statistics.plus(TraceStatistics(contributions=n, path_pulses=n))
         run.timer.lap("points")
     for plane in data:

@@ -135,7 +135,7 @@ class Run:
         ----------
         grid : pixels; default: those that the scene asks for
         """
-        return needs_of(self.scene, self.sampling, self.layers, grid, self.trace_scene)
+        return needs_of(self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands)
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""
@@ -144,11 +144,13 @@ class Run:
             sampling.flags,
             antenna_pattern=sampling.flags.antenna_pattern and antenna_pattern,
         )
-        return Tracer(sampling, flags, self.trace_scene, self.plan.max_depth, self.timer)
+        plan = self.plan
+        return Tracer(sampling, flags, self.trace_scene, plan.max_depth, self.timer, plan.sub_bands)
 
     def job(self, sampling: SamplingPlan, pass_index: int) -> TraceJob:
         """What another process needs to trace a part of the run's raw data."""
-        return TraceJob(self._built_from, sampling, self.layers, self.plan.max_depth, pass_index)
+        plan = self.plan
+        return TraceJob(self._built_from, sampling, self.layers, plan.max_depth, pass_index, plan.sub_bands)
 
     def rays(self, sampling: SamplingPlan, pass_index: int) -> Rays:
         """Lattices of every ray subset, for every pulse; other values of ``pass_index`` give independent ones.

@@ -1,6 +1,7 @@
 """Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -8,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
+from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block import BlockPlan, synthesise
 from sarmitsuba.echo.direct import finish, plan_direct
+from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
@@ -26,12 +29,18 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.source import Part, Recorder
 from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
 # position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
+# phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
+# traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
+# cancel is so at the traced frequencies only. In a block of pulses edges and corners keep the amplitude of its key
+# pulse: there tubes count as areas as long as they do at the carrier
+EVERY_PULSE_UP_TO = 0.5
 # bytes of one accumulator grid; bounds the pulses of a direct batch
 MAX_GRID_BYTES = 256_000_000
 
@@ -46,6 +55,7 @@ class Tracer:
     trace_scene : geometry and materials on the device
     max_depth : most bounces
     timer : stages ``trace`` and ``synthesise`` are added to it
+    sub_bands : number of frequencies that the band is traced at; 1: the carrier alone
 
     Attributes
     ----------
@@ -60,6 +70,7 @@ class Tracer:
         trace_scene: TraceScene,
         max_depth: int,
         timer: StageTimer,
+        sub_bands: int = 1,
     ) -> None:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
@@ -78,6 +89,21 @@ class Tracer:
             up=polarisation_up(radar, center, antenna),
             days=sampling.scene.settings.pass_days,
         )
+        wave = radar.waveform
+        self.bands = SubBands(wave.center_frequency, wave.bandwidth, sub_bands)
+        self.by_frequency = (self,) if sub_bands == 1 else tuple(self._at(f) for f in self.bands.frequencies)
+
+    def _at(self, frequency: float) -> "Tracer":
+        """The same rays, places and random numbers at another frequency, Hz."""
+        other, wavelength = copy(self), SPEED_OF_LIGHT / frequency
+        materials = tuple(m.at_frequency(frequency) for m in self.sampling.scene.materials)
+        other.trace_scene = self.trace_scene.at_frequency(materials, wavelength)
+        # all frequencies leave out the same sides: what cancels at one then cancels in between
+        kept = INNER_UP_TO * frequency / self.bands.center_frequency
+        other.kernel = replace(self.kernel, wavelength=wavelength, kept_up_to=kept)
+        other.sources = tuple(source.at(wavelength) for source in self.sources)
+        other.by_frequency = (other,)
+        return other
 
     @property
     def most_pulses(self) -> int | None:
@@ -86,9 +112,10 @@ class Tracer:
 
     def pose(self, time: F64) -> None:
         """Put all that moves where it stands at the times of the pulses to come, (n,) s: meshes at the first."""
-        self.times = time
-        if self.flags.motion:
-            self.trace_scene = self.trace_scene.at(float(time[0]))
+        for tracer in {self, *self.by_frequency}:
+            tracer.times = time
+            if self.flags.motion:
+                tracer.trace_scene = tracer.trace_scene.at(float(time[0]))
 
     def block(
         self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
@@ -96,27 +123,33 @@ class Tracer:
         """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
         radar = self.sampling.scene.radar
         self.pose(radar.track.time[plan.key : plan.key + 1])
-        accumulator = BlockAccumulator(
-            plan,
-            n_layers // len(radar.channels),
-            len(radar.channels),
-            max_order,
-            radar.waveform.wavelength,
-            self.largest_grid,
-        )
-        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         position, velocity = plan.state.position, plan.state.velocity
         receiver = (position[1:], velocity[1:]) if len(position) > 1 else None
         pick = slice(plan.key, plan.key + 1)
-        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-        stats = self.launch_all(
-            rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
-        )
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
         beam = self.flags.antenna_pattern and self.sampling.azimuth_later
-        profiles = synthesise(accumulator.grid(), plan, radar, beam=beam)
-        self.timer.lap("synthesise")
-        return profiles, stats
+
+        def traced(
+            tracer: Tracer, share: RangeFilter | None
+        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+            accumulator = BlockAccumulator(
+                plan,
+                n_layers // len(radar.channels),
+                len(radar.channels),
+                max_order,
+                radar.waveform.wavelength,
+                self.largest_grid,
+            )
+            self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
+            accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+            stats = tracer.launch_all(
+                rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
+            )
+            profiles = synthesise(accumulator.grid(), plan, radar, beam=beam, share=share)
+            self.timer.lap("synthesise")
+            return profiles, stats
+
+        return self.over_band(traced)
 
     def direct(
         self, rays: Sequence[LaunchGrid], start: int, stop: int, n_layers: int, max_order: int
@@ -129,23 +162,41 @@ class Tracer:
         radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
         self.pose(radar.track.time[start:stop])
         plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
-        accumulator = DirectAccumulator(
-            plan,
-            n_layers // len(radar.channels),
-            len(radar.channels),
-            max_order,
-            radar.waveform.wavelength,
-            self.largest_grid,
-        )
-        self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
         pick = slice(start, stop)
-        accumulator.watch(radar.window.start_range[pick], radar.window.extent)
         position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-        stats = self.launch_all(
-            rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
-        )
-        profiles = finish(accumulator.grid(), plan, radar)
-        self.timer.lap("synthesise")
+
+        def traced(
+            tracer: Tracer, share: RangeFilter | None
+        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+            accumulator = DirectAccumulator(
+                plan,
+                n_layers // len(radar.channels),
+                len(radar.channels),
+                max_order,
+                radar.waveform.wavelength,
+                self.largest_grid,
+            )
+            self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
+            accumulator.watch(radar.window.start_range[pick], radar.window.extent)
+            stats = tracer.launch_all(
+                rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
+            )
+            profiles = finish(accumulator.grid(), plan, radar, share=share)
+            self.timer.lap("synthesise")
+            return profiles, stats
+
+        return self.over_band(traced)
+
+    def over_band(
+        self,
+        traced: Callable[["Tracer", RangeFilter | None], tuple[NDArray[np.complex64], TraceStatistics]],
+    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        """Sum over the frequencies of the band, of what each returns with its share of the spectrum."""
+        profiles, stats = traced(self.by_frequency[0], self.bands.range_filter(0))
+        for i, tracer in enumerate(self.by_frequency[1:], 1):
+            more, figures = traced(tracer, self.bands.range_filter(i))
+            profiles = profiles + more
+            stats = stats.plus(replace(figures, key_pulses=0))
         return profiles, stats
 
     def launch_all(
@@ -214,9 +265,12 @@ class Tracer:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
         if record is None:
-            counts, state = trace(
-                self.trace_scene, grid, batch, flags, self.kernel, radar.antenna, accumulator
-            )
+            settings = self.kernel
+            if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
+                settings = replace(
+                    settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO)
+                )
+            counts, state = trace(self.trace_scene, grid, batch, flags, settings, radar.antenna, accumulator)
         else:
             counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)

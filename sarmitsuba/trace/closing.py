@@ -99,7 +99,12 @@ def close_coherent(
     if flags.tube_phase:
         # what is left of a facet comes from its edges and stands at their range and range rate
         filled, *place = polygon.phase_integral(
-            -constants.wavenumber * wave, tube_here.u, tube_here.v, tube_here.bounds, mi.Float(constants.cell)
+            -constants.wavenumber * wave,
+            tube_here.u,
+            tube_here.v,
+            tube_here.bounds,
+            mi.Float(constants.cell),
+            constants.kept_up_to,
         )
         rim = tube_here.u * place[0] + tube_here.v * place[1]
         slant_range = slant_range + mi.Float64(0.5 * dr.dot(wave, rim))

@@ -149,6 +149,10 @@ class DiffusePairs:
             contributions = dr.select(one.active, mi.UInt32(1), 0) + dr.select(other.active, mi.UInt32(1), 0)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
 
+    def at(self, wavelength: float) -> DiffusePairs:
+        """Itself: the kernel's tables tell what its ends scatter."""
+        return self
+
     def _ends(self, kernel: Kernel, index: mi.UInt32) -> tuple[_End, _End, mi.Float]:
         """Both scatterers, and the weight of the pair."""
         rows = [dr.gather(mi.Vector4d, self.places, 4 * index + i) for i in range(4)]

@@ -165,6 +165,34 @@ class TraceScene:
             slabs=self.slabs and self.slabs.at(triangles),
         )
 
+    def at_frequency(self, materials: tuple[Material, ...], wavelength: float) -> TraceScene:
+        """The scene with the tables of its materials at another frequency.
+
+        Parameters
+        ----------
+        materials : those that it was built with, at that frequency
+        wavelength : m
+
+        Notes
+        -----
+        Facets, curvature and the rays that faces need stay as they are, and so do the waves of water under wind: the
+        same places return echoes at all frequencies.
+        """
+        if not self.n_faces:
+            return self
+        materials = with_parts(materials)
+        spectrum, correction = _spectra(materials, wavelength)
+        tables = _material_tables(materials, wavelength)
+        slabs = self.slabs and self.slabs.at_frequency(materials, wavelength)
+        return replace(
+            self,
+            material_table=tables[0],
+            diffuse_table=tables[1],
+            spectrum_table=spectrum,
+            correction_table=correction,
+            slabs=slabs,
+        )
+
     @property
     def clearance(self) -> float:
         """How far a ray starts off the facet that it leaves, m: float32 rounds positions to an eighth of it.
@@ -225,14 +253,8 @@ def build_trace_scene(
     corners = triangles.astype(np.float32)
     movers = Movers.of(geometry, rows_kept)
 
-    rows = []
-    tables = []
     materials = with_parts(materials)
-    for m in materials:
-        chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
-        rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
-        table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
-        tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
+    material_table, diffuse_table = _material_tables(materials, wavelength)
     form = np.array([FORMS.index(LAWS[m.diffuse_law].bistatic) for m in materials], dtype=np.uint32)
     material = geometry.face_material[rows_kept].astype(np.uint32)
     vertex = weld(triangles.reshape(-1, 3))
@@ -273,8 +295,8 @@ def build_trace_scene(
         edge_table=_table32(flat.edges),
         piece_table=None if pieces is None else _table32(pieces),
         face_info=device_array(mi.UInt32, info.astype(np.uint32)),
-        material_table=_table32(rows),
-        diffuse_table=_table32(tables),
+        material_table=material_table,
+        diffuse_table=diffuse_table,
         forms=frozenset(FORMS[i] for i in np.unique(occurring) if i > 0),
         spectrum_table=spectrum,
         correction_table=correction,
@@ -348,6 +370,17 @@ def _packed(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _bounds(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))]).astype(np.float64)
+
+
+def _material_tables(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float, mi.Float]:
+    """Material table and diffuse table of a :class:`TraceScene`."""
+    rows, tables = [], []
+    for m in materials:
+        chi = complex(*PEC_CHI) if m.pec else complex(m.permittivity) - 1.0
+        rows.append([chi.real, chi.imag, m.rms_height, 10.0 ** (m.cross_polar_ratio_db / 10.0)])
+        table = diffuse_tables(m, wavelength, DIFFUSE_NODES)
+        tables.append(np.stack([table.amplitude_h, table.amplitude_v], axis=1))
+    return _table32(rows), _table32(tables)
 
 
 def _spectra(materials: tuple[Material, ...], wavelength: float) -> tuple[mi.Float | None, mi.Float | None]:

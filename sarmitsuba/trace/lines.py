@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.materials.cylinder import NUMBERS, CylinderTable, cylinder_table
+from sarmitsuba.materials.cylinder import NUMBERS, cylinder_table
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.source import Scatterers, Sight
@@ -139,8 +140,7 @@ class LineScatterers(Scatterers):
         self.places = vector_rows(nodes.point)
         self.inward = device_array(mi.Float, nodes.inward.astype(np.float32))
         keys = [(line.radius, line.permittivity) for line in lines]
-        kinds = list(dict.fromkeys(keys))
-        tables = [cylinder_table(2.0 * np.pi * radius / wavelength, eps) for radius, eps in kinds]
+        kinds = self.kinds = list(dict.fromkeys(keys))
         kind = np.array([kinds.index(key) for key in keys])[nodes.line]
         self.inside = any(eps is not None for _, eps in kinds)
         rows = np.concatenate([nodes.axis, nodes.step[:, None]], axis=1).astype(np.float32)
@@ -150,9 +150,16 @@ class LineScatterers(Scatterers):
             np.stack([nodes.sides.sum(axis=1), nodes.sides @ [1.0, -1.0]], axis=1).astype(np.float32),
         )
         self.kind = device_array(mi.UInt32, kind.astype(np.uint32))
-        self._tabulate(tables)
+        self._tabulate(wavelength)
 
-    def _tabulate(self, tables: Sequence[CylinderTable]) -> None:
+    def at(self, wavelength: float) -> LineScatterers:
+        """The same rods at another wavelength, m."""
+        other = copy(self)
+        other._tabulate(wavelength)
+        return other
+
+    def _tabulate(self, wavelength: float) -> None:
+        tables = [cylinder_table(2.0 * np.pi * radius / wavelength, eps) for radius, eps in self.kinds]
         sizes = [table.values.shape[0] * table.values.shape[1] for table in tables]
         first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         shape = np.array(

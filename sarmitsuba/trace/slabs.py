@@ -57,18 +57,18 @@ class Slabs:
         triangles: NDArray[np.float64],
     ) -> Slabs | None:
         """Slabs among the materials of a scene's faces; None where there is none."""
-        slabs = [m.thickness > 0.0 and not m.pec for m in materials]
-        if not np.array(slabs)[material].any():
+        if not np.array([_is_slab(m) for m in materials])[material].any():
             return None
-        rows, open_ = np.zeros((len(materials), 4), dtype=np.float32), np.zeros(len(materials))
-        for i, (m, slab) in enumerate(zip(materials, slabs, strict=True)):
-            if slab:
-                sheet = VACUUM_IMPEDANCE / m.sheet_resistance if m.sheet_resistance > 0.0 else 0.0
-                passes = lets_through(m, wavelength)
-                rows[i, :3] = 2.0 * np.pi * m.thickness / wavelength, sheet, passes
-                open_[i] = m.thickness if passes else 0.0
+        passes = np.array([_is_slab(m) and lets_through(m, wavelength) for m in materials])
+        open_ = np.where(passes, [m.thickness for m in materials], 0.0)
+        table = _rows(materials, passes, wavelength)
         depth = np.array([m.facet_depth for m in materials])[material]
-        return Slabs(device_array(mi.Float, rows), open_[material], depth, material, triangles)
+        return Slabs(device_array(mi.Float, table), open_[material], depth, material, triangles)
+
+    def at_frequency(self, materials: tuple[Material, ...], wavelength: float) -> Slabs:
+        """The same faces at another wavelength, m; those let waves through that do now."""
+        passes = np.array(self.table).reshape(-1, 4)[:, 2] > 0.0
+        return replace(self, table=device_array(mi.Float, _rows(materials, passes, wavelength)))
 
     def at(self, triangles: NDArray[np.float64]) -> Slabs:
         """The same with the faces elsewhere."""
@@ -161,6 +161,22 @@ class Slabs:
             pair = found & parallel & (self.material[rows[other]] == self.material[rows])
             gap[rows[pair]] = (side * (0.1 * thickness + t))[pair]
         return device_array(mi.Float, gap)
+
+
+def _is_slab(material: Material) -> bool:
+    return material.thickness > 0.0 and not material.pec
+
+
+def _rows(
+    materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float
+) -> NDArray[np.float32]:
+    """Rows of the table of :class:`Slabs`; ``passes`` (n_materials,) that let waves through."""
+    rows = np.zeros((len(materials), 4), dtype=np.float32)
+    for i, m in enumerate(materials):
+        if _is_slab(m):
+            sheet = VACUUM_IMPEDANCE / m.sheet_resistance if m.sheet_resistance > 0.0 else 0.0
+            rows[i, :3] = 2.0 * np.pi * m.thickness / wavelength, sheet, passes[i]
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,6 +61,9 @@ class Source(Protocol):
     ) -> tuple[TraceCounts, LaneArrays]:
         """Record one launch; the caller evaluates it. See :func:`sarmitsuba.trace.kernel.trace`."""
 
+    def at(self, wavelength: float) -> Source:
+        """The same scatterers at another wavelength, m."""
+
 
 class Recorder(Protocol):
     """:meth:`Source.record` of one part."""
@@ -110,6 +113,10 @@ class Scatterers(ABC):
     ) -> mi.Vector3f:
         """Where a shadow ray starts, m: a little off the scatterer, towards where it goes."""
         return point + direction * clearance
+
+    def at(self, wavelength: float) -> Scatterers:
+        """The same scatterers at another wavelength, m: itself, where the kernel's wavenumber is all that changes."""
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +213,10 @@ class PointSource:
         added = accumulator.begin()
         added, contributions = _added(accumulator, added, returns)
         return TraceCounts(dr.zeros(mi.UInt32, part.count * pulses.n_pulses), contributions), added
+
+    def at(self, wavelength: float) -> PointSource:
+        """See :class:`Source`."""
+        return replace(self, scatterers=self.scatterers.at(wavelength))
 
     def _sights(
         self,

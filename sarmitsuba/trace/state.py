@@ -42,6 +42,7 @@ class KernelSettings:
     reference_range : m, stands for both legs where spreading is off
     up : (3,) vertical reference of the polarisation basis, scene frame
     days : since the first pass
+    kept_up_to : phase from ray to ray up to which tubes on a facet keep their common sides, rad; None: as at a carrier
     """
 
     wavelength: float
@@ -52,6 +53,7 @@ class KernelSettings:
     reference_range: float
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     days: float = 0.0
+    kept_up_to: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,7 @@ class Constants:
     up: mi.Vector3f
     turn: mi.Float64
     days: mi.Float
+    kept_up_to: mi.Float | None
 
     @classmethod
     def of(cls, settings: KernelSettings, scene: TraceScene, grid: LaunchGrid) -> Constants:
@@ -98,6 +101,7 @@ class Constants:
             up=mi.Vector3f(*(dr.opaque(f32, x) for x in settings.up)),
             turn=dr.opaque(f64, grid.turn),
             days=dr.opaque(f32, settings.days),
+            kept_up_to=None if settings.kept_up_to is None else dr.opaque(f32, settings.kept_up_to),
         )
 
 

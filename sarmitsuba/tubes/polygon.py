@@ -330,7 +330,12 @@ def _side(
 
 
 def phase_integral(
-    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, bounds: Bounds, longest: mi.Float
+    q: mi.Vector3f,
+    u: mi.Vector3f,
+    v: mi.Vector3f,
+    bounds: Bounds,
+    longest: mi.Float,
+    kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
     """:func:`part_integral` over the part of a facet that one ray stands for, and the place that it stands at.
 
@@ -339,10 +344,10 @@ def phase_integral(
     """
 
     def inside() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.cell(), longest)
+        return part_integral(q, u, v, bounds.cell(), longest, kept_up_to)
 
     def at_edge() -> tuple[mi.Complex2f, mi.Float, mi.Float]:
-        return part_integral(q, u, v, bounds.part(), longest)
+        return part_integral(q, u, v, bounds.part(), longest, kept_up_to)
 
     result: tuple[mi.Complex2f, mi.Float, mi.Float] = dr.if_stmt(
         (), bounds.apart(), inside, at_edge, rv_labels=("integral", "u", "v"), label="edges", mode="symbolic"
@@ -351,7 +356,12 @@ def phase_integral(
 
 
 def part_integral(
-    q: mi.Vector3f, u: mi.Vector3f, v: mi.Vector3f, piece: Polygon, longest: mi.Float
+    q: mi.Vector3f,
+    u: mi.Vector3f,
+    v: mi.Vector3f,
+    piece: Polygon,
+    longest: mi.Float,
+    kept_up_to: mi.Float | None = None,
 ) -> tuple[mi.Complex2f, mi.Float, mi.Float]:
     r"""Integral of ``exp(j q . r)`` over a polygon in tube units, times its weight (1 for a whole tube and q = 0).
 
@@ -378,16 +388,23 @@ def part_integral(
     piece : part of the facet
     longest : m, no less than the distance between the rays of any lattice: convex parts of a facet may have lattices of
         their own, and must agree on when the cut between them is left out
+    kept_up_to : phase from ray to ray up to which neighbours keep their common side, rad; None: ``INNER_UP_TO``
     """
     qu, qv = dr.dot(q, u), dr.dot(q, v)
     squared = qu * qu + qv * qv
     small = squared < 1e-3
     told = squared < MOST_PHASE**2
     qu, qv = dr.select(told, qu, 0.0), dr.select(told, qv, 0.0)
-    inner = dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.sqrt(squared), 0.0, 1.0), 1.0)
+
+    def kept(phase: mi.Float) -> mi.Float:
+        if kept_up_to is not None:
+            phase = phase * (INNER_UP_TO * dr.rcp(kept_up_to))
+        return dr.select(piece.exact, dr.clip(INNER_UP_TO - phase, 0.0, 1.0), 1.0)
+
+    inner = kept(dr.sqrt(squared))
     normal = dr.cross(u, v)
     flat = dr.norm(dr.cross(q, normal)) * dr.rcp(dr.maximum(dr.norm(normal), 1e-30))  # q along the facet
-    uncut = dr.select(piece.exact, dr.clip(INNER_UP_TO - flat * longest, 0.0, 1.0), 1.0)
+    uncut = kept(flat * longest)
     total, twice_area, moment = mi.Complex2f(0.0, 0.0), mi.Float(0.0), mi.Float(0.0)
     place_u, place_v, sum_of_moduli = mi.Float(0.0), mi.Float(0.0), mi.Float(1e-20)
     for n, (ax, ay, bx, by) in enumerate(piece.sides):
@@ -408,10 +425,7 @@ def part_integral(
             edge = piece.edges[n - 4]
             dx, dy = edge.along
             rate = qu * dx + qv * dy
-            weight_a, weight_b = (
-                dr.select(piece.exact, dr.clip(INNER_UP_TO - dr.abs(rate) * step, 0.0, 1.0), 1.0)
-                for step in (edge.step_start, edge.step_end)
-            )
+            weight_a, weight_b = (kept(dr.abs(rate) * step) for step in (edge.step_start, edge.step_end))
             both = dr.select(edge.inner, uncut, 1.0)
             turn *= dr.minimum(weight_a, weight_b) * both
             # the end that is a corner, or nearer to one: a term of its own, a quarter of a turn behind

@@ -167,6 +167,7 @@ def needs_of(
     layers: LayerPlan,
     grid: ImageGrid | None = None,
     trace_scene: TraceScene | None = None,
+    sub_bands: int = 1,
 ) -> Needs:
     """Needs of a run.
 
@@ -176,6 +177,7 @@ def needs_of(
     layers : what is kept apart
     grid : pixels; default: those that the scene asks for; one pulse makes no image
     trace_scene : what is traced; None: finer lattices over its small parts are left out
+    sub_bands : number of frequencies that the band is traced at
 
     Notes
     -----
@@ -184,9 +186,16 @@ def needs_of(
     """
     of_method = {"raster": _of_raster, "image": _of_image}.get(scene.settings.method)
     if of_method is None and grid is None and scene.radar.track.n_pulses < 2:
-        return _of_raw(scene, sampling, layers, None, trace_scene)
-    grid = grid or default_grid(scene.radar, scene.image)
-    return (of_method or _of_raw)(scene, sampling, layers, grid, trace_scene)
+        needs = _of_raw(scene, sampling, layers, None, trace_scene)
+    else:
+        grid = grid or default_grid(scene.radar, scene.image)
+        needs = (of_method or _of_raw)(scene, sampling, layers, grid, trace_scene)
+    if sub_bands == 1:
+        return needs
+    repeated = {
+        name: sub_bands * needs.seconds[name] for name in ("trace", "synthesise") if name in needs.seconds
+    }
+    return replace(needs, rays=sub_bands * needs.rays, seconds={**needs.seconds, **repeated})
 
 
 def _of_raster(

@@ -1,0 +1,225 @@
+"""Change of the scene's reflection over the radar's band."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba import theory
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.sub_bands import SubBands
+from sarmitsuba.effects.context import SceneContext
+from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
+from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.material import Material
+from sarmitsuba.materials.slab import COSINES
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+# frequencies that follow what is linear in the frequency, and the most that a band is traced at
+LEAST_SUB_BANDS, MOST_SUB_BANDS = 2, 16
+# what interpolation leaves of one return is to be so much below the tolerance, dB: several add up
+_BELOW_TOLERANCE_DB = 10.0
+# how far above the tolerance may be what is odd about the carrier: a quarter of a turn off the return at its peak, it
+# moves neither level nor place to first order
+_ODD_ABOVE_TOLERANCE_DB = 10.0
+# phase from ray to ray up to which tubes count as areas, rad, and how far the part of a facet that a ray stands for
+# reaches beside its mean place, in tubes
+_AREAS_UP_TO, _REACH = 2.0, 2.0
+# cosines of incidence and frequencies at which laws are compared
+_COSINES, _FREQUENCIES = COSINES[::6], 257
+
+
+@dataclass(frozen=True)
+class _Law:
+    """A factor on echoes over the band: of what, (n, n_frequencies) complex, and dB of the image that have it.
+
+    ``above_db``: how far above the tolerance it may be before it calls for the effect; one that does not decide counts
+    for the number of frequencies alone.
+    """
+
+    of: str
+    values: C128
+    share_db: float = 0.0
+    above_db: float = 0.0
+    decides: bool = True
+
+    def error_db(self, band: SubBands, frequency: F64) -> float:
+        """Rms over the band of what interpolation from the traced frequencies leaves, dB of the image."""
+        at = band.frequencies
+        index = (at - frequency[0]) / (frequency[1] - frequency[0])
+        first = np.clip(np.floor(index).astype(int), 0, len(frequency) - 2)
+        rest = index - first
+        nodes = self.values[:, first] * (1.0 - rest) + self.values[:, first + 1] * rest
+        error = nodes @ band.shares(frequency) - self.values
+        ends = np.where((frequency == frequency[0]) | (frequency == frequency[-1]), 0.5, 1.0)  # trapezoids
+        worst = float(np.sqrt((np.abs(error) ** 2 @ ends).max() / ends.sum()))
+        return self.share_db + 20.0 * float(np.log10(max(worst, 1e-12)))
+
+
+class Wideband(Effect):
+    r"""On where a return's amplitude, with the phase of its range taken out, changes over the band B about the carrier.
+
+    The carrier's amplitude for all frequencies is off by its rms change over the band. What is proportional to f, as
+    the physical-optics return of an area is, by
+
+    .. math:: \frac{B}{\sqrt{12} f_c}
+
+    That, the return of a facet's corner, as 1/f, and the coherent loss of a rough surface are real factors, and all but
+    a part of second order is odd about the carrier: a quarter of a turn off the return at its peak it moves neither
+    level nor place; it changes side lobes and fills the nulls between them. These call for the effect from 10 dB above
+    the tolerance on (by default from B / f_c = 0.11 on).
+
+    Reflection coefficients, of half spaces and of slabs, and what panes let through are compared with those at the
+    carrier, over the incident wave; diffuse laws at both ends of the band. They call for it from the tolerance on. As
+    many frequencies are traced as leave 10 dB less than the tolerance of any of these.
+    """
+
+    name = "wideband"
+    title = "change of reflection over the band"
+    documentation = "amplitudes and materials at several frequencies of the band; off: the carrier's for all"
+    off_when = "over the band no material changes by more than the tolerance, and B / f_c is below 0.11"
+    off_means = "the carrier's amplitudes, permittivities and slabs at all frequencies"
+    rank = 132
+
+    def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
+        """See the class."""
+        method = context.scene.settings.method
+        if method == "raster":
+            return Assessment(False, "method raster draws the level at the carrier", -np.inf)
+        if not context.scene.traced:
+            return Assessment(False, "ideal points are the same at all frequencies", -np.inf)
+        wave = context.scene.radar.waveform
+        ends = np.linspace(-0.5, 0.5, _FREQUENCIES) * wave.bandwidth + wave.center_frequency
+        relative = f"B / fc = {wave.bandwidth / wave.center_frequency:.2g}"
+
+        def worst(count: int, frequency: F64, laws: list[_Law]) -> tuple[float, str]:
+            band = SubBands(wave.center_frequency, wave.bandwidth, count)
+            return max(((law.error_db(band, frequency), law.of) for law in laws), default=(-np.inf, ""))
+
+        def against_carrier(frequency: F64, laws: list[_Law]) -> tuple[bool, float, str]:
+            """Whether a law calls for the effect, the largest error without it, and what decides."""
+            band = SubBands(wave.center_frequency, wave.bandwidth, 1)
+            errors = [(law.error_db(band, frequency), law) for law in laws if law.decides]
+            calling = [(x, law) for x, law in errors if x > context.tolerance_db + law.above_db]
+            if not errors:
+                return False, -np.inf, "nothing changes over the band"
+            error, law = max(calling or errors, key=lambda pair: pair[0])
+            change = f"{law.of} changes by {error:.0f} dB over the band"
+            if not calling and error > context.tolerance_db:
+                most = context.tolerance_db + law.above_db
+                change += f", a quarter of a turn off its peak: up to {most:g} dB only side lobes change"
+            return bool(calling), max(x for x, _ in errors), change
+
+        few = ends[:: (_FREQUENCIES - 1) // 8]
+        needed, error, change = against_carrier(
+            few, [law for law in _laws(few, context, decided) if law.decides]
+        )
+        wanted = context.scene.settings.effects.get(self.name, "auto") == "on"
+        if not (needed or wanted):
+            return Assessment(False, f"{relative}: {change}", error)
+        laws = list(_laws(ends, context, decided))
+        needed, error, change = against_carrier(ends, laws)
+        if not (needed or wanted):
+            return Assessment(False, f"{relative}: {change}", error)
+        count, left = LEAST_SUB_BANDS, worst(LEAST_SUB_BANDS, ends, laws)
+        while left[0] > context.tolerance_db - _BELOW_TOLERANCE_DB and count < MOST_SUB_BANDS:
+            count += 1
+            left = worst(count, ends, laws)
+        why, note = f"{relative}: {change}; {count} frequencies leave {left[0]:.0f} dB", ""
+        if left[0] > context.tolerance_db:
+            note = (
+                f"{context.scene.name}: wideband: {count} frequencies, the most there are, leave {left[0]:.0f} dB of "
+                f"{left[1]}, above tolerance_db = {context.tolerance_db:g}; narrow the band or make slabs thinner"
+            )
+        return Assessment(True, why, error, count, note=note)
+
+
+def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]) -> Iterator[_Law]:
+    """What returns of the scene follow over the band, as far as it is simulated."""
+    wave = context.scene.radar.waveform
+    relative = (frequency / wave.center_frequency)[None].astype(np.complex128)
+    if decided["coherent"].on:
+        share = _coherent_db(context)
+        yield _Law("the return of an area, as f,", relative, share, _ODD_ABOVE_TOLERANCE_DB)
+        if decided["tube_phase"].on:  # a side of a facet returns the same at all frequencies
+            yield _Law(
+                "the return of a facet's corner, as 1/f,", 1.0 / relative, share, _ODD_ABOVE_TOLERANCE_DB
+            )
+            if context.scene.settings.method != "raw" and context.sampling is not None:
+                reach = _REACH * min(_phase_over_tube(context, context.sampling.ray_spacing), _AREAS_UP_TO)
+                turning = relative * np.exp(1j * reach * (relative - 1.0))
+                yield _Law("the phase over a part of a facet", turning, share, decides=False)
+    mirrors = decided["coherent"].on or decided["max_depth"].on or context.scene.has_sources
+    for material in context.materials:
+        if decided["fresnel"].on and mirrors and not material.pec:
+            yield from _reflection(material, frequency, context, slab=decided["slabs"].on)
+        if decided["roughness"].on and mirrors and material.rms_height > 0.0:
+            loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * relative))
+            yield _Law(f"the coherent loss of {material.name}", loss, above_db=_ODD_ABOVE_TOLERANCE_DB)
+        if decided["diffuse"].on and material.scatters:
+            yield _Law(f"the diffuse return of {material.name}", _diffuse(material, frequency, relative))
+
+
+def _coherent_db(context: SceneContext) -> float:
+    """Coherent energy over the image's, or its strongest cell over what may be left out there, dB; at most 0."""
+    pilot = context.pilot
+    if pilot is None or pilot.total == 0.0:
+        return 0.0
+    cell = pilot.cell_db(0, 1) + context.tolerance_db - pilot.cell_limit_db(context.tolerance_db)
+    return min(max(pilot.energy_db(0, 1, upper=True), cell), 0.0)
+
+
+def _phase_over_tube(context: SceneContext, spacing: float) -> float:
+    """Phase from ray to ray at the carrier on the most slanting face, rad, rays ``spacing`` (m) apart."""
+    cosine = max(context.incidence_cosine[0], 0.05)
+    return context.wavenumber * spacing * max(1.0, float(np.sqrt(1.0 - cosine**2)) / cosine)
+
+
+def _reflection(material: Material, frequency: F64, context: SceneContext, *, slab: bool) -> Iterator[_Law]:
+    """Reflection of a dielectric, and what a pane lets through both ways, over the incident wave."""
+    thick = slab and material.thickness > 0.0
+    if material.dispersion is None and not thick:
+        return
+    at = [material.at_frequency(float(f)) for f in frequency]
+    if not thick:
+        waves = [theory.fresnel(_COSINES, m.permittivity) for m in at]
+        yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(np.array(waves), 0, -1)))
+        return
+    slabs = [
+        theory.slab(_COSINES, m.permittivity, m.thickness, SPEED_OF_LIGHT / f, m.sheet_resistance)
+        for m, f in zip(at, frequency, strict=True)
+    ]
+    reflected = np.array([[s.r_te, s.r_tm] for s in slabs])
+    yield _Law(f"the reflection of {material.name}", np.concatenate(np.moveaxis(reflected, 0, -1)))
+    if material in context.seen_through:
+        both_ways = np.concatenate(np.moveaxis(np.array([[s.t_te, s.t_tm] for s in slabs]), 0, -1)) ** 2
+        # the echo moves by the delay at the carrier
+        middle = len(frequency) // 2
+        turn = np.angle(both_ways[:, middle + 1] * both_ways[:, middle - 1].conj())
+        slope = turn / (frequency[middle + 1] - frequency[middle - 1])
+        both_ways = both_ways * np.exp(-1j * slope[:, None] * (frequency - frequency[middle]))
+        yield _Law(f"what {material.name} lets through", both_ways)
+
+
+def _diffuse(material: Material, frequency: F64, relative: C128) -> C128:
+    """Amplitude of a diffuse law over that at the carrier: the power of f between both ends of the band."""
+    first, last = (
+        diffuse_tables(material.at_frequency(float(f)), SPEED_OF_LIGHT / float(f), 7)
+        for f in frequency[[0, -1]]
+    )
+    levels = [
+        (a[1:-1], b[1:-1])
+        for a, b in ((first.amplitude_h, last.amplitude_h), (first.amplitude_v, last.amplitude_v))
+    ]
+    low, high = (np.concatenate(side) for side in zip(*levels, strict=True))
+    seen = (low > 0.0) & (high > 0.0)
+    if not seen.any():
+        return np.ones_like(relative)
+    powers = np.log(high[seen] / low[seen]) / np.log(frequency[-1] / frequency[0])
+    return np.asarray(relative ** powers[np.abs(powers).argmax()])
+
+
+EFFECTS.register(Wideband())
