@@ -76,7 +76,7 @@ class ClusterPlan:
             workers=workers,
             trace_seconds=shared,
             focus_seconds=focus,
-            batches=prediction.key_pulses,
+            batches=prediction.key_pulses * (2 if scene.settings.keep_subsets else 1),
             tiles=tiles if tiles > 1 else 0,
             own_seconds=START + sum(seconds.values()),
             raw_bytes=prediction.raw_bytes,

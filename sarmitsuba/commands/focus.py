@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
+from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
@@ -260,13 +261,18 @@ def _mark_of(path: Path) -> str:
 
 def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Namespace) -> None:
     """Raise a SarmitsubaError where the image cannot be focused as asked, before any work goes into its data."""
+    from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import parse_focuser
     from sarmitsuba.focusing.motion import needs_compensation
 
+    radar = radar.as_recorded()
+    for entry in results.Formats.parse(args.format).image:
+        against = entry.objection(radar, request.grid) if entry.objection else ""
+        if against:
+            raise DataError(f"--format {entry.name}: {against}")
     if args.focuser == _ALL:
         return
-    radar = radar.as_recorded()
     needs_compensation(
         parse_focuser(args.focuser), radar, default_grid(radar, request), args.motion_compensation
     )

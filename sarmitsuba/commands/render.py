@@ -55,8 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=float,
         metavar="S",
-        help="keep adding passes of rays for this many seconds (default: the scene's); an interrupted run resumes when "
-        "started again",
+        help="keep adding passes of rays for this many seconds of tracing and of estimating their error (default: the "
+        "scene's); loading, planning, the final image and files come on top; an interrupted run resumes when started "
+        "again",
     )
     parser.add_argument(
         "--no-error-bars",

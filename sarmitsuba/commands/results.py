@@ -173,10 +173,14 @@ def store_image(
             f"sampling error of the image: {text} ({next(iter(errors.values()))['source']}; too few bounces, {apart}, "
             "gridding and physical optics are not in it)"
         )
+    failed: list[SarmitsubaError] = []
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):
-            with folder.writing(name) as path:
-                write_image(image, path, format=entry.name)
+            try:
+                with folder.writing(name) as path:
+                    write_image(image, path, format=entry.name)
+            except SarmitsubaError as error:  # the other formats are written first
+                failed.append(error)
     record["image"] = {
         "grid": image.grid.kind,
         "channels": image.channels,
@@ -188,6 +192,8 @@ def store_image(
     }
     # what is dear first, pictures last; the record is written again with its times and warnings when all is done
     save_record(folder, record)
+    if failed:
+        raise failed[0]
     with watch.stage("picture"):
         return save_pictures(folder, image, console)
 

@@ -83,7 +83,6 @@ class PilotResult:
     hits : (n_orders,) hits by order
     rays_per_second : pilot kernel alone, 0 when unknown
     seconds : whole pilot
-    pairs : what pairs of diffuse scatterers return; None where they were not looked for
     going_on : largest share of a patch's power, as launched, that still goes on after the last order
     """
 
@@ -98,7 +97,6 @@ class PilotResult:
     peak: F64
     rays_per_second: float
     seconds: float
-    pairs: PairLevel | None = None
     going_on: float = 0.0
 
     @property
@@ -173,12 +171,14 @@ class SceneContext:
     sampling : of the full run, None before it is known
     pilot : what a pilot trace measured, None when there was none
     known_shape : what was worked out about the geometry before, None to start anew
+    pairs : what pairs of diffuse scatterers return; None where they were not looked for
     """
 
     scene: Scene
     sampling: Sampling | None = None
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
+    pairs: PairLevel | None = None
 
     @property
     def tolerance_db(self) -> float:

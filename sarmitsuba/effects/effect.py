@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite, isnan
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -22,7 +23,8 @@ class Assessment:
     ----------
     on : whether it must be simulated
     why : the fact that decides
-    error_db : error of the image if it were the other way, dB of the image's clutter or peak; -inf for none
+    error_db : most that the image would change if it were the other way, energy over that of the image, dB; -inf for
+        nothing, NaN where there is no bound
     value : for effects that are a number (bounce depth)
     measured : the pilot decided, not a fact
     asked : the user decided, by a setting other than the effect's switch
@@ -48,8 +50,11 @@ class Decision:
     on : whether it is simulated
     why : the fact, the measurement or the explicit setting that decided
     value : for effects that are a number, else None
-    error_db : predicted error of the image if it were the other way, dB; -inf where it makes no difference
-    cost : share of the run's time that it takes (on) or would take (off), from `benchmarks/effects.py`
+    error_db : change of the image if it were the other way, energy over that of the image, dB; -inf where it makes no
+        difference, NaN where nothing is known
+    measured : ``error_db`` was measured, both ways at key pulses; else it is an upper bound
+    cost : share of the simulation's processor time that it takes (on) or would take (off), measured both ways; NaN
+        where it was not
     source : ``fact``, ``pilot`` or ``user``
     """
 
@@ -58,8 +63,16 @@ class Decision:
     why: str
     value: int | None = None
     error_db: float = float("nan")
-    cost: float = 0.0
+    measured: bool = False
+    cost: float = float("nan")
     source: str = "fact"
+
+    @property
+    def error_is(self) -> str:
+        """What ``error_db`` is: ``measured``, ``at most``, ``none`` or ``unknown``."""
+        if self.measured:
+            return "measured"
+        return "unknown" if isnan(self.error_db) else "at most" if isfinite(self.error_db) else "none"
 
 
 class Effect(ABC):
@@ -72,8 +85,8 @@ class Effect(ABC):
     documentation : of the switch in the scene file, half a sentence; empty: it has no switch
     off_when, off_means : for the table of `docs/effects.md`: what makes it unnecessary, what the image is without it
     rank : position in the plan; an effect may look at the decisions of those before it
-    cost : share of the time of a run with everything on that it takes, measured by `benchmarks/effects.py`; where
-        only some scenes have it, of such a scene
+    at_key_pulses : the echoes of single pulses show what it changes in the image; not so what changes the focusing, the
+        channels or the receiver
     kernel_flags : the flags of the trace kernel that it sets, each with what the kernel does with it. Those that are
         fields of `KernelFlags` set the field, others go into `KernelFlags.extra` when they are true
     """
@@ -84,7 +97,7 @@ class Effect(ABC):
     off_when: ClassVar[str] = ""
     off_means: ClassVar[str] = ""
     rank: ClassVar[int]
-    cost: ClassVar[float] = 0.0
+    at_key_pulses: ClassVar[bool] = True
     kernel_flags: ClassVar[Mapping[str, str]] = _NO_FLAGS
 
     @abstractmethod

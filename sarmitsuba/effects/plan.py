@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
-from sarmitsuba.effects.context import PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -86,7 +86,17 @@ class EffectsPlan:
         kept = tuple(d for d in self.decisions if d.name != decision.name)
         return replace(self, decisions=(*kept, decision))
 
-    def with_key_pulses(self, interval: int, error_db: float, asked: bool) -> "EffectsPlan":
+    def with_measured(self, name: str, error_db: float, cost: float) -> "EffectsPlan":
+        """The plan with what an effect changes (dB) and takes (share), measured both ways."""
+        decisions = tuple(
+            replace(d, error_db=error_db, cost=cost, measured=True) if d.name == name else d
+            for d in self.decisions
+        )
+        return replace(self, decisions=decisions)
+
+    def with_key_pulses(
+        self, interval: int, error_db: float, asked: bool, seams: tuple[int, int] = (0, 0)
+    ) -> "EffectsPlan":
         """The plan with the number of pulses that share one tracing, known once the run is laid out.
 
         Parameters
@@ -95,11 +105,13 @@ class EffectsPlan:
         error_db : against tracing every one, dB, as measured where blocks of pulses meet; NaN where one block holds
             all
         asked : set by the user
+        seams : places where blocks meet that were looked at, and how many there are; as many: all
         """
         if np.isnan(error_db):
             measured = "one block holds all pulses, so that its error is not measured"
         else:
-            measured = f"error against tracing every pulse {error_db:.0f} dB, measured where blocks meet"
+            where = "where" if seams[0] == seams[1] else f"at {seams[0]} of {seams[1]} places where"
+            measured = f"error against tracing every pulse {error_db:.0f} dB, measured {where} blocks meet"
         if asked:
             why, source = "set by the user" + (f"; {measured}" if interval > 1 else ""), "user"
         elif interval > 1:
@@ -113,8 +125,8 @@ class EffectsPlan:
                 why,
                 interval,
                 error_db if interval > 1 else -np.inf,
-                0.0,
-                source,
+                measured=interval > 1 and not np.isnan(error_db),
+                source=source,
             )
         )
 
@@ -149,7 +161,8 @@ class EffectsPlan:
                     "why": d.why,
                     "value": d.value,
                     "error_db": round(d.error_db, 1) if np.isfinite(d.error_db) else None,
-                    "cost": d.cost,
+                    "error_is": d.error_is,
+                    "cost": None if np.isnan(d.cost) else round(d.cost, 3),
                     "source": d.source,
                 }
                 for d in self.decisions
@@ -165,6 +178,7 @@ def plan_effects(
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,
+    pairs: PairLevel | None = None,
     warn: bool = True,
     up_to: int | None = None,
 ) -> EffectsPlan:
@@ -176,10 +190,11 @@ def plan_effects(
     sampling : how the run will sample the scene; without it, what depends on it stays on
     pilot : what a pilot trace measured; without it, static context and safe defaults decide
     shape : of this scene's geometry, to save working it out again
+    pairs : what pairs of diffuse scatterers return; without it they are on where there may be any
     warn : issue a ``SarmitsubaWarning`` for explicit choices that cost more than the tolerance
     up_to : last rank to decide, None for all; what is not decided stays on
     """
-    context = SceneContext(scene, sampling, pilot, shape)
+    context = SceneContext(scene, sampling, pilot, shape, pairs)
     wanted = scene.settings.effects
     _check_switches(scene)
     decided: dict[str, Decision] = {}
@@ -192,16 +207,20 @@ def plan_effects(
         if up_to is not None and effect.rank > up_to:
             break
         assessment = effect.assess(context, decided)
-        decision = _decide(effect.name, effect.cost, wanted.get(effect.name, "auto"), assessment)
+        decision = _decide(effect.name, wanted.get(effect.name, "auto"), assessment)
         decided[effect.name] = decision
         chosen.update(_declared(effect, effect.flags(decision.on, context, decided)))
         if decision.on and assessment.note:
             notes.append(assessment.note)
         loses = decision.source == "user" and decision.on != assessment.on and not decision.on
-        if loses and assessment.error_db > context.tolerance_db:
+        if loses and not assessment.error_db <= context.tolerance_db:
+            known = (
+                f"at most {assessment.error_db:.0f} dB"
+                if np.isfinite(assessment.error_db)
+                else "without bound"
+            )
             notes.append(
-                f"{scene.name}: {effect.name} is switched off; predicted error {assessment.error_db:.0f} dB "
-                f"({assessment.why})"
+                f"{scene.name}: {effect.name} is switched off; predicted error {known} ({assessment.why})"
             )
     depth = decided["max_depth"].value or DEFAULT_DEPTH
     note = _depth_note(context, depth)
@@ -247,11 +266,11 @@ def _kernel_flags(chosen: Mapping[str, FlagValue]) -> KernelFlags:
     return filled(KernelFlags(extra=extra), fitting)
 
 
-def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Decision:
+def _decide(name: str, switch: str, assessment: Assessment) -> Decision:
     if switch == "auto":
         source = "user" if assessment.asked else "pilot" if assessment.measured else "fact"
         return Decision(
-            name, assessment.on, assessment.why, assessment.value, assessment.error_db, cost, source
+            name, assessment.on, assessment.why, assessment.value, assessment.error_db, source=source
         )
     on = switch == "on"
     # asked for what the context says too: the error of the other way stays; asked against them: nothing is known better
@@ -261,8 +280,7 @@ def _decide(name: str, cost: float, switch: str, assessment: Assessment) -> Deci
         f"set {switch} by the user; {assessment.why}",
         assessment.value if on else None,
         assessment.error_db,
-        cost,
-        "user",
+        source="user",
     )
 
 

@@ -10,6 +10,7 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.image.validity import check_image
+from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar, check_request
 from sarmitsuba.registry import Registry
 
@@ -32,6 +33,8 @@ class FileFormat:
     write_image, read_image : of images
     folders : ``read_raw`` also takes a folder of such files, which are one recording
     per_channel : an image of several channels is written to a file per channel, ``NAME_HH.suffix``
+    objection : why an image of a radar on a kind of grid (``slant``, ``ground``) cannot be written, known before it is
+        made, and what to do; empty where it can
     """
 
     name: str
@@ -43,6 +46,7 @@ class FileFormat:
     read_image: Callable[[Path], SarImage] | None = None
     folders: bool = False
     per_channel: bool = False
+    objection: Callable[[Radar, str], str] | None = None
 
     def names(self, stem: str, channels: Sequence[str]) -> tuple[str, ...]:
         """Files that an image of these channels is written to."""

@@ -126,7 +126,15 @@ INTEGRATOR = ParamTable(
             -200.0,
             0.0,
         ),
-        Param("time_limit", "float", 0.0, "add passes of rays until this time is up; 0 = off", "s", 0.0, 1e9),
+        Param(
+            "time_limit",
+            "float",
+            0.0,
+            "add passes of rays until they have taken this time; planning, last image and files come on top; 0 = off",
+            "s",
+            0.0,
+            1e9,
+        ),
         Param(
             "default_rms_height",
             "float",

@@ -81,6 +81,8 @@ class Bench:
         else:
             lattices = self.rays.at(start)[batch.subset]
             profiles, stats = self.tracer.direct(lattices, start, stop, self.n_layers, self.max_order)
+        if batch.subset:  # the pulses of the first subset again
+            stats = replace(stats, key_pulses=0)
         return Traced(batch, profiles, stats, self.tracer.largest_grid)
 
     def block(self, rays: Sequence[LaunchGrid], start: int, stop: int) -> tuple[C64, TraceStatistics]:

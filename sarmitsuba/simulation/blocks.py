@@ -48,6 +48,8 @@ STRIP_FROM = 1_000_000
 STRIP = 0.05
 # energy of a strip that fades as a raised cosine over half of its width, over that of its rays at full weight
 STRIP_ENERGY = 11.0 / 16.0
+# of the golden section: its multiples spread evenly, however many there are
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 # a strip has to clear blocks by this much: bright lines elsewhere may carry more of the image than of the error, dB
 SURE_DB = 3.0
 
@@ -209,6 +211,24 @@ class Blocks:
                 return stats
             self.interval = shorter
             self._cut()
+
+    def survey(self, most_rays: int) -> tuple[int, int]:
+        """Trace blocks on both sides of further seams, spread over the track: seams known then, and all there are.
+
+        Parameters
+        ----------
+        most_rays : that it may take
+        """
+        seams = range(len(self.blocks) - 1)
+        for i in sorted(seams, key=lambda i: (GOLDEN * i) % 1.0):
+            todo = [k for k in (i, i + 1) if k not in self.done]
+            each = sum(grid.n_rays for grids in self.rays.at(self.blocks[i][0]) for grid in grids)
+            most_rays -= each * len(todo)
+            if most_rays < 0:
+                break
+            for k in todo:
+                self.block(k)
+        return sum({i, i + 1} <= self.done for i in seams), len(seams)
 
     def sample(self) -> tuple[float, TraceStatistics]:
         """Trace one batch of the first ray subset as the run does: the share of its pulses, and figures."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,34 @@ def plan_scene(
     sampling : of this scene with all returns there may be, None to work it out
     clock : that the pilot is timed with
     """
+    return plan_in(examine(scene, trace_scene, pilot=pilot, sampling=sampling, clock=clock))
+
+
+def plan_in(context: SceneContext, *, warn: bool = True) -> EffectsPlan:
+    """Decide the effects of a scene by what is known of it."""
+    return plan_effects(
+        context.scene,
+        context.sampling,
+        context.pilot,
+        shape=context.known_shape,
+        pairs=context.pairs,
+        warn=warn,
+    )
+
+
+def examine(
+    scene: Scene,
+    trace_scene: TraceScene | None = None,
+    *,
+    pilot: bool | None = None,
+    sampling: SamplingPlan | None = None,
+    clock: Clock = time.perf_counter,
+) -> SceneContext:
+    """Find out all that the effects of a scene are decided from; parameters as for :func:`plan_scene`."""
     if scene.geometry.n_faces == 0:
-        return plan_effects(scene)
+        return SceneContext(scene)
     sampling = sampling or SamplingPlan.of(scene)
-    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(sampling))
+    shape = SceneContext(scene).shape_within(PROOF_SHARE * run_seconds(_by_key_pulses(sampling)))
     draft = plan_effects(scene, shape=shape, warn=False, up_to=KINDS_RANK)
     sampling = sampling.obeying(scene, draft.flags)
     depth = draft.decision("max_depth")
@@ -88,18 +112,32 @@ def plan_scene(
     wanted = pilot if pilot is not None else worth_a_pilot(sampling)
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
-        return plan_effects(scene, sampling.for_effects(), shape=shape)
+        return SceneContext(scene, sampling.for_effects(), known_shape=shape)
+    pairs = None
+    # a draw of pairs takes so little that no run is too short for it
+    if draft.flags.diffuse and pilot is not False and _may_pair(scene):
+        trace_scene = trace_scene or build_trace_scene(
+            scene.geometry, scene.materials, scene.radar.waveform.wavelength
+        )
+        pairs = pair_level(sampling, trace_scene)
+    known = SceneContext(scene, sampling.for_effects(), known_shape=shape, pairs=pairs)
     if not wanted and (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape)):
-        return plan_effects(scene, sampling.for_effects(), shape=shape)
+        return known
     draft = plan_effects(scene, shape=shape, warn=False)
     result, orders = None, ORDERS
     while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
         orders *= 2
     # of a run too short for a pilot it says only whether the bounces followed without one are enough
-    enough = result.enough(scene.settings.tolerance_db)
-    known = wanted or not 1 <= enough <= DEFAULT_DEPTH
-    return plan_effects(scene, sampling.for_effects(), result if known else None, shape=shape)
+    if not wanted and 1 <= result.enough(scene.settings.tolerance_db) <= DEFAULT_DEPTH:
+        return known
+    return replace(known, pilot=result)
+
+
+def _may_pair(scene: Scene) -> bool:
+    """Whether pairs of diffuse scatterers are asked for, or left to the plan, in a run of several bounces."""
+    settings = scene.settings
+    return settings.effects.get("diffuse_pairs") != "off" and settings.max_depth != 1
 
 
 def _may_ring(scene: Scene, shape: ShapeAnalysis) -> bool:
@@ -108,8 +146,18 @@ def _may_ring(scene: Scene, shape: ShapeAnalysis) -> bool:
 
 
 def worth_a_pilot(sampling: SamplingPlan) -> bool:
-    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each."""
-    return run_seconds(sampling) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
+    """True where the run is long enough, or keeps bounce orders apart, which costs memory for each.
+
+    Long enough as a run by key pulses, whatever the method: all methods of one scene have one plan.
+    """
+    return run_seconds(_by_key_pulses(sampling)) >= SHORTEST_RUN or sampling.scene.settings.keep_orders
+
+
+def _by_key_pulses(sampling: SamplingPlan) -> SamplingPlan:
+    """The sampling of the same scene by the method of key pulses."""
+    scene = sampling.scene
+    settings = replace(scene.settings, method="hybrid", key_pulse_interval=0)
+    return replace(sampling, scene=replace(scene, settings=settings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +208,8 @@ def run_pilot(
     trace_scene = trace_scene or build_trace_scene(
         scene.geometry, scene.materials, scene.radar.waveform.wavelength
     )
-    budget = min(MAX_RAYS, RAY_SHARE * sampling.rays_per_pulse * sampling.expected_key_pulses)
+    keys = _by_key_pulses(sampling).expected_key_pulses
+    budget = min(MAX_RAYS, RAY_SHARE * sampling.rays_per_pulse * keys)
     per_pulse = int(np.clip(budget / (len(chosen) * SIDE**2), LEAST_PATCHES, 4096))
     rng = np.random.default_rng([scene.settings.seed & 0x7FFFFFFF, 0x9170])
     shape = shape or SceneContext(scene).shape
@@ -177,9 +226,6 @@ def run_pilot(
         seconds += clock() - before
         randoms.append(np.arange(patches.n_random + patches.n_features) < patches.n_random)
         features += patches.n_features
-    pairs = None
-    if draft.flags.diffuse and scene.settings.effects.get("diffuse_pairs") != "off":
-        pairs = pair_level(sampling, trace_scene)
     power = np.concatenate(powers, axis=1)  # (4, patches, orders)
     random = np.concatenate(randoms)
     count = int(random.sum())
@@ -195,7 +241,6 @@ def run_pilot(
         share=(power[3, random] > 0).mean(axis=0),
         peak=power.max(axis=1),
         rays_per_second=rays / seconds if seconds > 0 else 0.0,
-        pairs=pairs,
         going_on=going_on,
         seconds=clock() - start,
     )
@@ -356,4 +401,4 @@ def _trace(
     return power, float(accumulator.going_on.numpy().max())
 
 
-__all__ = ["ORDERS", "plan_scene", "run_pilot", "worth_a_pilot"]
+__all__ = ["ORDERS", "examine", "plan_in", "plan_scene", "run_pilot", "worth_a_pilot"]

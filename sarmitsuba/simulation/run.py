@@ -6,6 +6,7 @@ from copy import copy
 from dataclasses import replace
 
 from sarmitsuba.backend import ensure_backend
+from sarmitsuba.effects.context import SceneContext
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError
 from sarmitsuba.image.sar_image import ImageGrid
@@ -13,7 +14,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew, TraceJob, built
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
-from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.pilot import examine, plan_in
 from sarmitsuba.simulation.prediction.needs import Needs, needs_of
 from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
@@ -39,11 +40,13 @@ class Run:
     plan : overrides the automatic effects plan
     clock : of the run's stages
     crew : workers that share the tracing of raw data; None: this process traces alone
+    geometry : of the scene as loaded, on the device already; None builds it
 
     Attributes
     ----------
     scene : as the effects plan leaves it
     plan : decided effects
+    context : that they were decided in; None where the plan was given
     trace_scene : geometry on the device; None where there are ideal points alone
     sampling : how the scene is sampled; likewise
     layers : what is kept apart
@@ -62,6 +65,7 @@ class Run:
         plan: EffectsPlan | None = None,
         clock: Clock = time.perf_counter,
         crew: Crew | None = None,
+        geometry: TraceScene | None = None,
     ) -> None:
         ensure_backend()
         if scene.settings.method in ("image", "raster") and scene.radar.all_round:
@@ -73,11 +77,15 @@ class Run:
         self.trace_scene: TraceScene | None = None
         self.sampling: SamplingPlan | None = None
         if scene.traced:
-            self.trace_scene, self._built_from = built(scene), scene
+            self.trace_scene, self._built_from = geometry or built(scene), scene
             self.timer.lap("build")
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")
-        self.plan = plan or plan_scene(scene, self.trace_scene, sampling=self.sampling, clock=clock)
+        self.context: SceneContext | None = None
+        if plan is None:
+            self.context = examine(scene, self.trace_scene, sampling=self.sampling, clock=clock)
+            plan = plan_in(self.context)
+        self.plan = plan
         self.scene = self.plan.apply(scene)
         left_out = ""
         if self.scene.points:
@@ -112,6 +120,13 @@ class Run:
             other.scene = replace(self.scene, settings=settings)
             other.sampling = self.sampling.obeying(other.scene, self.sampling.flags)
         return other
+
+    def otherwise(self, scene: Scene) -> "Run":
+        """The run of the same scene with other settings, its effects decided by what is known already."""
+        assert self.context is not None
+        plan = plan_in(replace(self.context, scene=scene), warn=False)
+        shared = self.trace_scene if scene.same_shapes(self._built_from) else None
+        return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:
         """What the run takes; nothing of it is allocated yet.

@@ -2,7 +2,9 @@
 
 import itertools
 import json
+import warnings
 
+import numpy as np
 import pytest
 
 from sarmitsuba.cli import main
@@ -63,6 +65,24 @@ def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
     # tol: the last block may be shorter than the first
     assert prediction.seconds["trace"] == pytest.approx(batches, abs=1.0)
     assert prediction.seconds["synthesise"] == pytest.approx(batches, abs=1.0)
+
+
+@pytest.mark.slow
+def test_stated_changes_are_those_of_whole_runs() -> None:
+    """An effect switched the other way changes the echoes of the whole run by what explain states."""
+    scene = load_scene(resolve("dihedral"))
+    stated = {d.name: d for d in explain(scene).plan.decisions}
+    base = simulate(scene).data
+    for name, switch in (("tube_phase", "off"), ("edge_diffraction", "on"), ("spreading", "on")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what is switched off
+            change = simulate(scene.replace(**{name: switch})).data - base
+        true = 10.0 * np.log10(np.square(np.abs(change)).sum() / np.square(np.abs(base)).sum())
+        assert stated[name].measured and 0.0 <= stated[name].cost < 1.0
+        # tol: five blocks of the aperture stand for all of it
+        assert stated[name].error_db == pytest.approx(true, abs=1.0)
+    assert stated["visibility"].error_is in ("none", "measured")
+    assert not stated["motion_in_pulse"].measured and stated["motion_in_pulse"].error_is == "at most"
 
 
 def test_python_says_what_the_command_says() -> None:

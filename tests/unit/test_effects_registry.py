@@ -52,7 +52,7 @@ def test_every_switch_of_the_scene_file_has_an_effect() -> None:
     assert {p.name for p in INTEGRATOR.rows if p.choices == ("auto", "on", "off")} == set(names) - {
         "max_depth"
     }
-    assert all(e.title and 0.0 <= e.cost < 1.0 for e in effects())
+    assert all(e.title for e in effects())
 
 
 def test_every_kernel_flag_is_declared_by_the_one_effect_that_sets_it(corner: Scene) -> None:
@@ -77,7 +77,7 @@ def test_a_switch_that_no_effect_has_is_refused(corner: Scene) -> None:
 def test_perfect_conductors_need_no_fresnel(corner: Scene) -> None:
     assert decide(corner, "fresnel") == (False, -np.inf)
     on, error = decide(with_material(corner, pec=False, permittivity=5.0 - 0.5j), "fresnel")
-    assert on and error > 0.0
+    assert on and np.isnan(error)  # perfect conductors return more than all there is
     # copper is a perfect conductor to the tolerance: |1 + R| is about 2 sqrt(2 w eps0 / sigma) / cos, -53 dB at 60 deg
     on, error = decide(with_material(corner, pec=False, permittivity=1.0 - 1e10j), "fresnel")
     assert not on and -90.0 < error < -40.0
@@ -89,7 +89,8 @@ def test_roughness_below_the_tolerance_is_left_out(corner: Scene) -> None:
         on, error = decide(with_material(corner, rms_height=ks / k), "roughness")
         assert on == expected
         if ks:
-            assert error == pytest.approx(20 * np.log10(1 - np.exp(-2 * ks**2)))
+            bound = np.nan if expected else 20 * np.log10(1 - np.exp(-2 * ks**2))
+            assert error == pytest.approx(bound, nan_ok=True)
 
 
 def test_rough_ground_returns_nothing_coherent(ground: Scene) -> None:
@@ -144,7 +145,7 @@ def test_the_tolerance_of_the_scene_holds() -> None:
 def test_coherent_is_a_switch(ground: Scene, corner: Scene) -> None:
     smooth = replace(ground, materials=tuple(replace(m, rms_height=1e-4) for m in ground.materials))
     sampling = Sampling(0.2, 100_000, 0.45, ground.geometry.bounds, 8)
-    with pytest.warns(SarmitsubaWarning, match="coherent is switched off; predicted error 0 dB"):
+    with pytest.warns(SarmitsubaWarning, match="coherent is switched off; predicted error at most 0 dB"):
         plan = plan_effects(switched(smooth, coherent="off"), sampling)
     assert not plan.flags.coherent and not plan.flags.tube_phase and plan.flags.diffuse
     assert plan_effects(switched(ground, coherent="on"), sampling).flags.coherent
@@ -276,7 +277,8 @@ def test_summary_and_json(corner: Scene) -> None:
         "why": "all conductors are perfect",
         "value": None,
         "error_db": None,
-        "cost": record["effects"]["fresnel"]["cost"],
+        "error_is": "none",
+        "cost": None,
         "source": "fact",
     }
     # a plan without decisions, as others make it, changes nothing

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sarmitsuba.cli import main
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import read_image, write_image
+from sarmitsuba.io.catalog.sicd import objection
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna, Pointing
 from sarmitsuba.radar.geodesy import Anchor
@@ -194,3 +196,17 @@ def test_from_orbit(tmp_path: Path) -> None:
     slant = focus(raw, request=replace(scene.image, grid="slant"), focuser="backprojection")
     with pytest.raises(DataError, match="--grid ground"):
         write_image(slant, tmp_path / "slant.nitf")
+
+
+def test_what_the_standard_has_no_grid_for_is_refused_before_simulating(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Slant-range pixels from orbit: nothing is traced; an airborne line, or pixels on the ground, are no obstacle."""
+    monkeypatch.setattr("sarmitsuba.simulation.raw.simulate", None)  # a call would fail otherwise
+    orbit = ["--radar", "terrasar_spotlight", "-D", "image_extent_limit=60"]
+    asked = ["render", "trihedral", *orbit, "-D", "range_film.image_grid=slant", "-o", str(tmp_path / "out")]
+    assert main([*asked, "--format", "hdf5,sicd"]) == 2
+    assert "--format sicd: the track is curved" in capsys.readouterr().err
+    scene = load_scene("trihedral", radar="terrasar_spotlight", parameters={"image_extent_limit": "60"})
+    assert objection(scene.radar, "slant") and not objection(scene.radar, "ground")
+    assert not objection(load_scene("trihedral").radar, "slant")

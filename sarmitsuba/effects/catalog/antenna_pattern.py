@@ -24,6 +24,7 @@ class AntennaPattern(Effect):
     off_when = "isotropic, or flat over scene and aperture"
     off_means = "an isotropic beam, for focusing too"
     rank = 90
+    at_key_pulses = False
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "antenna_pattern": "gain over direction at launch and at every closing",
     }

@@ -27,7 +27,6 @@ class Coherent(Effect):
     off_when = "roughness leaves nothing of it beside the clutter"
     off_means = "no physical-optics closing"
     rank = 20
-    cost = 0.06
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "coherent": "closing to the antenna by physical optics",
     }
@@ -74,9 +73,9 @@ class Coherent(Effect):
                 energy,
                 measured=True,
             )
-        share = pilot.energy_db(0, 1)
+        share = pilot.energy_db(0, 1)  # of random patches: bright lines are rare, and most of the energy
         return Assessment(
-            True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
+            True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", 0.0
         )
 
     def flags(

@@ -22,7 +22,7 @@ class CrossPolarisation(Effect):
     off_when = "the radar records no cross-polar channel"
     off_means = "those channels leave the data"
     rank = 70
-    cost = 0.12
+    at_key_pulses = False
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "channels": "polarisation channels to record",
     }

@@ -23,7 +23,6 @@ class Depolarisation(Effect):
     off_when = "no cross-polar ratio that a channel can show"
     off_means = "one scalar per cell"
     rank = 80
-    cost = 0.03
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "depolarisation": "two more Gaussians per cell and a full scattering matrix",
     }

@@ -24,7 +24,6 @@ class Diffuse(Effect):
     off_when = "no material scatters diffusely"
     off_means = "no scatterers, no diffuse polarisation"
     rank = 10
-    cost = 0.65
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse": "persistent diffuse scatterers",
         "polarised_diffuse": "diffuse laws that differ between h and v, which need the plane of incidence",
@@ -35,10 +34,7 @@ class Diffuse(Effect):
         rough = [m.name for m in context.materials if m.scatters]
         if not rough:
             return Assessment(False, "no material scatters diffusely", -np.inf)
-        error = 0.0
-        if context.pilot is not None and context.pilot.total > 0:
-            error = context.pilot.energy_db(slice(1, 3), 1)
-        return Assessment(True, f"diffuse law on {names(rough)}", error)
+        return Assessment(True, f"diffuse law on {names(rough)}", 0.0)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

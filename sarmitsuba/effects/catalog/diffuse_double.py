@@ -23,7 +23,6 @@ class DiffuseDouble(Effect):
     off_when = "no diffuse hit behind a mirror, or too little of it"
     off_means = "no reciprocal path, no way back along the chain"
     rank = 60
-    cost = 0.26
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse_double": "reciprocal and retro paths of diffuse hits behind mirrors, two more contributions per hit",
     }
@@ -42,7 +41,7 @@ class DiffuseDouble(Effect):
             return Assessment(False, f"pilot: {energy:.0f} dB of the energy at most", energy, measured=True)
         share = pilot.energy_db(slice(1, 3), 2)
         return Assessment(
-            True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", share
+            True, f"pilot: {share:.0f} dB of the energy, strongest cell {cell:.0f} dB over the clutter", 0.0
         )
 
     def flags(

@@ -17,7 +17,7 @@ WHOLE_DB, SQUARE_DB = 20.0, 30.0
 
 
 class DiffusePairs(Effect):
-    """Off where no surface sees another, or where the pilot finds that pairs hardly change the level of the clutter."""
+    """Off where no surface sees another, or where a draw of pairs hardly changes the level of the clutter."""
 
     name = "diffuse_pairs"
     title = "two diffuse scatterers in a row"
@@ -25,7 +25,6 @@ class DiffusePairs(Effect):
     off_when = "no surface sees another, or the pilot finds too little of it to change a level"
     off_means = "no draw of pairs, no launch of theirs"
     rank = 65
-    cost = 0.4
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "diffuse_pairs": "pairs of diffuse scatterers, a launch of their own beside that of the rays",
     }
@@ -39,9 +38,13 @@ class DiffusePairs(Effect):
             return Assessment(
                 False, f"one bounce: {depth.why}", -np.inf if depth.source == "fact" else np.nan
             )
-        level = None if context.pilot is None else context.pilot.pairs
+        level = context.pairs
         if level is None:
-            return Assessment(False, "not measured: the run is too short for a pilot", float("nan"))
+            if context.scene.settings.effects.get(self.name) == "off":
+                return Assessment(False, "what they return was not looked at", float("nan"))
+            return Assessment(
+                True, "surfaces may see each other, and no draw of pairs was looked at", float("nan")
+            )
         if level.share == 0.0:
             return Assessment(False, "pilot: no surface that scatters sees another", -np.inf, measured=True)
         return _measured(level, context.tolerance_db)

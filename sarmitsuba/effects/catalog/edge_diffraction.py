@@ -44,7 +44,6 @@ class EdgeDiffraction(Effect):
     off_when = "no sharp metal edge, or what the strongest adds lies below the tolerance"
     off_means = "physical optics alone: the same in HH and VV, nothing from a thin plate seen edge-on"
     rank = 105
-    cost = 0.21
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "edge_diffraction": "a launch of its own: one lane for each piece of an edge and pulse",
     }

@@ -22,7 +22,6 @@ class Fresnel(Effect):
     off_when = "every surface is a perfect conductor, or nothing reflects and nothing returns coherently"
     off_means = "`E - 2 (E.n) n` only"
     rank = 30
-    cost = 0.04
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "fresnel": "Fresnel coefficients; off treats every surface as a perfect conductor",
     }
@@ -40,7 +39,8 @@ class Fresnel(Effect):
             return Assessment(
                 False, f"{names([m.name for m in lossy])} within {error:.0f} dB of a perfect conductor", error
             )
-        return Assessment(True, f"dielectric {names([m.name for m in lossy])}", error)
+        # perfect conductors return more than the image has; by how much depends on the paths
+        return Assessment(True, f"dielectric {names([m.name for m in lossy])}", float("nan"))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -20,7 +20,6 @@ class LineScatterers(Effect):
     off_when = "the scene has no `radar_wire`"
     off_means = "no rod returns anything"
     rank = 136
-    cost = 0.34
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

@@ -24,7 +24,6 @@ class MaxDepth(Effect):
     off_when = "one bounce is proven, or the pilot finds no more"
     off_means = "no loop, no reflection, no virtual antenna"
     rank = 0
-    cost = 0.56
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "multi_bounce": "more than one hit; off leaves the loop and the reflection out",
     }
@@ -40,15 +39,16 @@ class MaxDepth(Effect):
         if asked:
             if proof and asked > 1:
                 return Assessment(False, f"asked for {asked}, but {proof}", -np.inf, 1)
-            error = context.pilot.energy_db(3, asked + 1) if context.pilot else float("nan")
-            return Assessment(asked > 1, "set by the user", error, asked, asked=True)
+            return Assessment(
+                asked > 1, "set by the user", 0.0 if asked > 1 else float("nan"), asked, asked=True
+            )
         if proof:
             return Assessment(False, proof, -np.inf, 1)
         if context.pilot is None:
             why = (
                 f"one bounce is not proven and the run is too short for a pilot: {DEFAULT_DEPTH} are followed"
             )
-            return Assessment(True, why, float("nan"), DEFAULT_DEPTH)
+            return Assessment(True, why, 0.0, DEFAULT_DEPTH)
         return _measured(context.pilot, context.tolerance_db)
 
     def flags(
@@ -62,9 +62,7 @@ class MaxDepth(Effect):
 
 def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
     """Fewest bounces after which what is left stays below the tolerance, two standard errors included."""
-    limit = pilot.cell_limit_db(tolerance_db)
     depth = pilot.enough(tolerance_db) or pilot.n_orders
-    error = max(pilot.energy_db(3, depth), pilot.cell_db(3, depth) + tolerance_db - limit)
     over = "clutter" if pilot.clutter > 0 else "peak"
     if depth == pilot.n_orders:
         why = f"bounce {depth}, the last that the pilot follows, still returns {pilot.energy_db(3, depth):.0f} dB"
@@ -80,6 +78,8 @@ def _measured(pilot: PilotResult, tolerance_db: float) -> Assessment:
             f"{_text(pilot.cell_db(3, depth))} over the {over}; beyond it "
             f"{_text(pilot.energy_db(3, depth + 1, upper=True))} at most and {_text(pilot.cell_db(3, depth + 1))}"
         )
+    # the last bounce holds at most all; where none is followed, the pilot's bound is of what is left out
+    error = 0.0 if depth > 1 else pilot.energy_db(3, 2, upper=True)
     return Assessment(depth > 1, why, error, depth, measured=True)
 
 

@@ -28,7 +28,7 @@ class MotionInPulse(Effect):
     off_when = "neither shifts an echo by more than the tolerance"
     off_means = "the antenna stands still at every pulse"
     rank = 138
-    cost = 0.07
+    at_key_pulses = False
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

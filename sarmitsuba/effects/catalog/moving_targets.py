@@ -20,7 +20,6 @@ class MovingTargets(Effect):
     off_when = "no shape moves"
     off_means = "all shapes at rest, as they stand at time zero"
     rank = 135
-    cost = 0.52
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "motion": "displacement and velocity of the face at every hit",
     }

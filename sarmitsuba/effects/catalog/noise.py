@@ -23,6 +23,7 @@ class Noise(Effect):
     off_when = "no noise temperature"
     off_means = "nothing is added"
     rank = 140
+    at_key_pulses = False
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

@@ -20,7 +20,6 @@ class Roughness(Effect):
     off_when = "every rms height takes less than the tolerance from the wave"
     off_means = "no exponentials"
     rank = 40
-    cost = 0.03
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "roughness": "coherent loss of rough surfaces: an exponential at every closing and reflection",
     }
@@ -38,7 +37,8 @@ class Roughness(Effect):
         rough = f"rms height up to {length(height)}"
         if error <= context.tolerance_db:
             return Assessment(False, f"{rough} takes {error:.0f} dB of the amplitude", error)
-        return Assessment(True, rough, error)
+        # what roughness takes may be more than what it leaves
+        return Assessment(True, rough, float("nan"))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

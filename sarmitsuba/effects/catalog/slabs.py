@@ -23,7 +23,6 @@ class Slabs(Effect):
     off_when = "no material has a thickness, or all are as good as half spaces"
     off_means = "Fresnel coefficients of half spaces"
     rank = 32
-    cost = 0.08
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "slabs": "reflection coefficients of slabs, coated or not, at faces that are some",
     }

@@ -26,7 +26,6 @@ class TemporalDecorrelation(Effect):
     off_when = "the first pass, or no material changes"
     off_means = "every pass sees the scatterers of the first"
     rank = 55
-    cost = 0.03
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "temporal": "random numbers of the scatterers mixed with those of their latest change",
     }

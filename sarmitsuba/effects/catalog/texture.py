@@ -35,7 +35,6 @@ class SurfaceTexture(Effect):
     off_when = "no material has a map or a texture"
     off_means = "even surfaces: no factor on the level, and of a map of materials the most frequent one"
     rank = 45
-    cost = 0.11
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "texture": "level, texture and material of the place where every scatterer stands",
     }

@@ -22,6 +22,7 @@ class Trajectory(Effect):
     off_when = "the track is straight"
     off_means = "the best straight line, for focusing too"
     rank = 130
+    at_key_pulses = False
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

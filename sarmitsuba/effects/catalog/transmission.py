@@ -21,7 +21,6 @@ class Transmission(Effect):
     off_when = "no slab lets waves through, or nothing lies behind one"
     off_means = "slabs block; one path per ray"
     rank = 34
-    cost = 0.47
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "transmission": "paths branch at panes, and ways home go through them",
     }

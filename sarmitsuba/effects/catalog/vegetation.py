@@ -19,7 +19,6 @@ class Vegetation(Effect):
     off_when = "no shape has a `radar_volume`"
     off_means = "bare ground: no volume returns or takes anything"
     rank = 137
-    cost = 0.4
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

@@ -29,18 +29,16 @@ class Visibility(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         if context.scene.has_sources and context.materials:
-            return Assessment(True, "the mesh can hide what no ray finds", 0.0)
+            return Assessment(True, "the mesh can hide what no ray finds", float("nan"))
         depth, edges = decided["max_depth"], decided["edge_diffraction"]
         if not depth.on and (depth.source == "fact" or not edges.on):
             return Assessment(False, "the antenna is visible from the first hit", -np.inf)
         if context.shape.open_sight:
             return Assessment(False, "no face stands between any other and the antenna", -np.inf)
         if not depth.on:
-            return Assessment(True, "edges can be hidden from the antenna", edges.error_db)
-        error = 0.0  # a hidden return may be as strong as any
-        if context.pilot is not None and context.pilot.total > 0:
-            error = context.pilot.energy_db(3, 2)
-        return Assessment(True, "later hits can be hidden from the antenna", error)
+            return Assessment(True, "edges can be hidden from the antenna", float("nan"))
+        # a hidden return may be stronger than all that are seen
+        return Assessment(True, "later hits can be hidden from the antenna", float("nan"))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]

@@ -26,7 +26,6 @@ class WaterMotion(Effect):
     off_when = "no surface is water under wind"
     off_means = "the waves stand still, as they are at time zero"
     rank = 136
-    cost = 0.1
     kernel_flags: ClassVar[Mapping[str, str]] = {
         "water_motion": "time and velocity of the scatterers of water under wind",
     }

@@ -83,7 +83,6 @@ class Wideband(Effect):
     off_when = "over the band no material changes by more than the tolerance, and B / f_c is below 0.11"
     off_means = "the carrier's amplitudes, permittivities and slabs at all frequencies"
     rank = 132
-    cost = 0.5  # of two frequencies, the fewest; a run with n traces n times
 
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""

@@ -17,7 +17,9 @@ from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, plain_xml, refuse_document_type, said
 from sarmitsuba.io.sicd_document import Axes, document, image_of
-from sarmitsuba.radar.collection import Collection
+from sarmitsuba.radar.collection import Collection, signal_facts
+from sarmitsuba.radar.flight import flight_facts
+from sarmitsuba.radar.radar import Radar
 
 C64 = NDArray[np.complex64]
 
@@ -33,11 +35,9 @@ def write_image(path: Path, image: SarImage) -> None:
     """
     sarkit = formats_package("sarkit.sicd", f"{path}: SICD files need")
     flight = Collection.read(image.metadata.get("focus", {}), str(path))
-    if image.grid.kind == "slant" and not flight.straight_and_level:
-        raise DataError(
-            f"{path}: the track is curved or climbs, and SICD has no grid for slant-range pixels then; focus the raw "
-            "data with --grid ground"
-        )
+    against = _without_grid(image.grid.kind, flight)
+    if against:
+        raise DataError(f"{path}: {against}")
     for channel in image.channels:
         target = path if len(image.channels) == 1 else path.with_name(f"{path.stem}_{channel}{path.suffix}")
         tree = document(image, channel, flight, target.stem)
@@ -55,6 +55,20 @@ def write_image(path: Path, image: SarImage) -> None:
             sarkit.NitfWriter(file, metadata) as writer,
         ):
             writer.write_image(pixels)
+
+
+def objection(radar: Radar, kind: str) -> str:
+    """Why an image on such a grid cannot be written, before it is made; empty where it can."""
+    return _without_grid(kind, Collection.read({**signal_facts(radar), **flight_facts(radar)}, "the radar"))
+
+
+def _without_grid(kind: str, flight: Collection) -> str:
+    if kind != "slant" or flight.straight_and_level:
+        return ""
+    return (
+        "the track is curved or climbs, and SICD has no grid for slant-range pixels then; set image_grid = ground in "
+        "the range_film (-D range_film.image_grid=ground), or focus the raw data with --grid ground"
+    )
 
 
 def baseband(pixels: C64, axes: Axes) -> C64:
@@ -112,7 +126,8 @@ FORMATS.register(
         write_image=write_image,
         read_image=read_image,
         per_channel=True,
+        objection=objection,
     )
 )
 
-__all__ = ["baseband", "read_image", "write_image"]
+__all__ = ["baseband", "objection", "read_image", "write_image"]

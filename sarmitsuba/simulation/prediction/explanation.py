@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.effects.plan import Decision, EffectsPlan
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.scene.scene import Scene
@@ -69,7 +69,7 @@ class Explanation:
         rows = [("effect", "", "if not", "cost", "why")]
         for d in plan.decisions:
             state = str(d.value) if d.value is not None else "on" if d.on else "off"
-            rows.append((d.name, state, _error(d.error_db), _cost(d.cost), d.why))
+            rows.append((d.name, state, _error(d), _cost(d.cost), d.why))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines = [
             "  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[4]])
@@ -80,9 +80,14 @@ class Explanation:
             0, f"{self.scene.name}: {self.scene.settings.method}, channels {', '.join(plan.flags.channels)}"
         )
         lines.append(
-            "if not: error of the image, relative to its clutter or peak, if the effect were switched the other way; "
-            "cost: the effect's share of the time of a run that calls for it"
+            "if not: change of the image were the effect switched the other way (max_depth: without its last bounce), "
+            "energy over that of the image; <= a bound, ? no bound is known, others measured"
         )
+        if any(d.measured for d in plan.decisions):
+            lines.append(
+                "cost: share of the simulation's processor time that the effect takes, or would take; measured, as the "
+                "changes are, on pulses traced with the effect and without it"
+            )
         if plan.pilot:
             p = plan.pilot
             lines.append(
@@ -105,7 +110,7 @@ def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
     predicted : off saves the prediction, which traces a part of the run
     """
     if predicted:
-        return Explanation(scene, *predict(scene))
+        return Explanation(scene, *predict(scene, both_ways=True))
     return Explanation(scene, plan_scene(scene), None)
 
 
@@ -120,14 +125,15 @@ def _prediction_text(prediction: Prediction) -> str:
     return f"{text}\nrefused: {prediction.refusal}" if prediction.refusal else text
 
 
-def _error(value_db: float) -> str:
-    if np.isnan(value_db):
+def _error(decision: Decision) -> str:
+    if np.isnan(decision.error_db):
         return "?"
-    return f"{round(value_db)} dB" if value_db > -200.0 else "none"  # never -0
+    bound = "" if decision.measured else "<= "
+    return f"{bound}{round(decision.error_db)} dB" if decision.error_db > -200.0 else "none"  # never -0
 
 
 def _cost(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.005 else "-"
+    return "-" if np.isnan(share) else f"{100 * share:.0f} %"
 
 
 __all__ = ["Explanation", "explain"]

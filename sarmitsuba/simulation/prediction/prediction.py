@@ -16,6 +16,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
+from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
 from sarmitsuba.simulation.run import Run
@@ -30,6 +31,8 @@ MEASURED_MEMORY = 1_000_000_000
 FOCUS_SHARE, FOCUS_PULSES = 16, 32
 # shorter times are taken again, at most so often, and the least counts: what disturbs them only makes them longer
 STEADY, TRIES = 0.2, 4
+# rays of blocks that are traced for their error alone: all blocks of a run of seconds
+SEAM_RAYS = 20_000_000
 # most that loading compiled kernels and making transforms ready takes at the first batch, s; more was compilation
 FIRST_USE = 0.06
 
@@ -99,28 +102,35 @@ class _Traced:
     statistics : of the whole run
     interval : pulses that share one tracing
     error_db : that this makes against tracing every pulse
+    seams : places where blocks meet that it was measured at, and all there are
     """
 
     seconds: Mapping[str, float]
     statistics: TraceStatistics
     interval: int
     error_db: float
+    seams: tuple[int, int]
 
 
 def predict(
-    scene: Scene, *, plan: EffectsPlan | None = None, clock: Clock = time.perf_counter
+    scene: Scene,
+    *,
+    plan: EffectsPlan | None = None,
+    both_ways: bool = False,
+    clock: Clock = time.perf_counter,
 ) -> tuple[EffectsPlan, Prediction]:
     """Plan a scene and predict what simulating and focusing it takes.
 
     What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
     ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced, which
-    compiles its kernels, so that the run then finds them compiled, and measures their error; one of them again, and a
-    sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
+    compiles its kernels, so that the run then finds them compiled; one of them again, others for the error of blocks,
+    and a sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
 
     Parameters
     ----------
     scene : as loaded
     plan : overrides the automatic effects plan
+    both_ways : also measure what every effect changes and takes
     clock : what seconds are; ``time.process_time`` predicts processor seconds of all threads
 
     Notes
@@ -132,6 +142,8 @@ def predict(
     seconds, planned, needs = dict(run.timer.seconds), run.plan, run.needs()
     memory = needs.memory
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
+        if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
+            planned = measured_both_ways(run, scene, needs.key_pulses)
         return planned, Prediction.of(needs)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
@@ -145,8 +157,10 @@ def predict(
         for stage, value in traced.seconds.items():
             seconds[stage] = seconds.get(stage, 0.0) + value
         stats, interval = traced.statistics, traced.interval
+        if both_ways:
+            planned = measured_both_ways(run, scene, stats.key_pulses)
         planned = planned.with_key_pulses(
-            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0
+            interval, traced.error_db, run.scene.settings.key_pulse_interval > 0, traced.seams
         )
     if run.scene.points:
         seconds["points"] = _points_seconds(run, clock)
@@ -204,14 +218,15 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
 
     stages = _steady(batch)
     more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
-    whole = stats.scaled(more / done)
+    whole = replace(stats.scaled(more / done), key_pulses=round(stats.key_pulses / done))
     layers = len(data) / len(lattices)
     speed = SpeedModel.measured(Work(rays=stats.rays, samples=layers * data[0].size * done), stages)
     predicted = speed.stages(Work(rays=stats.rays * more / done, samples=data.size))
     seconds |= {stage: predicted[stage] for stage in stages}
     batches = settled.rays / max(stats.rays, 1)
     seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
-    return _Traced(seconds, whole, blocks.interval, blocks.error_db)
+    seams = blocks.survey(SEAM_RAYS)
+    return _Traced(seconds, whole, blocks.interval, blocks.error_db, seams)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:
