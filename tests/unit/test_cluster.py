@@ -234,3 +234,27 @@ def test_tiles_of_a_crew_are_the_backprojection(kind: str) -> None:
     np.testing.assert_array_equal(shared.focus(task).pixels, alone)
     assert np.ptp(np.abs(alone)) > 0.0 and alone[0].size > 3 * 1500
     assert shared.options == Backprojection("kernel:4").options
+
+
+def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
+    """Workers of this machine listen on the loopback address alone, to who holds the run's certificate; no pages."""
+    import urllib.error
+    import urllib.request
+
+    from distributed import Client
+    from distributed.security import Security
+
+    from sarmitsuba.cluster.crew import crew_of as started
+
+    with started(ClusterAddress.parse("local:1")) as crew:
+        address = crew.client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        for stranger in (
+            {"address": address.replace("tls://", "tcp://")},
+            {"address": address, "security": Security.temporary()},
+        ):
+            with pytest.raises(OSError):
+                Client(**stranger, timeout=3)
+        pages = crew.client.cluster.scheduler.http_server.port
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://127.0.0.1:{pages}/info/main/workers.html")
