@@ -162,8 +162,10 @@ def automatic_areas(
         for cell, step in zip(cells, (grid.azimuth_spacing, grid.range_spacing), strict=True)
     ]
     rows, columns = (n // p for n, p in zip(grid.shape, piece, strict=True))
-    means = block_means(sigma0, (piece[0], piece[1]))
     n = round(_EDGE / _PIECE)
+    if min(rows, columns) < n:
+        return ()
+    means = block_means(sigma0, (piece[0], piece[1]))
     middle = float(np.median(means))
     taken = np.zeros(means.shape, dtype=bool)
     for azimuth, range_ in points:

@@ -235,7 +235,7 @@ def branched(
         fields=_behind(before.fields, d, n, factors),
         crossed=before.crossed + 1,
     )
-    waits = goes & mirrored.active
+    waits = goes & mirrored.active & (waiting.count < MOST_PANES)
     for memory, array in zip(waiting.memory, _arrays(mirrored), strict=True):
         memory.write(array, waiting.count, active=waits)
     count = waiting.count + dr.select(waits, mi.UInt32(1), 0)
