@@ -221,6 +221,46 @@ def test_pulses_too_few_for_the_aperture_fold_over_as_they_do_in_backprojection(
     assert "omega_k" in check(radar, grid)
 
 
+def short(seed: int) -> tuple[Radar, ImageGrid, str]:
+    """Pixels' own apertures of a time-bandwidth product of 4 to 20: some twenty pulses, in a tapered window."""
+    rng = np.random.default_rng([78, seed])
+    cell = float(rng.uniform(1.5, 3.0))
+    product = float(rng.uniform(4.0, 20.0))
+    radar, grid = at(
+        float(rng.uniform(-30.0, 30.0)) * cell,
+        cell=cell,
+        size=50.0,
+        kind=("slant", "ground")[rng.integers(2)],
+        center_frequency=9.65e9,
+        slant_range=max(product * 2.0 * cell**2 / 0.0311, 900.0),
+        squint_angle_deg=float(rng.uniform(-15.0, 15.0)) * rng.integers(2),
+        antenna_length=float(rng.uniform(1.1, 2.0)) * cell,
+        antenna_height=0.3,
+    )
+    return radar, grid, ("hamming", "hann", "taylor", "rectangular")[rng.integers(4)]
+
+
+@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("window", ["hamming", "rectangular"])
+def test_apertures_of_few_pulses_keep_the_stated_error(window: str) -> None:
+    """A window bends so much within such an aperture that stationary phase to second order misses its level."""
+    beam = {"antenna_length": 3.0, "antenna_height": 0.3, "look_angle_deg": 35.0}
+    radar, grid = at(0.0, cell=2.5, size=53.0, center_frequency=9.65e9, slant_range=3e3, prf=108.33, **beam)
+    assert 2.0 * radar.half_aperture * 3e3 / (100.0 / 108.33) < 25.0
+    assert "omega_k" in check(radar, grid, window)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(SAID, "ignore:RadarDescription:sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("seed", range(12))
+def test_drawn_apertures_of_few_pulses(seed: int) -> None:
+    try:
+        radar, grid, window = short(seed)
+    except SarmitsubaError as refused:
+        pytest.skip(str(refused))
+    check(radar, grid, window, seed)
+
+
 def test_the_choice_keeps_the_wanted_error_along_the_strip() -> None:
     radar, grid = at(150.0, size=90.0)
     raw = ideal_echoes(radar, grid.positions()[grid.shape[0] // 2, grid.shape[1] // 2])

@@ -26,6 +26,10 @@ _NODES = 4097
 # the tails of the aperture's ends, without their phase, are tabulated up to this argument with as many nodes to one;
 # they fall as its inverse from there on
 _FAR, _FINE = 32.0, 64
+# time-bandwidth product of the aperture up to which the orders that the law leaves out are added: -70 dB beyond
+_FEW = 100.0
+# half of the band at which they are tabulated, over half the aperture; it is part of a period of so many more
+_WIDE, _PERIOD = 4, 4
 # largest sine that an aperture reaches
 _STEEPEST = 0.999
 
@@ -78,6 +82,62 @@ class _End:
 
 
 @dataclass(frozen=True, eq=False)
+class _Table:
+    """Values at equidistant sines, linear between them and zero beyond."""
+
+    first: float
+    step: float
+    value: C64
+
+    def add(self, out: C64, sine: F64) -> None:
+        """Add the values at sines to ``out``."""
+        place = (sine - self.first) * (1.0 / self.step)
+        place = np.clip(place, 0.0, self.value.size - 1.001)
+        node = place.astype(np.int32)
+        low = self.value[node]
+        out += low + (place - node).astype(np.float32) * (self.value[node + 1] - low)
+
+
+def _higher_orders(weight: F64, bend: F64, slopes: tuple[float, float], sines: F64, spread: float) -> _Table:
+    r"""What the law leaves out of a short aperture's spectrum, :math:`e^{j D \partial^2 / 2} w` less the law's own.
+
+    The ends' straight line has the law's tails exactly; the rest vanishes at the ends and is transformed numerically,
+    and the law's tail of its slope there is taken off.
+
+    Parameters
+    ----------
+    weight, bend : (n,) float64 at ``sines``, w and w''
+    slopes : of the weight at both ends, outwards
+    sines : (n,) equidistant, over the aperture
+    spread : D, :math:`\cos^3\theta / k \rho` in the aperture's middle
+    """
+    n, step = sines.size, float(sines[1] - sines[0])
+    line = (weight[-1] - weight[0]) / (sines[-1] - sines[0])
+    rest = weight - weight[0] - line * (sines - sines[0])
+    beside = (_WIDE - 1) * (n - 1) // 2
+    size = _WIDE * _PERIOD * (n - 1)
+    padded = np.zeros(size, dtype=np.complex128)
+    padded[beside : beside + n] = rest
+    kappa = 2.0 * np.pi * np.fft.fftfreq(size, step)
+    spectrum = np.fft.fft(padded) * np.exp(-0.5j * spread * kappa**2)
+    # what leaves the period would come back from its other end
+    spectrum[np.abs(spread * kappa) > 0.5 * size * step] = 0.0
+    value = np.fft.ifft(spectrum)[: n + 2 * beside]
+    value[beside : beside + n] -= rest + 0.5j * spread * bend
+    place = sines[0] + step * (np.arange(value.size) - beside)
+    unit = np.sqrt(np.pi * spread)
+    for end, sign, slope in ((sines[0], -1.0, slopes[0] + line), (sines[-1], 1.0, slopes[1] - line)):
+        beyond = sign * (place - end) / unit
+        v = np.abs(beyond)
+        s, c = fresnel(v)
+        tail = 0.5 - (c + 1j * s) / (1.0 + 1j)
+        kink = 1j / (np.pi * (1.0 + 1j)) * np.exp(0.5j * np.pi * v**2)
+        value -= slope * unit * (v * tail - kink)
+    value[[0, -1]] = 0.0
+    return _Table(float(place[0]), step, value.astype(np.complex64))
+
+
+@dataclass(frozen=True, eq=False)
 class ApertureFilter:
     r"""Spectrum of a pixel's weights over the pulses, without the chirp's own, by stationary phase to second order.
 
@@ -103,6 +163,7 @@ class ApertureFilter:
     weight : (n,) complex64, H within the aperture at these
     ends : of the aperture, none where all pulses serve all pixels
     rho : m, range of closest approach
+    higher : what both leave out of apertures of a small time-bandwidth product, where it counts; at k_c
 
     Notes
     -----
@@ -113,6 +174,7 @@ class ApertureFilter:
     weight: C64
     ends: tuple[_End, ...]
     rho: float
+    higher: _Table | None = None
 
     def __call__(self, kx: F64, k: F64, ky: F64) -> C64:
         """H (rows, count) at kx (rows, 1), k (count,) and ky (rows, count), rad/m."""
@@ -126,6 +188,8 @@ class ApertureFilter:
             out[end.sign * (end.sine - sine) <= 0.0] = 0.0
         for end in self.ends:
             end.add(out, kx, k, ky, self.rho)
+        if self.higher is not None:
+            self.higher.add(out, sine)
         return np.asarray(out)
 
 
@@ -152,7 +216,11 @@ def aperture_filter(
         level, outwards = weight[index], sign * slope[index] * unit
         ends.append(_End.of(float(nodes[index]), sign, level, outwards, geometry.spacing))
     full = weight + 0.5j * bend * (1.0 - nodes**2) ** 1.5 / (k * rho)
-    return ApertureFilter(nodes, full.astype(np.complex64), tuple(ends), rho)
+    higher = None
+    if own and 2.0 * half**2 * k * rho / np.pi < _FEW:
+        spread = float((1.0 - middle**2) ** 1.5 / (k * rho))
+        higher = _higher_orders(weight, bend, (-slope[0], slope[-1]), nodes, spread)
+    return ApertureFilter(nodes, full.astype(np.complex64), tuple(ends), rho, higher)
 
 
 __all__ = ["ApertureFilter", "aperture_filter"]
