@@ -103,7 +103,8 @@ def build_radar(
     box = image_box(image, scene)
     half_aperture = np.inf
     if track is None:
-        faded = faded_box(box, scene, image.fade_out(max(cells)), all_round=MODES[s.mode].all_round)
+        width, all_round = image.fade_out(max(cells)), MODES[s.mode].all_round
+        faded = faded_box(box, scene, width, cells[0], all_round=all_round)
         path = MODES[s.mode].path(geometry, s.speed) if orbit is None else orbit[1]
         track, half_aperture = automatic_track(given, geometry, box, faded, waveform, antenna, path)
     track, geometry = parallel_pass(given, track, geometry)

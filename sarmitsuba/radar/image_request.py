@@ -16,6 +16,8 @@ MAX_PIXELS = 2**30  # of one image plane: 8 GiB
 MAX_CELLS = 2048  # where automatic extents stop unless told: an image of 4096 x 4096 pixels at half a cell
 # automatic margin on every side: for side lobes of what is small, and about what fills many cells itself
 _MARGIN_CELLS, _NARROW_MARGIN_CELLS = 16, 4
+# azimuth cells by which ghosts of what fades out beyond the image stay clear of it, so that only side lobes reach in
+_SKIRT_CELLS = 8.0
 
 
 @dataclass(frozen=True)
@@ -171,16 +173,21 @@ def _check_pixels(image: ImageRequest, where: str, cells: tuple[float, float]) -
         )
 
 
-def faded_box(box: Box, scene: Box, width: float, *, all_round: bool) -> Box:
+def faded_box(box: Box, scene: Box, width: float, cell: float, *, all_round: bool) -> Box:
     """The image's box, made as long as the farthest that a pixel can be from what fades out beyond the image.
+
+    A few cells longer, so that the main lobes of ghosts stay out of it and not only their peaks.
 
     Parameters
     ----------
     box, scene : of the image and of all geometry, in the same axes
     width : of the fade-out, m
+    cell : m, azimuth resolution
     all_round : the image is seen from every side, not only along the track
     """
-    beyond = np.clip(np.maximum(box.low - scene.low, scene.high - box.high), 0.0, width)
+    skirt = _SKIRT_CELLS * cell
+    farthest = np.maximum(box.low - scene.low, scene.high - box.high)
+    beyond = np.clip(farthest + skirt, 0.0, width + skirt)
     return replace(box, high=box.high + beyond * [1.0, float(all_round), 0.0])
 
 

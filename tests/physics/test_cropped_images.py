@@ -260,6 +260,75 @@ def test_ground_lit_for_a_mover_beside_the_image_is_said_to_fold(seed: int) -> N
             assert check_folding(raised, launch_windows(raised)) == []
 
 
+def cropped_spotlight(seed: int, **changes: object) -> tuple[Scene, F64, float]:
+    """A drawn small image seen by all pulses alike, and a point on its fade-out along the track; its place, its share.
+
+    Seed 0 is an image of 22.5 cells whose ghost's peak lay a third of a cell outside it.
+    """
+    rng = np.random.default_rng([seed, 45])
+    drawn_cells = (float(rng.uniform(12.0, 40.0)), float(rng.uniform(0.05, 0.95)))
+    cells, beyond = drawn_cells if seed else (22.5, 0.717)
+    heading = float(rng.uniform(0.0, 360.0)) if seed else 129.0
+    side = ("left", "right")[rng.integers(2)] if seed else "left"
+    h, azimuth = np.radians(heading), 1.5
+    along = np.array([np.sin(h), np.cos(h), 0.0]) * (rng.choice([-1.0, 1.0]) if seed else 1.0)
+    extent = cells * azimuth
+    radar = RadarDescription(
+        mode="spotlight",
+        center_frequency=1.3e9,
+        bandwidth=120e6,
+        slant_range=3000.0,
+        look_angle_deg=35.0,
+        heading_deg=heading,
+        look_side=side,
+        azimuth_resolution=azimuth,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    place = (0.5 * extent + beyond * 10.0 * azimuth) * along
+    points = [PointTarget("in", np.zeros(3), 1e-3), PointTarget("beside", place, 1000.0)]
+    scene = build_scene(points=points, radar=replace(radar, **changes), film=film(extent))
+    return scene, place, float(0.5 + 0.5 * np.cos(np.pi * beyond))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_main_lobe_of_a_ghost_stays_out_of_a_small_image(seed: int) -> None:
+    """The far edge shows the side lobes that the bare sum over four times the pulses shows, and no main lobe."""
+    scene, place, share = cropped_spotlight(seed)
+    dense = denser(scene.radar)
+    echoes = ideal_echoes(dense, np.stack([np.zeros(3), place]), np.array([1e-3, 1000.0 * share**2]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SarmitsubaWarning)  # nothing folds, nothing is said
+        raw = simulate(scene)
+    images = [focus(data, request=scene.image, focuser="backprojection").total() for data in (raw, echoes)]
+    rows = slice(0, 6) if place @ scene.radar.track.along > 0.0 else slice(-6, None)
+    error = float(np.abs(images[0][rows] - images[1][rows]).max() ** 2)
+    # tol: side lobes of the ghost, eight cells off and more, against the point's own power
+    assert error < 10.0**-3.3 * 1000.0 * share**2 + 1e-6, 10.0 * np.log10(error / (1000.0 * share**2))
+
+
+def test_a_ghost_that_peaks_outside_is_named_where_its_main_lobe_reaches_in() -> None:
+    said = {}
+    scene, place, _ = cropped_spotlight(0)
+    speed, wavelength = np.linalg.norm(scene.radar.track.velocity[0]), scene.radar.waveform.wavelength
+    for outside in (0.3, 6.0):  # cells from the far edge to the ghost's peak
+        apart = float(np.linalg.norm(place)) + 0.5 * scene.image.extent_azimuth + 1.5 * outside
+        prf = float(2.0 * speed * apart / (wavelength * 3000.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            low, _, _ = cropped_spotlight(0, prf=prf)
+            raw = simulate(low)
+        said[outside] = [note for note in raw.metadata["notes"] if "leaves a ghost" in note]
+        if outside == 0.3:
+            image = focus(raw, range_window="rectangular", azimuth_window="rectangular").rcs()
+            rows = image[:8] if place @ low.radar.track.along > 0.0 else image[-8:]
+            (text,) = said[outside]
+            told = float(text.split("ghost of about ")[1].split(" dBsm")[0])
+            assert told == pytest.approx(10.0 * np.log10(rows.max()), abs=2.0)  # tol: pixels
+    assert not said[6.0]
+
+
 def test_an_image_beside_all_points_is_refused() -> None:
     radar, along, _, _ = drawn(0)
     scene = build_scene(points=[PointTarget("aim", np.zeros(3))], radar=radar, film=film(40.0))

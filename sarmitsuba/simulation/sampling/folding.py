@@ -13,6 +13,7 @@ from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.points import point_history
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
+from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]
@@ -25,6 +26,8 @@ _MOST_POINTS, _ORDERS = 16, 3
 _MOST_TERMS = 4_000_000
 # resolution cells that a ghost's peak is looked for about its predicted place, azimuth and range
 _SEARCH = (6.0, 3.0)
+# azimuth cells beside the image within which the main lobe of a ghost, however weighted, reaches into it
+_MAIN_LOBE = 2.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,10 @@ def _of_points(scene: Scene, speed: float) -> list[str]:
 def _ghost(
     scene: Scene, point: PointTarget, history: tuple[F64, F64], order: int, speed: float
 ) -> list[_Ghost]:
-    """The ghost of an order, where the image holds it; ``history`` is the point's slant range (m) and its rate."""
+    """The ghost of an order whose main lobe the image holds, whole or in part.
+
+    ``history`` is the point's slant range (m) and its rate.
+    """
     radar, track, image = scene.radar, scene.radar.track, scene.image
     distance, rate = history
     step = order * radar.waveform.wavelength * track.prf / (2.0 * speed)
@@ -117,8 +123,8 @@ def _ghost(
         return []
     place = antenna + float(distance[pulse]) * at * track.along + np.sqrt(across2) * radar.across
     place[2] = image.height
-    beside = (place - _middle(scene)) @ np.stack([track.along, radar.across], axis=1)
-    if (np.abs(beside) > 0.5 * np.array([image.extent_azimuth, image.extent_range])).any():
+    lobe = np.array([_MAIN_LOBE * azimuth_cell(scene), 0.0])
+    if (_beside(scene, place) > lobe).any():
         return []
     return [_Ghost(point.rcs * _level(scene, point, distance, place), float(distance[pulse] * step))]
 
@@ -129,7 +135,7 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
     .. math:: \left| \frac{\sum_t g_t \,\mathrm{sinc}((r_t - R_t) / \delta_r) e^{j 4 \pi (r_t - R_t) / \lambda}}
               {\sum_t g_t} \right|^2
 
-    over the pulses of the place's own aperture, r_t its slant range and R_t the point's.
+    over the pulses of the place's own aperture, r_t its slant range and R_t the point's; in the image only.
     """
     radar, track = scene.radar, scene.radar.track
     wavelength, cell = radar.waveform.wavelength, radar.waveform.range_cell
@@ -149,6 +155,7 @@ def _level(scene: Scene, point: PointTarget, distance: F64, place: F64) -> float
     places = (
         place + azimuth * along.reshape(-1, 1) * track.along + ground * across.reshape(-1, 1) * radar.across
     )
+    places = places[(_beside(scene, places) <= 0.0).all(axis=1)]
     best, batch = 0.0, max(1, _MOST_TERMS // track.n_pulses)
     for start in range(0, len(places), batch):
         r = np.linalg.norm(places[start : start + batch, None] - track.position[mask], axis=2)
@@ -178,6 +185,13 @@ def _of_windows(scene: Scene, windows: tuple[LaunchWindow, ...], apart: float, b
         f"image, and those farther than {apart - 2.0 * half:.4g} m fold into it at their full level at prf = "
         f"{track.prf:.6g} Hz; raise prf to {min(needed, beam):.4g} Hz, or enlarge the image"
     ]
+
+
+def _beside(scene: Scene, places: F64) -> F64:
+    """How far places (..., 3) of the image plane lie beyond its edges along and across the track, (..., 2) m."""
+    axes = np.stack([scene.radar.track.along, scene.radar.across], axis=1)
+    half = 0.5 * np.array([scene.image.extent_azimuth, scene.image.extent_range])
+    return np.asarray(np.abs((places - _middle(scene)) @ axes) - half)
 
 
 def _middle(scene: Scene) -> F64:
