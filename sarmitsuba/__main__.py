@@ -3,6 +3,8 @@
 import os
 import signal
 import sys
+import threading
+from collections.abc import Callable
 from types import FrameType
 
 from sarmitsuba.unfinished import remove_unfinished
@@ -23,8 +25,9 @@ def main() -> int:
     started = os.getpid()
 
     def end(number: int, frame: FrameType | None) -> None:
-        for each in _ENDS:
-            signal.signal(each, signal.SIG_IGN)
+        if threading.current_thread() is threading.main_thread():
+            for each in _ENDS:
+                signal.signal(each, signal.SIG_IGN)
         said, status = _ENDS[signal.Signals(number)]
         if os.getpid() == started:  # a forked reader has no files of its own
             remove_unfinished()
@@ -37,13 +40,30 @@ def main() -> int:
             signal.getsignal(number) is not signal.SIG_IGN
         ):  # as `nohup` and background jobs of a shell have it
             signal.signal(number, end)
+    _watch(end)
     from sarmitsuba import cli
 
     status = cli.main()
     # all is written: a signal while the interpreter takes itself down would crash it
     for number in _ENDS:
         signal.signal(number, signal.SIG_IGN)
+    signal.set_wakeup_fd(-1)
     return status
+
+
+def _watch(end: Callable[[int, FrameType | None], None]) -> None:
+    """Act on a signal while the main thread is in a kernel of minutes, where Python calls no handler."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    started = os.getpid()
+
+    def wait() -> None:
+        for byte in iter(lambda: os.read(read, 1), b""):
+            if byte[0] in [int(number) for number in _ENDS] and os.getpid() == started:
+                end(byte[0], None)
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
 def _say(text: str) -> None:

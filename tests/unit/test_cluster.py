@@ -254,7 +254,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
             {"address": address, "security": Security.temporary()},
         ):
             with pytest.raises(OSError):
-                Client(**stranger, timeout=3)
+                Client(**stranger)
         pages = crew.client.cluster.scheduler.http_server.port
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"http://127.0.0.1:{pages}/info/main/workers.html")
