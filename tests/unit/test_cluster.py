@@ -241,6 +241,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
     import urllib.error
     import urllib.request
 
+    import dask
     from distributed import Client
     from distributed.security import Security
 
@@ -253,7 +254,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
             {"address": address.replace("tls://", "tcp://")},
             {"address": address, "security": Security.temporary()},
         ):
-            with pytest.raises(OSError):
+            with dask.config.set({"distributed.comm.timeouts.connect": "3s"}), pytest.raises(OSError):
                 Client(**stranger)
         pages = crew.client.cluster.scheduler.http_server.port
         with pytest.raises(urllib.error.HTTPError, match="404"):
