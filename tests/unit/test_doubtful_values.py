@@ -172,7 +172,8 @@ def test_predicted_azimuth_ghosts_are_there(mode: str, apart: float) -> None:
     assert float(line.split("azimuth ghosts ")[1].split(" m")[0]) == pytest.approx(
         apart, rel=0.01
     )  # tol: cosines
-    raw = simulate(scene)
+    with pytest.warns(SarmitsubaWarning, match="leaves a ghost"):
+        raw = simulate(scene)
     assert isinstance(raw, RawData)
     image = focus(raw, azimuth_window="taylor", range_window="taylor")
     power = image.rcs().sum(axis=1)
