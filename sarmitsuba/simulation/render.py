@@ -76,12 +76,14 @@ def render(
     if seed is not None:
         settings = replace(settings, seed=seed)
     run = Run(replace(scene, settings=settings), plan=plan, clock=clock)
+    one_look = name in ("image", "raster")
+    # what it refuses comes before what the run would take
+    imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window) if one_look else None
     run.needs(grid).check()
     if ready:
         ready(run)
     report = progress or silent
-    if name in ("image", "raster"):
-        imager = Imager(run, grid, range_window=range_window, azimuth_window=azimuth_window)
+    if imager is not None:
         image = imager.image(pass_index) if name == "image" else imager.raster()
         report(name, 1.0, 1.0, {})
         return image

@@ -178,13 +178,13 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
         assert studio.saved is not None and studio.saved.name == "plate_1.xml"
         assert studio.saved.read_text() == scene_xml(studio.view.state)
         studio.controls["frequency"].value = next(
-            o for o in studio.controls["frequency"].options if o.startswith("L,")
+            o for o in studio.controls["frequency"].options if o.startswith("C,")
         )
         turns = iter(range(400))
         studio.serve(
-            lambda: next(turns, None) is None or _has(studio, {"frequency": 1.2575e9}), patience=0.05
+            lambda: next(turns, None) is None or _has(studio, {"frequency": 5.405e9}), patience=0.05
         )
-        assert _has(studio, {"frequency": 1.2575e9})
+        assert _has(studio, {"frequency": 5.405e9})
     finally:
         studio.close()
 
