@@ -403,7 +403,7 @@ class Cell:
 
 def columns() -> tuple[str, ...]:
     """Focusers, the choice among them, and the methods that have none."""
-    return (*FOCUSERS.names, "auto", *(m for m in METHODS if m not in FROM_ECHOES))
+    return (*FOCUSERS.own_names, "auto", *(m for m in METHODS if m not in FROM_ECHOES))
 
 
 def cells_of(draw: Draw, only: Sequence[str] = ()) -> Iterator[Cell]:

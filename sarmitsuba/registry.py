@@ -109,6 +109,11 @@ class Registry(Generic[T]):
         self._load()
         return tuple(self._entries)
 
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Names of the entries that come with the program, not with a user's module."""
+        return tuple(name for name in self.names if self._owners[name].startswith("sarmitsuba."))
+
     def _load(self) -> None:
         if self._loaded:
             return

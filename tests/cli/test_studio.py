@@ -181,9 +181,7 @@ def test_page_is_served_here_only_and_its_sliders_simulate(tmp_path: Path) -> No
             o for o in studio.controls["frequency"].options if o.startswith("C,")
         )
         turns = iter(range(400))
-        studio.serve(
-            lambda: next(turns, None) is None or _has(studio, {"frequency": 5.405e9}), patience=0.05
-        )
+        studio.serve(lambda: next(turns, None) is None or _has(studio, {"frequency": 5.405e9}), patience=0.05)
         assert _has(studio, {"frequency": 5.405e9})
     finally:
         studio.close()

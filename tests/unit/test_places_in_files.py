@@ -187,7 +187,7 @@ IMAGES: dict[str, Callable[[Path, SarImage], Place]] = {
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_point_is_at_its_place_in_every_image_format(seed: int, tmp_path: Path) -> None:
     _, image, truth = drawn(seed)
-    formats = [entry for entry in FORMATS if entry.write_image]
+    formats = [entry for entry in FORMATS if entry.write_image and entry.name in FORMATS.own_names]
     assert {entry.name for entry in formats} == set(IMAGES)  # a new format needs a reader here
     for entry in formats:
         path = tmp_path / f"point{entry.suffixes[0]}"
@@ -248,7 +248,7 @@ RAW: dict[str, Callable[[Path, RawData, F64], F64]] = {"hdf5": raw_of_hdf5, "cph
 def test_a_point_is_at_its_place_in_every_format_of_raw_data(seed: int, tmp_path: Path) -> None:
     raw, image, truth = drawn(seed)
     rng = np.random.default_rng([seed, 8])
-    formats = [entry for entry in FORMATS if entry.write_raw]
+    formats = [entry for entry in FORMATS if entry.write_raw and entry.name in FORMATS.own_names]
     assert {entry.name for entry in formats} == set(RAW)  # a new format needs a reader here
     for entry in formats:
         path = tmp_path / f"point{entry.suffixes[0]}"
