@@ -147,8 +147,6 @@ def test_normal_incidence_needs_no_plane(row) -> None:
 
 
 @pytest.mark.xfail(reason="one chain of a corner alone may have the weight 0: the sum of both holds, see test_corners")
-    reason="of the two chains of a corner one may have the weight 0: the sum of both is what holds, see test_corners"
-)
 def test_grazing_double_bounce(row) -> None:
     """Concrete ground at 80 to 89.9 degrees in front of a metal wall: ground-wall bounce over direct return.
 
