@@ -146,7 +146,9 @@ def test_normal_incidence_needs_no_plane(row) -> None:
     np.testing.assert_allclose(np.abs(amplitude / metal), float(reflection), rtol=1e-5)  # tol: float32
 
 
-@pytest.mark.xfail(reason="one chain of a corner alone may have the weight 0: the sum of both holds, see test_corners")
+@pytest.mark.xfail(
+    reason="one chain of a corner alone may have the weight 0: the sum of both holds, see test_corners"
+)
 def test_grazing_double_bounce(row) -> None:
     """Concrete ground at 80 to 89.9 degrees in front of a metal wall: ground-wall bounce over direct return.
 
