@@ -124,9 +124,8 @@ def examine(
     if not wanted and (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape)):
         return known
     draft = plan_effects(scene, shape=shape, warn=False)
-    # at panes every bounce may part a path in two: twice the bounces are a thousand times the paths
-    result, orders, most = None, ORDERS, ORDERS if draft.flags.transmission else MOST_ORDERS
-    while result is None or (orders <= most and not result.settled(scene.settings.tolerance_db)):
+    result, orders = None, ORDERS
+    while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)
         orders *= 2
     # of a run too short for a pilot it says only whether the bounces followed without one are enough

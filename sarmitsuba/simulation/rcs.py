@@ -288,9 +288,7 @@ def monostatic_rcs(
     amplitude, alive = traced(every, depth, keep_orders, progress)
     if alive.any() and not max_depth:
         few = probed(alive)
-        # at panes every bounce may part a path in two: twice the bounces are a thousand times the paths
-        most = depth if flags.transmission else MOST_DEPTH
-        left = BouncesLeft.of(lambda n: traced(few, n, True, silent)[0], depth, most=most)
+        left = BouncesLeft.of(lambda n: traced(few, n, True, silent)[0], depth)
         if left.depth > depth:
             depth = left.depth
             amplitude, alive = traced(every, depth, keep_orders, progress)

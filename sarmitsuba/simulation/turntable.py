@@ -32,7 +32,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
 from sarmitsuba.simulation.points import off_surfaces, visible
-from sarmitsuba.simulation.rcs import MOST_DEPTH, BouncesLeft, RcsResult, monostatic_rcs, probed
+from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
 from sarmitsuba.trace.edges import FringeCurrents, edges_of
@@ -249,7 +249,6 @@ class _Tracing:
             lambda depth: dataclasses.replace(quiet, depth=depth).amplitudes(some, 0).amplitude,
             self.depth,
             self.scene.settings.tolerance_db,
-            self.depth if self.flags.transmission else MOST_DEPTH,
         )
 
     def errors(self, aspects: Aspects, amplitude: C128, checked: int) -> tuple[float, ...]:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # panes that a path may go through on its way to its last hit; on the way home there is no bound
 MOST_PANES = 6
+# power over that at launch down to which both parts of a path that parts at a pane are followed
+LEAST_POWER = 1e-12
 
 
 def blocked(
@@ -193,7 +195,9 @@ class Waiting:
     def none(ray: RayState) -> Waiting:
         """Room for the paths of rays like this one."""
         memory = [dr.alloc_local(type(x), MOST_PANES, value=dr.zeros(type(x))) for x in _arrays(ray)]
-        return Waiting(memory, mi.UInt32(0), mi.UInt32(0))
+        # one number per lane from the start: a single one would have all lanes write and read where the first does
+        count = dr.zeros(mi.UInt32, dr.width(ray.active))
+        return Waiting(memory, count, mi.UInt32(0))
 
 
 def branched(
@@ -210,14 +214,16 @@ def branched(
 
     Notes
     -----
-    Ignores what goes through after ``MOST_PANES`` panes. A tube is not cut at a pane's rim, as at that of a shadow: it
+    Ignores what goes through after ``MOST_PANES`` panes, and parts of a path below ``LEAST_POWER``, but for the mirrored
+    one where both are: without it, paths in a room of panes are as many as sets of its bounces. A tube is not cut at a pane's rim, as at that of a shadow: it
     goes through or not as its ray does.
     """
     assert before.crossed is not None and hit.slab is not None
     slabs, clearance = _slabs(kernel), kernel.constants.clearance
-    goes = hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_PANES)
     d, n = hit.direction, hit.normal
     factors = slab_factors(hit.properties, hit.slab, d, n, hit.behind)
+    passed = _behind(before.fields, d, n, factors)
+    goes = hit.met & (hit.slab.z > 0.5) & (before.crossed < MOST_PANES) & (_power(passed) > LEAST_POWER)
     step = mi.Vector3d(_shift(factors, d, n) / kernel.constants.wavenumber)
     along_ray = dr.dot(step, hit.direction64)
     aside = mi.Vector3f(step - hit.direction64 * along_ray)
@@ -232,10 +238,10 @@ def branched(
         virtual_antenna=before.virtual_antenna + step,
         virtual_receiver=None if receiver is None else receiver + step,
         spread=None if spread is None else replace(spread, start=spread.start - along_ray),
-        fields=_behind(before.fields, d, n, factors),
+        fields=passed,
         crossed=before.crossed + 1,
     )
-    waits = goes & mirrored.active & (waiting.count < MOST_PANES)
+    waits = goes & mirrored.active & (_power(mirrored.fields) > LEAST_POWER)
     for memory, array in zip(waiting.memory, _arrays(mirrored), strict=True):
         memory.write(array, waiting.count, active=waits)
     count = waiting.count + dr.select(waits, mi.UInt32(1), 0)
@@ -259,6 +265,14 @@ def _behind(
 ) -> tuple[ComplexVector, ...]:
     h = field.incidence_basis(d, n)
     return tuple(field.reflect_field(e, d, d, h, factors.t_te, factors.t_tm) for e in vectors)
+
+
+def _power(vectors: Sequence[ComplexVector]) -> mi.Float:
+    """Largest squared norm of any of some complex vectors."""
+    power = mi.Float(0.0)
+    for re, im in vectors:
+        power = dr.maximum(power, dr.squared_norm(re) + dr.squared_norm(im))
+    return power
 
 
 def _past(slabs: Slabs, face: mi.UInt32, behind: mi.Bool, active: mi.Bool, clearance: mi.Float) -> mi.Float:
