@@ -83,13 +83,15 @@ def beam_over_cell(radar: Radar, point: F64, weights: F64) -> float:
 
     # up to where the pulses' ghosts begin
     farthest = min(_NULLS * null, np.pi / float(step.max()))
-    x = np.arange(-farthest, farthest, cell / _PER_CELL)
+    # middles of whole steps: a last step cut short would jump from column to column of an image
+    n = int(np.ceil(2.0 * farthest * _PER_CELL / cell))
+    x = ((np.arange(n) + 0.5) * (2.0 / n) - 1.0) * farthest
     cosine, sine = np.cos(x / reach), np.sin(x / reach)
     turned = [out[0] * cosine - out[1] * sine, out[0] * sine + out[1] * cosine, np.full_like(x, out[2])]
     ranges, gains = seen((middle + np.stack(turned, axis=1))[:, None])
     held = np.where(gain_here > 0.0, share / np.maximum(gain_here, 1e-300), 0.0)
     response = (gains * np.exp(-1j * wavenumber * (ranges - range_here))) @ held
-    area = float(np.sum(np.abs(response) ** 2)) * (cell / _PER_CELL)
+    area = float(np.sum(np.abs(response) ** 2)) * (2.0 * farthest / n)
     alike = 2.0 * np.pi * float(np.sum(share**2 / step))
     return area / alike
 

@@ -91,6 +91,8 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
 
 def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> Pairs:
     """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
+    if not sampling.flags.texture:
+        trace_scene = replace(trace_scene, surfaces=None)
     usable = _usable(sampling, trace_scene)
     rows = np.flatnonzero(usable)
     box = sampling.box + np.array([[-cell], [cell]])
@@ -112,7 +114,7 @@ def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_
     scene = sampling.scene
     scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
-    if trace_scene.surfaces is not None:  # materials by place
+    if sampling.flags.texture and trace_scene.surfaces is not None:  # materials by place
         usable[:] = True
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0

@@ -113,17 +113,16 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    pairs = None
+    pairs, draft = None, plan_effects(scene, shape=shape, warn=False)
     # a draw of pairs takes so little that no run is too short for it
     if draft.flags.diffuse and pilot is not False and _may_pair(scene):
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
         )
-        pairs = pair_level(sampling, trace_scene)
+        pairs = pair_level(sampling.obeying(scene, draft.flags), trace_scene)
     known = SceneContext(scene, sampling.for_effects(), known_shape=shape, pairs=pairs)
     if not wanted and (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape)):
         return known
-    draft = plan_effects(scene, shape=shape, warn=False)
     result, orders = None, ORDERS
     while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):
         result = run_pilot(draft, sampling, trace_scene, shape=shape, clock=clock, orders=orders)

@@ -24,7 +24,7 @@ WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 BAND = 3e8
 
 
-def drawn(seed: int, cells: float, mode: str) -> tuple[Scene, np.ndarray]:
+def drawn(seed: int, cells: float, mode: str, prf: float = 0.0) -> tuple[Scene, np.ndarray]:
     """A radar whose half-power footprint is about so many azimuth cells wide, and a place in its image."""
     rng = np.random.default_rng([seed, 24])
     length = rng.uniform(1.5, 4.0)
@@ -45,6 +45,7 @@ def drawn(seed: int, cells: float, mode: str) -> tuple[Scene, np.ndarray]:
         center_frequency=FREQUENCY,
         bandwidth=BAND,
         azimuth_resolution=cell,
+        prf=prf,
         pattern=kind,
         elevation_beamwidth_deg=40.0,
         **width,
@@ -151,7 +152,8 @@ def test_a_wide_beam_changes_no_bit() -> None:
 
 
 def test_the_image_takes_it() -> None:
-    scene, _ = drawn(1, 2.0, "sliding_spotlight")
+    # enough pulses that one more or less in a pixel's aperture is no step
+    scene, _ = drawn(1, 2.0, "sliding_spotlight", prf=1000.0)
     image = focus(simulate(scene), request=scene.image, range_window="hann", azimuth_window="hamming")
     middle = tuple(n // 2 for n in image.grid.shape)
     place = image.grid.positions()[middle]

@@ -10,6 +10,7 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation import blocks as blocks_module
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import Level, lattice
 
 
@@ -36,14 +37,15 @@ def test_strip_keeps_levels() -> None:
     np.testing.assert_array_equal(strip.level, grid.level[keep])
 
 
+@pytest.mark.filterwarnings("ignore:.*wideband is switched off")
 @pytest.mark.parametrize("strips", [True, False])
 def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips: bool) -> None:
     """The tower's blocks stay as they are by either way, by a strip with a fraction of the rays."""
     monkeypatch.setattr(blocks_module, "STRIP_FROM", 0 if strips else np.inf)
     scene = load_scene(resolve("tower"))
     settings = replace(
-        scene.settings, tolerance_db=-60.0, effects={"diffuse_pairs": "off"}
-    )  # no rays of theirs
+        scene.settings, tolerance_db=-60.0, effects={"diffuse_pairs": "off", "wideband": "off"}
+    )  # no rays of theirs, one launch a block
     run = Run(replace(scene, settings=settings))
     assert run.sampling is not None
     tracer, rays = run.tracer(run.sampling), run.rays(run.sampling, 0)
@@ -51,13 +53,13 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
     made = Blocks(tracer, rays, layers, data, run.layers.max_order)
     traced = []
-    launch = tracer.launch
+    launch = Tracer.launch
 
-    def counted(grid, *args, **receiver):
+    def counted(self, grid, *args, **receiver):
         traced.append(grid.n_rays)
-        return launch(grid, *args, **receiver)
+        return launch(self, grid, *args, **receiver)
 
-    monkeypatch.setattr(tracer, "launch", counted)
+    monkeypatch.setattr(Tracer, "launch", counted)  # of every band
     before = made.interval
     made.settle()
     each = sum(grid.n_rays for grid in rays.at(0)[0])

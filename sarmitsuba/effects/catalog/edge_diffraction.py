@@ -32,8 +32,8 @@ class EdgeDiffraction(Effect):
 
     to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
-    where nothing is rough, what the metal's own facets return: as mirrors, ``4 pi A^2 cos^2 / lambda^2``, where waves
-    bounce more than once, else by physical optics from the antenna's places.
+    where nothing is rough, what the metal's own facets return at once to the antenna's places, by physical optics: what
+    mirrors may send back beside it is not known without a pilot, and counts as none.
 
     Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed.
     """
@@ -135,8 +135,7 @@ def _reference(context: SceneContext, decided: Mapping[str, Decision]) -> tuple[
         return float(pilot.peak[3].max()), context.tolerance_db, "of the strongest cell"
     if context.sampling is not None and decided["diffuse"].on:
         return _clutter(context), CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
-    mirrors = bool(decided["max_depth"].on)
-    return _facets(context, mirrors), context.tolerance_db, "of the metal's facets"
+    return _facets(context), context.tolerance_db, "of the metal's facets"
 
 
 def _clutter(context: SceneContext) -> float:
@@ -150,7 +149,7 @@ def _clutter(context: SceneContext) -> float:
     return best * context.sampling.cell**2
 
 
-def _facets(context: SceneContext, mirrors: bool) -> float:
+def _facets(context: SceneContext) -> float:
     """RCS of the strongest metal triangle, doubled to a facet, from any place of the antenna, m^2."""
     found = _Metal.of(context)
     corners = found.corners[found.metal]
@@ -166,10 +165,8 @@ def _facets(context: SceneContext, mirrors: bool) -> float:
         look = place - middle
         look /= np.linalg.norm(look, axis=1, keepdims=True)
         cosine = np.abs(np.einsum("ni,ni->n", look, normal))
-        fill = np.ones_like(area)
-        if not mirrors:
-            x = context.wavenumber * width * np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-            fill = 1.0 / np.maximum(x, 1.0)
+        x = context.wavenumber * width * np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        fill = 1.0 / np.maximum(x, 1.0)
         best = max(best, float(np.max((area * cosine * fill) ** 2)))
     return best * context.wavenumber**2 / np.pi
 

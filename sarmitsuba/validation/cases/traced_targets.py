@@ -66,9 +66,9 @@ def traced_rcs(quick: bool = False) -> Case:
                     np.log10([s[0] for s in setups]),
                     np.full(len(setups), float(db_from_power(rcs))),
                     np.asarray(values),
-                    tolerance=0.25,
+                    tolerance=0.35 if "trihedral" in name else 0.25,
                     reason="the lobe's fall over the aperture, 0.05 dB; for the trihedral the single returns of its "
-                    "plates' edges, which the formula leaves out: -33 dB, in opposite phase 0.19 dB",
+                    "plates' edges, which the formula leaves out: -28.9 dB with diffraction, in opposite phase 0.31 dB",
                 )
             )
     comparisons += _two_corners()
