@@ -154,7 +154,8 @@ def _search(
     dr.eval(b, n_b64, weight, kept, face_b, clutter)
     lanes = dr.compress(kept)
     pick = lanes.numpy()
-    b, n_b64 = (dr.gather(v64, v, lanes).numpy().T for v in (b, n_b64))
+    # each component alone: the kernel that would bring three together has their number compiled in
+    b, n_b64 = (np.stack([dr.gather(f64, x, lanes).numpy() for x in v], axis=1) for v in (b, n_b64))
     face_b, weight = (dr.gather(type(v), v, lanes).numpy() for v in (face_b, weight))
     return Pairs(
         point=np.stack([samples.point[index[pick]], b], axis=1),
