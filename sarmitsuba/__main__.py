@@ -22,9 +22,11 @@ def main() -> int:
     An exception in the middle of foreign code, which half-imported modules and callbacks of Mitsuba are, would come out
     as a traceback or a crash: the process ends without one, and what is unfinished on the disk is removed.
     """
-    started = os.getpid()
+    started, ending = os.getpid(), threading.RLock()
 
     def end(number: int, frame: FrameType | None) -> None:
+        # handler and watching thread may both hear of one signal: the second waits for the process to end
+        ending.acquire()
         if threading.current_thread() is threading.main_thread():
             for each in _ENDS:
                 signal.signal(each, signal.SIG_IGN)

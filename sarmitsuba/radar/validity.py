@@ -121,11 +121,12 @@ def _check_track(name: str, track: Track) -> None:
             f"radar: {name} times span {np.ptp(track.time):g} s, or are none; give seconds, at most 1e7"
         )
     speed = np.linalg.norm(track.velocity, axis=1)
-    # a single pulse needs none
-    if not (((speed > 0.0) | (track.n_pulses == 1)) & (speed <= _FASTEST)).all():
+    # a single pulse needs none, and a receiver apart may stand still
+    rests = track.n_pulses == 1 or name == "receiver"
+    if not (((speed > 0.0) | rests) & (speed <= _FASTEST)).all():
         raise RadarError(
-            f"radar: {name} speeds from {speed.min():g} to {speed.max():g} m/s; each must be above 0 and at most "
-            f"{_FASTEST:g}"
+            f"radar: {name} speeds from {speed.min():g} to {speed.max():g} m/s; each must be "
+            f"{'at least' if rests else 'above'} 0 and at most {_FASTEST:g}"
         )
 
 

@@ -272,7 +272,7 @@ def test_either_antenna_may_transmit() -> None:
 def test_lengths_behind_a_mirror() -> None:
     """The three ways over one mirror and one scatterer, each by the images of the antennas in the mirror's plane."""
     rng = np.random.default_rng(4)
-    scene, given = rough_corner(30.0, rng, effects={"coherent": "off"})
+    scene, given = rough_corner(30.0, rng, effects={"coherent": "off", "diffuse_pairs": "off"})
     sent, received = (at[scene.radar.track.center_index] for at in antennas(given, scene))
     velocity = scene.radar.track.velocity[scene.radar.track.center_index]
     paths = trace_paths(scene)

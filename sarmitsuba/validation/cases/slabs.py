@@ -440,9 +440,7 @@ def corner_behind_pane(quick: bool = False) -> Case:
     )
 
 
-def _peak_through(
-    q: F64, normal: F64, sight: F64, wall: tuple[complex, float, float]
-) -> tuple[float, float]:
+def _peak_through(q: F64, normal: F64, sight: F64, wall: tuple[complex, float, float]) -> tuple[float, float]:
     """Level (dB) and place (m, farther) of a compressed pulse's peak that came twice through a wall."""
     frequency = X_BAND + ROOM_BAND * (np.arange(-128, 129) / 257.0)
     both_ways = []
