@@ -1,7 +1,6 @@
 """Fresnel reflection where formulas lose digits: grazing, normal, Brewster and critical angles, extreme materials."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
