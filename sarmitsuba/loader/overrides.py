@@ -100,7 +100,9 @@ def check_used(
             )
             homes = [plugin for plugin, table in tables.items() if name in table.names]
             hint = f"give {homes[0]}.{name}" if homes else "parameters of plugins are given as plugin.name"
-            raise SceneError(f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} ({hint})')
+            raise SceneError(
+                f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} ({hint})'
+            )
     for prefix, name, value in overrides.entries:
         takes = plugins | {key for key, plugin in ids.items() if plugin in plugins}
         if prefix not in takes:
