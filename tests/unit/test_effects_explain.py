@@ -76,7 +76,7 @@ def test_stated_changes_are_those_of_whole_runs() -> None:
     scene = load_scene(resolve("dihedral"))
     stated = {d.name: d for d in explain(scene).plan.decisions}
     base = simulate(scene).data
-    for name, switch in (("tube_phase", "off"), ("edge_diffraction", "on"), ("spreading", "on")):
+    for name, switch in (("tube_phase", "off"), ("edge_diffraction", "off"), ("spreading", "on")):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what is switched off
             change = simulate(scene.replace(**{name: switch})).data - base
