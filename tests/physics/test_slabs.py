@@ -411,6 +411,7 @@ def test_an_ideal_point_shows_through_a_pane(method: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*coherent is switched off")
 def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_sameroom() -> None:
     """Posed pulse by pulse, and received by an antenna apart: the room of every other kernel."""
     shapes = [
@@ -426,10 +427,13 @@ def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_sameroom() -> N
         rest
     )  # tol: gridding of one pulse or another
     apart = replace(radar, receiver_offset_along=1e-4)
-    both = simulate(build_scene(meshes, radar=apart, film=FILM).replace(method="raw"), seed=1).data
-    assert np.linalg.norm(both - rest) < 1e-2 * np.linalg.norm(
-        rest
-    )  # tol: the way home of first hits is retraced
+    # corners apart: two antennas have no reversed chain to share their return with
+    one, both = (
+        simulate(build_scene(meshes, radar=r, film=FILM).replace(method="raw", coherent="off"), seed=1).data
+        for r in (radar, apart)
+    )
+    # tol: the way home of first hits is retraced
+    assert np.linalg.norm(both - one) < 1e-2 * np.linalg.norm(one)
 
 
 def test_tables_of_paths_say_what_they_leave_out() -> None:

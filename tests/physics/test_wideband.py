@@ -201,7 +201,8 @@ def test_a_drawn_dihedral_follows_physical_optics_at_every_frequency(seed: int) 
     ratio = 20.0 * np.log10(np.abs(got[seen] / exact[seen]))
     # tol: what the polarisation off the corner's plane takes, the same at all frequencies
     assert abs(np.median(ratio)) < 0.3
-    assert np.abs(ratio - np.median(ratio)).max() < 0.05, ratio
+    # tol: 0.05 dB, and what the shares of both chains of a corner change where a facet ends
+    assert np.abs(ratio - np.median(ratio)).max() < 0.08, ratio
 
 
 @pytest.mark.slow

@@ -33,9 +33,9 @@ class EdgeDiffraction(Effect):
 
     to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
-    where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places, by physical
-    optics: what mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves
-    are left out, with a note.
+    where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places: what
+    mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves are left out,
+    with a note.
 
     Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed.
     """
@@ -159,7 +159,7 @@ def _clutter(context: SceneContext) -> float:
 
 
 def _facets(context: SceneContext) -> float:
-    """RCS of the strongest plane of metal, or of a cell of it, from any place of the antenna, by physical optics, m^2."""
+    """RCS of the strongest plane of metal, or of a cell of it, from any place of the antenna, m^2; physical optics."""
     found = _Metal.of(context)
     corners = found.corners[found.metal]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
