@@ -74,6 +74,8 @@ def read_citygml(path: Path, options: ImportOptions) -> Source:
                 continue
             try:
                 rings = tuple(_rings(one.element, swapped))
+                if not rings:
+                    raise ValueError
             except ValueError:
                 source.skip("polygons without rings of three corners on the Earth", name)
                 continue

@@ -38,6 +38,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.regular_files import json_value
 from sarmitsuba.version import __version__
 
 FORMAT_VERSION = 3
@@ -377,7 +378,7 @@ def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:
 
 
 def _read_metadata(file: h5py.File) -> dict[str, Any]:
-    facts = json.loads(groups.dataset(file, "metadata").asstr()[()]) if groups.has(file, "metadata") else {}
+    facts = json_value(groups.dataset(file, "metadata").asstr()[()]) if groups.has(file, "metadata") else {}
     if not isinstance(facts, dict):
         raise DataError("/metadata is not a JSON object")
     return facts
