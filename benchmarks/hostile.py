@@ -100,8 +100,9 @@ class Watch:
 def allowed(folder: Path) -> tuple[str, ...]:
     """Starts of the paths that a case may open: its own folder, the program, the interpreter, the system's own devices."""
     import sarmitsuba
+    from sarmitsuba.loader.library import scenes_dir
 
-    own = (folder, Path(sarmitsuba.__file__).parent, sys.prefix, sys.base_prefix, Path.home() / ".drjit")
+    own = (folder, scenes_dir(), Path(sarmitsuba.__file__).parent, sys.prefix, sys.base_prefix, Path.home() / ".drjit")
     system = (
         "/proc/",
         "/sys/",
