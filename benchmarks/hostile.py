@@ -92,7 +92,11 @@ class Watch:
         if event == "open":
             if isinstance(args[2], int) and args[2] & getattr(os, "O_DIRECTORY", 0):
                 return []  # a walk through a folder, whose own descriptor the event leaves out
-        folders = [number for number in args[1:] if isinstance(number, int) and number >= 0] if event != "open" else []
+        folders = (
+            [number for number in args[1:] if isinstance(number, int) and number >= 0]
+            if event != "open"
+            else []
+        )
         start = os.path.realpath(f"/proc/self/fd/{folders[0]}") if folders else os.getcwd()
         return [os.path.realpath(os.path.join(start, os.fsdecode(name).replace("\0", ""))) for name in names]
 
@@ -102,7 +106,14 @@ def allowed(folder: Path) -> tuple[str, ...]:
     import sarmitsuba
     from sarmitsuba.loader.library import scenes_dir
 
-    own = (folder, scenes_dir(), Path(sarmitsuba.__file__).parent, sys.prefix, sys.base_prefix, Path.home() / ".drjit")
+    own = (
+        folder,
+        scenes_dir(),
+        Path(sarmitsuba.__file__).parent,
+        sys.prefix,
+        sys.base_prefix,
+        Path.home() / ".drjit",
+    )
     system = (
         "/proc/",
         "/sys/",
@@ -140,13 +151,18 @@ def read_one(kind: Kind, path: Path) -> tuple[str, str]:
     return outcome, text[:2000]
 
 
-def prepare(samples: Path, folder: Path) -> None:
+def lay_out(samples: Path, folder: Path) -> None:
     """Put what drawn files may name beside them, and a file that must stay one folder above."""
     for path in samples.iterdir():
         if path.suffix in {".ply", ".xml", ".spd", ".png"}:
             shutil.copy(path, folder)
     shutil.copytree(samples / "run", folder / "run", dirs_exist_ok=True)
     (folder / "outside.txt").write_text("stays", encoding="utf-8")
+
+
+def prepare(samples: Path, folder: Path) -> None:
+    """Lay a case's folder out, and run where the same names are but nothing may be read."""
+    lay_out(samples, folder)
     elsewhere = folder.parent / "elsewhere"  # where the program runs, which is no place to look for anything
     shutil.copytree(folder, elsewhere, dirs_exist_ok=True)
     os.chdir(elsewhere)
@@ -196,7 +212,7 @@ def drawn(name: str, seed: int, whole: bytes) -> bytes:
     for attempt in range(100):
         try:
             return KINDS[name].mutate(random.Random(f"{name} {seed} {attempt}"), whole)
-        except (TypeError, ValueError, LookupError, OSError, RuntimeError, AttributeError):
+        except (TypeError, ValueError, LookupError, MemoryError, OSError, RuntimeError, AttributeError):
             continue
     raise AssertionError(f"{name} {seed}: nothing could be drawn")
 
@@ -204,7 +220,7 @@ def drawn(name: str, seed: int, whole: bytes) -> bytes:
 def _work(
     name: str, samples: Path, folder: Path, seeds: range, pipe: "multiprocessing.connection.Connection"
 ) -> None:
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")
     work(name, samples, folder, seeds, pipe.send)
     pipe.close()
 

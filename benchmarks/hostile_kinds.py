@@ -164,9 +164,7 @@ class _Elements(HTMLParser):
         given = dict(attrs)
         if tag == "script" and given.get("type") not in ("application/json", "application/octet-stream"):
             self.running.append(given.get("type"))
-        if tag in ("img", "iframe", "object", "embed", "base") or any(
-            k.startswith("on") for k in given
-        ):
+        if tag in ("img", "iframe", "object", "embed", "base") or any(k.startswith("on") for k in given):
             self.strange.append(tag)
 
 

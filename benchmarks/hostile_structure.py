@@ -352,7 +352,7 @@ def hdf5(rng: random.Random, data: bytes) -> bytes:
     with h5py.File(buffer, "r+") as file:
         for _ in _times(rng):
             found: list[Any] = [file]
-            file.visititems(lambda _, item: found.append(item))  # noqa: B023
+            file.visititems(lambda _, item: found.append(item))
             item = rng.choice(found)
             sets = [one for one in found if isinstance(one, h5py.Dataset)]
             kind = rng.choice(
