@@ -102,7 +102,7 @@ class Watch:
 
 
 def allowed(folder: Path) -> tuple[str, ...]:
-    """Starts of the paths that a case may open: its own folder, the program, the interpreter, the system's own devices."""
+    """Starts of the paths that a case may open: its own folder, the program, the interpreter, the system's devices."""
     import sarmitsuba
     from sarmitsuba.loader.library import scenes_dir
 
@@ -277,8 +277,9 @@ def trace(names: list[str], samples: Path, folder: Path, seeds: range) -> int:
         scratch = folder / f"scratch_{name}" / "case"
         scratch.mkdir(parents=True, exist_ok=True)
         code = (
-            f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from pathlib import Path; import hostile\n"
-            f"hostile.work({name!r}, Path({str(samples)!r}), Path({str(scratch)!r}), range({seeds.start}, {seeds.stop}), "
+            f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+            "from pathlib import Path; import hostile\n"
+            f"hostile.work({name!r}, Path({str(samples)!r}), Path({str(scratch)!r}), {seeds!r}, "
             f"lambda told: None, {mark!r})"
         )
         watched = "trace=openat,open,connect,sendto,execve,newfstatat,stat"
@@ -315,9 +316,8 @@ def trace(names: list[str], samples: Path, folder: Path, seeds: range) -> int:
                     if call[1] not in ("open", "openat") or not inside:
                         strange[f"{name}: {call[0][:160]}"] += 1
         shutil.rmtree(scratch.parent, ignore_errors=True)
-    print(
-        f"strace: {cases} cases, {calls} calls that opened, connected or started something; outside: {sum(strange.values())}"
-    )
+    print(f"strace: {cases} cases, {calls} calls that opened, connected or started something")
+    print(f"of them outside: {sum(strange.values())}")
     for text, count in strange.most_common(20):
         print(f"{count} x {text}")
     return sum(strange.values())

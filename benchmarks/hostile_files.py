@@ -27,7 +27,8 @@ SCENE_WITH_FILES = """<scene version="3.0.0">
   <film type="range_film"/></sensor>
 <bsdf type="diffuse" id="d"><spectrum name="reflectance" filename="reflectance.spd"/></bsdf>
 <bsdf type="radar_material" id="m"><string name="material" value="concrete"/>
-  <string name="diffuse_law" value="lambert"/><texture type="bitmap" name="sigma0_map"><string name="filename" value="grey.png"/></texture>
+  <string name="diffuse_law" value="lambert"/><texture type="bitmap" name="sigma0_map">
+  <string name="filename" value="grey.png"/></texture>
   <string name="map_extent" value="-3 -2 3 2"/><string name="sigma0_map_range" value="-10 5"/></bsdf>
 <shape type="ply"><string name="filename" value="mesh.ply"/><ref id="m"/></shape>
 <shape type="sphere"><ref id="d"/></shape>

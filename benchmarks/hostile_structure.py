@@ -1,4 +1,4 @@
-"""Damage to what files say, with their outer form kept: trees, fields, tags and arrays drawn anew, and written whole."""
+"""Damage to what files say, with their outer form kept: trees, fields, tags and arrays drawn anew."""
 
 import io
 import json
@@ -88,11 +88,11 @@ def _times(rng: random.Random) -> range:
     return range(rng.choice((1, 1, 1, 2, 3, 6)))
 
 
-# ---- trees ------------------------------------------------------------------------------------------------------------
+# ---- trees ----------------------------------------------------------------------------------------------------------
 
 
 def xml_tree(rng: random.Random, data: bytes) -> bytes:
-    """Values, attributes and elements of an XML file changed, doubled, moved, nested or left out; it stays well-formed."""
+    """Values, attributes and elements of an XML file changed, doubled, moved or dropped; it stays well-formed."""
     root = ET.fromstring(data)
     for _ in _times(rng):
         elements = list(root.iter())
@@ -134,7 +134,7 @@ def xml_tree(rng: random.Random, data: bytes) -> bytes:
 
 
 def json_tree(rng: random.Random, data: bytes) -> bytes:
-    """Entries of a JSON file changed, doubled, moved, nested or left out; it stays JSON, with Python's NaN and Infinity."""
+    """Entries of a JSON file changed, renamed, nested or dropped; it stays JSON, with Python's NaN and Infinity."""
     root = json.loads(data)
     for _ in _times(rng):
         places: list[tuple[Any, Any]] = []
@@ -187,7 +187,7 @@ def within(start: bytes, end: bytes) -> Callable[[random.Random, bytes], bytes]:
     return change
 
 
-# ---- rasters ----------------------------------------------------------------------------------------------------------
+# ---- rasters --------------------------------------------------------------------------------------------------------
 
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8}
 _BIG = (0, 1, 2, 3, 7, 255, 65535, 100_000, 2**31 - 1, 2**31, 2**32 - 1)
@@ -219,6 +219,21 @@ _TAGS = (
 )
 
 
+def _within_array(rng: random.Random, made: bytearray, kind: int, start: int, number: int) -> None:
+    """Change one number of a tag whose numbers stand elsewhere in the file."""
+    step = _SIZES.get(kind, 1)
+    place = start + step * rng.randrange(number)
+    if kind == 12:
+        old = struct.unpack_from("<d", made, place)[0]
+        drawn = rng.choice((0.0, -old, old * 1e6, 1e308, float("nan"), float("inf"), 1e-320))
+        struct.pack_into("<d", made, place, drawn)
+    elif step in (2, 4):
+        whole = rng.choice((*_BIG, rng.randrange(65536), 32767, 4326, 32632, 3857))
+        made[place : place + step] = (whole % 256**step).to_bytes(step, "little")
+    else:
+        made[place] = rng.randrange(256)
+
+
 def raster(rng: random.Random, data: bytes) -> bytes:
     """Tags, directories and strips of a little-endian TIFF changed; its header stays."""
     made = bytearray(data)
@@ -248,21 +263,7 @@ def raster(rng: random.Random, data: bytes) -> bytes:
             drawn = rng.choice((*_BIG, value + 1, max(value - 1, 0), value * 2 % 2**32, at, len(made) - 1))
             struct.pack_into("<I", made, entry + 8, drawn % 65536 if short and rng.random() < 0.7 else drawn)
         elif what == "inside" and 4 < size <= len(made) - value:
-            step = _SIZES.get(kind, 1)
-            place = value + step * rng.randrange(number)
-            if kind == 12:
-                old = struct.unpack_from("<d", made, place)[0]
-                struct.pack_into(
-                    "<d",
-                    made,
-                    place,
-                    rng.choice((0.0, -old, old * 1e6, 1e308, float("nan"), float("inf"), 1e-320)),
-                )
-            elif step in (2, 4):
-                drawn = rng.choice((*_BIG, rng.randrange(65536), 32767, 4326, 32632, 3857))
-                made[place : place + step] = (drawn % 256**step).to_bytes(step, "little")
-            else:
-                made[place] = rng.randrange(256)
+            _within_array(rng, made, kind, value, number)
         elif what == "count":
             struct.pack_into("<I", made, entry + 4, rng.choice((*_BIG, number + 1, max(number - 1, 0))))
         elif what == "type":
@@ -346,13 +347,17 @@ def npz(rng: random.Random, data: bytes) -> bytes:
     return out.getvalue()
 
 
+def _into(found: list[Any]) -> Callable[[str, Any], None]:
+    return lambda _, item: found.append(item)
+
+
 def hdf5(rng: random.Random, data: bytes) -> bytes:
     """Attributes and data sets of an HDF5 file changed, left out, or made links to elsewhere."""
     buffer = io.BytesIO(data)
     with h5py.File(buffer, "r+") as file:
         for _ in _times(rng):
             found: list[Any] = [file]
-            file.visititems(lambda _, item: found.append(item))
+            file.visititems(_into(found))
             item = rng.choice(found)
             sets = [one for one in found if isinstance(one, h5py.Dataset)]
             kind = rng.choice(

@@ -64,8 +64,8 @@ def triangulate(polygon: "shapely.Polygon") -> tuple[F64, I32]:
     except shapely.errors.GEOSException as error:
         x, y = polygon.bounds[:2]
         raise SceneError(
-            f"an outline of {len(corners)} corners at ({x:g}, {y:g}) cannot be cut into triangles ({one_line(error, 80)}); "
-            "leave it out or draw it simpler"
+            f"an outline of {len(corners)} corners at ({x:g}, {y:g}) cannot be cut into triangles "
+            f"({one_line(error, 80)}); leave it out or draw it simpler"
         ) from error
     rows = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     place = {corner.tobytes(): i for i, corner in enumerate(corners + 0.0)}

@@ -57,7 +57,7 @@ def check_document(path: Path, *, allow_outside: bool = False) -> None:
                     "(allow_outside=True)"
                 )
             places = [place for folder in folders if _exists(place := folder / name)]
-            if not allow_outside and not all(is_inside(one, path.parent) for one in (name, *places)):
+            if not allow_outside and not all(is_inside(one, path.parent) for one in [Path(name), *places]):
                 raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
             if tag == "path":
                 folders.append(path.parent / name)
