@@ -212,7 +212,7 @@ def drawn(name: str, seed: int, whole: bytes) -> bytes:
     for attempt in range(100):
         try:
             return KINDS[name].mutate(random.Random(f"{name} {seed} {attempt}"), whole)
-        except (TypeError, ValueError, LookupError, MemoryError, OSError, RuntimeError, AttributeError):
+        except (ArithmeticError, AttributeError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError):
             continue
     raise AssertionError(f"{name} {seed}: nothing could be drawn")
 

@@ -154,6 +154,22 @@ def test_maps_on_meshes_of_structured_ply_files(samples: Path) -> None:
         load_scene(path)
 
 
+@pytest.mark.parametrize("element", ["ImageAreaCornerPoints", "CODTimePoly", "Parameters"])
+def test_documents_without_an_element_are_refused(samples: Path, tmp_path: Path, element: str) -> None:
+    from sarmitsuba.io import read_image, read_raw
+
+    for name, tags in (("raw.cphd", (element,)), ("image.nitf", ("WFParameters", "IPPPoly", "UVectECF"))):
+        whole = (samples / name).read_bytes()
+        for tag in tags:
+            old = tag.encode()
+            assert old + b">" in whole
+            (tmp_path / name).write_bytes(
+                whole.replace(old + b">", old[::-1] + b">").replace(old + b" ", old[::-1] + b" ")
+            )
+            with pytest.raises(DataError, match=r"cannot be read as|has no"):
+                (read_raw if name == "raw.cphd" else read_image)(tmp_path / name)
+
+
 def test_outlines_with_corners_twice_and_rings_in_rings(tmp_path: Path) -> None:
     shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
     from sarmitsuba.importing.polygons import triangulate
