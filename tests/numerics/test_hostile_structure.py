@@ -121,6 +121,14 @@ def test_records_nested_too_deep_are_refused(tmp_path: Path) -> None:
             Passes.load(tmp_path / "passes.npz", "x")
 
 
+def test_headers_of_arrays_that_do_not_end_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "passes.npz", record=np.zeros(3, np.uint8))
+    whole = (tmp_path / "passes.npz").read_bytes()
+    (tmp_path / "passes.npz").write_bytes(whole.replace(b"(3,), }", b"(3,), ("))
+    with pytest.raises(DataError, match="cannot read the passes"):
+        Passes.load(tmp_path / "passes.npz", "x")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
 def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "passes.npz")
@@ -152,6 +160,20 @@ def test_maps_on_meshes_of_structured_ply_files(samples: Path) -> None:
 
     with pytest.raises(SceneError, match='has no attribute "uv"'):
         load_scene(path)
+
+
+def test_phase_histories_have_places_that_can_be(samples: Path, tmp_path: Path) -> None:
+    import scipy.io
+
+    from sarmitsuba.io import read_raw
+
+    found = scipy.io.loadmat(samples / "raw.mat")["data"][0, 0]
+    fields = {name: found[name] for name in found.dtype.names}
+    for name in ("x", "r0"):
+        far = np.full_like(fields[name], 1e300)
+        scipy.io.savemat(tmp_path / "raw.mat", {"data": fields | {name: far}})
+        with pytest.raises(DataError, match=r"reach 1e\+300 m; at most 1e\+10 m"):
+            read_raw(tmp_path / "raw.mat")
 
 
 @pytest.mark.parametrize("element", ["ImageAreaCornerPoints", "CODTimePoly", "Parameters"])

@@ -5,6 +5,7 @@ import json
 import os
 import struct
 import time
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -50,9 +51,11 @@ _DAMAGE = (
     MemoryError,
     OSError,
     RuntimeError,
+    SyntaxError,
     TypeError,
     ValueError,
     struct.error,
+    tokenize.TokenError,  # NumPy's, of a header
     zipfile.BadZipFile,
     zlib.error,
 )
