@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sarmitsuba.loader.plugins import register_plugins
     from sarmitsuba.materials.material import Material
     from sarmitsuba.polarimetry import cloude_pottier, pauli_rgb, polarimetry_report
-    from sarmitsuba.quality import image_quality, spectral_looks
+    from sarmitsuba.quality import error_budget, image_quality, spectral_looks
     from sarmitsuba.radar.description import RadarDescription
     from sarmitsuba.radar.film import FilmDescription
     from sarmitsuba.radar.geodesy import Anchor
@@ -82,6 +82,7 @@ _HOME = {
     "Track": "sarmitsuba.radar.track",
     "build_scene": "sarmitsuba.loader.build",
     "cloude_pottier": "sarmitsuba.polarimetry",
+    "error_budget": "sarmitsuba.quality",
     "explain": "sarmitsuba.simulation.prediction.explanation",
     "focus": "sarmitsuba.focusing",
     "height_map": "sarmitsuba.interferometry",
@@ -151,6 +152,7 @@ __all__ = [
     "__version__",
     "build_scene",
     "cloude_pottier",
+    "error_budget",
     "explain",
     "focus",
     "height_map",

@@ -19,6 +19,7 @@ from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
 from sarmitsuba.parameters import one_line
+from sarmitsuba.quality.budget import error_budget
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
@@ -165,14 +166,12 @@ def store_image(
     if errors:
         record["sampling_error"] = errors
         text = ", ".join(f"{channel} {_stated(bar)}" for channel, bar in errors.items())
-        blocks = image.metadata.get("sampling", {}).get("block_error_db")
-        apart = (
-            "blocks of pulses" if blocks is None else f"blocks of pulses ({blocks:.1f} dB, measured apart)"
-        )
-        console.say(
-            f"sampling error of the image: {text} ({next(iter(errors.values()))['source']}; too few bounces, {apart}, "
-            "gridding and physical optics are not in it)"
-        )
+        console.say(f"sampling error of the image: {text} ({next(iter(errors.values()))['source']})")
+    parts = error_budget(image)
+    record["errors"] = {part.name: part.as_dict() for part in parts}
+    console.say(
+        f"not in it: {', '.join(map(str, parts[1:]))}" if errors else f"errors: {', '.join(map(str, parts))}"
+    )
     failed: list[SarmitsubaError] = []
     with watch.stage("write image"):
         for entry, name in zip(formats.image, formats.names(raw=False), strict=True):

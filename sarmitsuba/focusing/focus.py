@@ -125,8 +125,10 @@ def focus(
     for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
+    stated = focuser.error_db(raw.radar, grid)
     facts = {
         "method": focuser.name,
+        "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,
         **({"chosen": chosen} if chosen else {}),
         "range_window": str(range_window),
         "azimuth_window": str(azimuth_window),

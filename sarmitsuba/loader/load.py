@@ -81,7 +81,7 @@ def load_scene(
     elements = [e for tree in (root, radar_root) if tree is not None for e in walk(tree)]
     label = file.name if file is not None else _DICT if root is not None else "scene"
     texts = [read_text(path) for path in (file, radar_file) if path is not None and not is_mesh_file(path)]
-    check_used(plain, overrides, label, texts, {e.id: e.plugin for e in elements if e.id}, set(tables.TABLES))
+    check_used(plain, overrides, label, texts, {e.id: e.plugin for e in elements if e.id}, tables.TABLES)
     if root is None:
         return scene_from_mitsuba(loaded, radar_root=radar_root, overrides=overrides)
 

@@ -74,7 +74,7 @@ def check_used(
     label: str,
     texts: Sequence[str],
     ids: Mapping[str, str],
-    plugins: set[str],
+    tables: Mapping[str, ParamTable],
 ) -> None:
     """Raise when a parameter given by name has no effect anywhere.
 
@@ -84,8 +84,9 @@ def check_used(
     label : start of every error
     texts : of scene and radar file; none for a scene that is no file
     ids : of all elements, with their plugins
-    plugins : names of the tables
+    tables : of the plugins, by name
     """
+    plugins = set(tables)
     text = "\n".join(texts)
     known = set(re.findall(r"\$\{?(\w+)", text)) | set(re.findall(r'<default\s+name="(\w+)"', text))
     for name, value in plain.items():
@@ -97,9 +98,10 @@ def check_used(
                 if texts
                 else "only a file has any"
             )
+            homes = [plugin for plugin, table in tables.items() if name in table.names]
+            hint = f"give {homes[0]}.{name}" if homes else "parameters of plugins are given as plugin.name"
             raise SceneError(
-                f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} '
-                "(parameters of plugins are given as plugin.name)"
+                f'{label}: parameter "{name}" = {one_line(value)} is not used; {listed} ({hint})'
             )
     for prefix, name, value in overrides.entries:
         takes = plugins | {key for key, plugin in ids.items() if plugin in plugins}

@@ -58,8 +58,7 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
     seed : of the places
     """
     flat = _Flattened.of(triangles)
-    low = np.maximum(flat.corner.min(axis=1), np.take(box[0], flat.axes))
-    high = np.minimum(flat.corner.max(axis=1), np.take(box[1], flat.axes))
+    low, high = flat.rectangles(box)
     first = np.floor(low / cell).astype(np.int64)
     count = np.where((high >= low) & flat.wide[:, None], np.floor(high / cell) - first + 1, 0).astype(
         np.int64
@@ -78,6 +77,13 @@ def surface_samples(triangles: F64, cell: float, box: F64, seed: int) -> Surface
     face, point, key = face[lit], point[lit], key[lit]
     normal = flat.normal[face]
     return SurfaceSamples(face, point, normal, surface_density(normal, cell), key)
+
+
+def spanned_area(triangles: F64, box: F64) -> float:
+    """Area of the rectangles whose cells `surface_samples` walks, m^2; arguments are its."""
+    flat = _Flattened.of(triangles)
+    low, high = flat.rectangles(box)
+    return float(np.prod(np.maximum(high - low, 0.0), axis=1) @ flat.wide)
 
 
 def surface_density(normal: F64, cell: float) -> F64:
@@ -130,6 +136,12 @@ class _Flattened:
             for (x, y), c in zip(slopes, start, strict=True)
         )
         return _Flattened(axes, left_out, corner, normal, wide, (first, second, height))
+
+    def rectangles(self, box: F64) -> tuple[F64, F64]:
+        """Least and greatest place along the two axes, (n, 2) m, within a box (2, 3)."""
+        low = np.maximum(self.corner.min(axis=1), np.take(box[0], self.axes))
+        high = np.minimum(self.corner.max(axis=1), np.take(box[1], self.axes))
+        return low, high
 
 
 def _in_cells(

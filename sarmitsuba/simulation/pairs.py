@@ -12,7 +12,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.parts import with_parts
-from sarmitsuba.mesh.surface_samples import surface_samples
+from sarmitsuba.mesh.surface_samples import spanned_area, surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.diffuse_pairs import DiffusePairs
@@ -32,6 +32,8 @@ PILOT_POINTS = 30_000
 # points of a run, whatever the tolerance, and their cells over those of the diffuse scatterers: pairs then cost no more
 # than the rays do
 MOST_POINTS, FINEST = 500_000, 0.5
+# cells walked for each point wanted, at most
+MOST_CELLS = 16
 # antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
 LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 # pairs in a square of the ground whose level is told, at least
@@ -139,7 +141,8 @@ def _views(sampling: SamplingPlan) -> F64:
 def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
     """Edge of cells that about so many points come from, m; a power of the square root of two.
 
-    Looks and passes that differ a little have the same.
+    Looks and passes that differ a little have the same. Slanting slivers have many more cells in the rectangle about
+    them than points: no more than ``MOST_CELLS`` for each point are walked.
     """
     triangles = trace_scene.triangles[_usable(sampling, trace_scene)]
     low, high = (
@@ -151,7 +154,8 @@ def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -
     within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
-    return _rounded_down(float(np.sqrt(max(float(area.sum()), 1e-6) / points)))
+    walked = spanned_area(triangles, sampling.box) / MOST_CELLS
+    return _rounded_down(float(np.sqrt(max(float(area.sum()), walked, 1e-6) / points)))
 
 
 def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:

@@ -129,27 +129,14 @@ class Tracer:
         # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
         beam = self.flags.antenna_pattern and self.sampling.azimuth_later
 
-        def traced(
-            tracer: Tracer, share: RangeFilter | None
-        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-            accumulator = BlockAccumulator(
-                plan,
-                n_layers // len(radar.channels),
-                len(radar.channels),
-                max_order,
-                radar.waveform.wavelength,
-                self.largest_grid,
-            )
-            self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
-            accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-            stats = tracer.launch_all(
+        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
+            return tracer.launch_all(
                 rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
             )
-            profiles = synthesise(accumulator.grid(), plan, radar, beam=beam, share=share)
-            self.timer.lap("synthesise")
-            return profiles, stats
 
-        return self.over_band(traced)
+        made = partial(BlockAccumulator, plan)
+        formed = partial(synthesise, plan=plan, radar=radar, beam=beam)
+        return self._profiles(made, launched, formed, pick, n_layers, max_order)
 
     def direct(
         self, rays: Sequence[LaunchGrid], start: int, stop: int, n_layers: int, max_order: int
@@ -165,11 +152,37 @@ class Tracer:
         pick = slice(start, stop)
         position, velocity = radar.track.position[pick], radar.track.velocity[pick]
 
+        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
+            return tracer.launch_all(
+                rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
+            )
+
+        made, formed = partial(DirectAccumulator, plan), partial(finish, plan=plan, radar=radar)
+        return self._profiles(made, launched, formed, pick, n_layers, max_order)
+
+    def _profiles(
+        self,
+        made: Callable[..., GridAccumulator],
+        launched: Callable[["Tracer", GridAccumulator], TraceStatistics],
+        formed: Callable[..., NDArray[np.complex64]],
+        pick: slice,
+        n_layers: int,
+        max_order: int,
+    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
+        """Profiles of some pulses, (n_layers, n_pulses, n_samples), and figures.
+
+        Parameters
+        ----------
+        made, launched, formed : makes an empty grid; runs the kernels into it; its profiles, by their share of the band
+        pick : pulses that the receive window is that of
+        n_layers, max_order : of the profiles
+        """
+        radar = self.sampling.scene.radar
+
         def traced(
             tracer: Tracer, share: RangeFilter | None
         ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-            accumulator = DirectAccumulator(
-                plan,
+            accumulator = made(
                 n_layers // len(radar.channels),
                 len(radar.channels),
                 max_order,
@@ -178,10 +191,8 @@ class Tracer:
             )
             self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
             accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-            stats = tracer.launch_all(
-                rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
-            )
-            profiles = finish(accumulator.grid(), plan, radar, share=share)
+            stats = launched(tracer, accumulator)
+            profiles = formed(accumulator.grid(), share=share)
             self.timer.lap("synthesise")
             return profiles, stats
 

@@ -214,9 +214,9 @@ def branched(
 
     Notes
     -----
-    Ignores what goes through after ``MOST_PANES`` panes, and parts of a path below ``LEAST_POWER``, but for the mirrored
-    one where both are: without it, paths in a room of panes are as many as sets of its bounces. A tube is not cut at a pane's rim, as at that of a shadow: it
-    goes through or not as its ray does.
+    Ignores what goes through after ``MOST_PANES`` panes. Of a path that parts, a part below ``LEAST_POWER`` is left
+    out; where both are, the one that goes through: else paths in a room of panes are as many as sets of its bounces. A
+    tube is not cut at a pane's rim, as at that of a shadow: it goes through or not as its ray does.
     """
     assert before.crossed is not None and hit.slab is not None
     slabs, clearance = _slabs(kernel), kernel.constants.clearance

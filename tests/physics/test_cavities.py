@@ -1,5 +1,7 @@
 """Waves caught between parallel walls: as many bounces as return something are followed, and what is not is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,13 @@ from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.materials.material import Material
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.rcs import BouncesLeft, monostatic_rcs
+from sarmitsuba.simulation.run import Run
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.bands import X_BAND
-from sarmitsuba.validation.chain import make_scene
+from sarmitsuba.validation.chain import make_scene, unwarned
 
 SMALL = {
     "slant_range": 10e3,
@@ -146,3 +150,42 @@ def test_a_facet_stands_for_its_slab_wherever_it_is_drawn(place: float, turned: 
     behind = (1.0 - place if turned else place) * thickness
     want, got = echo(0.0, flipped, False), echo(-behind, glass, turned)
     assert abs(got / want - 1.0) < 2e-3  # tol: float32 phases
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_path_behind_panes_is_its_own_whatever_its_neighbours_do(seed: int) -> None:
+    """Rays in any order return the same: each lane's waiting paths are where it left them."""
+    rng = np.random.default_rng([26, seed])
+    ground = Material("soil", permittivity=5.0 - 0.5j)
+    panes = [
+        Material(f"pane {i}", permittivity=6.3 - 0.1j, thickness=rng.uniform(3e-3, 8e-3)) for i in range(2)
+    ]
+    meshes = [targets.parallelogram([-3.0, -3.0, 0.0], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0])]
+    for x, turn in zip((0.3, 0.5), rng.uniform(-0.1, 0.1, 2), strict=True):
+        across = np.array([np.sin(turn), np.cos(turn), 0.0])
+        meshes.append(targets.parallelogram([x, -1.0, 0.1], 2.0 * across, [0.0, 0.0, rng.uniform(0.8, 1.6)]))
+    box = targets.parallelogram([1.0, -0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    radar = {**SMALL, "heading_deg": float(rng.choice([0.0, 180.0])), "look_angle_deg": 60.0}
+    scene = make_scene(
+        targets.geometry([*meshes, box], [0, 1, 2, 3]),
+        (ground, *panes, *targets.PEC),
+        radar,
+        settings=TraceSettings(ray_spacing=0.05, max_depth=12, effects={"wideband": "off"}),
+    )
+    with unwarned():
+        run = Run(scene)
+    assert run.sampling is not None and run.plan.on("transmission")
+    rays, layers = run.rays(run.sampling, 0), run.layers.layers
+    shape = (len(layers), scene.radar.track.n_pulses, scene.radar.window.n_samples)
+    blocks = Blocks(
+        run.tracer(run.sampling), rays, layers, np.zeros(shape, np.complex64), run.layers.max_order
+    )
+    grids = rays.at(0)[0]
+    mixed = []
+    for grid in grids:
+        order = rng.permutation(grid.n_rays)
+        assert not grid.levels  # which keep their rays together
+        mixed.append(replace(grid, x=grid.x[order], y=grid.y[order]))
+    there, again = (blocks.bench.block(each, 0, 1)[0] for each in (grids, mixed))
+    # tol: sums in another order; lanes that share memory end the process
+    assert np.linalg.norm(there - again) < 1e-5 * np.linalg.norm(there)

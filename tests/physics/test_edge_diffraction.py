@@ -350,7 +350,7 @@ def test_the_plan_says_what_edges_add() -> None:
     """On where they count, also where waves go from metal to metal; off below the tolerance and without metal."""
     found = [name for name in SHIPPED if plan_scene(load_scene(name)).on("edge_diffraction")]
     # without a pilot nobody knows what a corner's mirrors return beside its edges
-    assert found == ["plate_edges", "dihedral", "trihedral"]
+    assert found == ["plate_edges", "dihedral", "trihedral", "trihedral_square"]
     plan = plan_effects(load_scene("plate", parameters={"tilt_deg": "10"}))
     assert plan.on("edge_diffraction")
     assert plan_effects(load_scene("trihedral", parameters={"sar_antenna.center_frequency": "2e9"})).on(

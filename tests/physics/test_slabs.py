@@ -35,7 +35,8 @@ from sarmitsuba.trace.source import PointSource, Scatterers, Sight, Source
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
-from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab, room
+from sarmitsuba.validation.cases.rooms import room
+from sarmitsuba.validation.cases.slabs import GLASS, dyad, kernel_slab
 
 COSINE = np.cos(np.radians(np.concatenate([np.linspace(0.0, 89.0, 179), [89.5, 89.9, 89.99]])))
 PANE = Material("pane", permittivity=GLASS, thickness=0.006)

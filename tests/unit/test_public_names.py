@@ -13,6 +13,7 @@ FUNCTIONS = {
     "explain": ("scene",),
     "focus": ("raw", "grid"),
     "height_map": ("pair", "phase", "lowest"),
+    "error_budget": ("image",),
     "image_quality": ("image", "points", "areas"),
     "pauli_rgb": ("coherency",),
     "polarimetry_report": ("image", "looks"),

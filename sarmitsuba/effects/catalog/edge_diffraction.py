@@ -16,6 +16,7 @@ from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 from sarmitsuba.theory.diffraction import fringe_coefficients
 
 F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
 
 # antenna positions and edges that the estimate looks at, spread over all
 POSITIONS, EDGES = 9, 2000
@@ -32,8 +33,9 @@ class EdgeDiffraction(Effect):
 
     to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
-    where nothing is rough, what the metal's own facets return at once to the antenna's places, by physical optics: what
-    mirrors may send back beside it is not known without a pilot, and counts as none.
+    where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places, by physical
+    optics: what mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves
+    are left out, with a note.
 
     Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed.
     """
@@ -71,7 +73,14 @@ class EdgeDiffraction(Effect):
             return Assessment(False, "no metal edge is seen", -np.inf)
         error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
         what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
-        return Assessment(error > limit, what, min(error, 0.0))
+        note = ""
+        if any(
+            context.scene.materials[m].pec
+            for _, faces in context.scene.geometry.moving_meshes()
+            for m in np.unique(context.scene.geometry.face_material[faces])
+        ):
+            note = f"{scene.name}: edge_diffraction: edges of metal that moves are left out"
+        return Assessment(error > limit, what, min(error, 0.0), note=note)
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
@@ -150,25 +159,54 @@ def _clutter(context: SceneContext) -> float:
 
 
 def _facets(context: SceneContext) -> float:
-    """RCS of the strongest metal triangle, doubled to a facet, from any place of the antenna, m^2."""
+    """RCS of the strongest plane of metal, or of a cell of it, from any place of the antenna, by physical optics, m^2."""
     found = _Metal.of(context)
     corners = found.corners[found.metal]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)  # of two triangles
-    normal /= np.maximum(area, 1e-300)[:, None]
-    middle, side = corners.mean(axis=1), np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+    size = np.linalg.norm(normal, axis=1)
+    corners, normal, size = (x[size > 0.0] for x in (corners, normal, size))
+    if not size.size:
+        return 0.0
+    normal /= size[:, None]
+    offset = np.einsum("ni,ni->n", corners[:, 0], normal)
+    # triangles of one plane add up to its outline: the sides that they share return nothing
+    alike = np.round(np.column_stack([normal, offset / max(float(np.ptp(corners)), 1e-9)]), 4)
+    _, plane = np.unique(alike, axis=0, return_inverse=True)
     cell = context.sampling.cell if context.sampling is not None else np.inf
-    area = np.minimum(area, cell**2)
-    width = np.minimum(area / np.maximum(side, 1e-300), cell)
     best = 0.0
     for place in _places(context):
-        look = place - middle
-        look /= np.linalg.norm(look, axis=1, keepdims=True)
-        cosine = np.abs(np.einsum("ni,ni->n", look, normal))
-        x = context.wavenumber * width * np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-        fill = 1.0 / np.maximum(x, 1.0)
-        best = max(best, float(np.max((area * cosine * fill) ** 2)))
+        look = place - corners.mean(axis=1)
+        distance = np.linalg.norm(place - corners, axis=2)
+        cosine = np.abs(np.einsum("ni,ni->n", look, normal)) / np.linalg.norm(look, axis=1)
+        # what a linear phase integrates to over a triangle, from its three corners
+        phase = 2.0 * context.wavenumber * (distance - distance.min())
+        share = 0.5 * size * np.exp(-1j * phase[:, 0]) * _over_triangle(phase - phase[:, :1]) * cosine
+        total = np.abs(_sums(plane.reshape(-1), share))
+        best = max(best, float(np.square(np.minimum(total, cell**2)).max()))
     return best * context.wavenumber**2 / np.pi
+
+
+def _over_triangle(phase: F64) -> C128:
+    r"""Mean of :math:`e^{-j \phi}` over triangles whose corners have these phases (n, 3), the first of them 0."""
+    b, c = phase[:, 1], phase[:, 2]
+
+    def first(x: F64) -> C128:  # (1 - exp(-jx)) / jx
+        small = np.abs(x) < 1e-4
+        safe = np.where(small, 1.0, x)
+        return np.asarray(np.where(small, 1.0 - 0.5j * x, (1.0 - np.exp(-1j * safe)) / (1j * safe)))
+
+    # 2 int_0^1 int_0^{1-u} exp(-j (b u + c v)) dv du, by the divided difference of `first`
+    apart = b - c
+    near = np.abs(apart) < 1e-3
+    middle, step = 0.5 * (b + c), 1e-3
+    slope = (first(middle - step) - first(middle + step)) / (2.0 * step)
+    safe = np.where(near, 1.0, apart)
+    return np.asarray(-2j * np.where(near, slope, (first(c) - first(b)) / safe))
+
+
+def _sums(index: NDArray[np.intp], values: C128) -> C128:
+    """Sums of values by their index."""
+    return np.asarray(np.bincount(index, values.real) + 1j * np.bincount(index, values.imag))
 
 
 EFFECTS.register(EdgeDiffraction())

@@ -281,7 +281,9 @@ def refine(
         range_window,
         azimuth_window,
     )
-    whole = Run(scene, clock=clock, crew=crew)
+    # noise is added to the sum of all passes
+    noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
+    whole = Run(noiseless, clock=clock, crew=crew)
     goal = _Goal(target, limit, max_passes, clock)
     took = 0.0  # seconds of the last pass with its check
     while True:
