@@ -1,11 +1,9 @@
 """Files of strangers: ordinary ones only, of bounded size, which is asked of the opened file itself."""
 
 import errno
-import json
 import os
 import stat
 from pathlib import Path
-from typing import Any
 
 # a city of a million buildings; what is larger is cut first
 LARGEST = 1 << 30
@@ -78,20 +76,6 @@ def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def json_value(text: str | bytes) -> Any:
-    """Value of a JSON text of a stranger's.
-
-    Raises
-    ------
-    ValueError
-        It is malformed, no UTF-8, or nested deeper than the reader goes.
-    """
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("its entries are nested too deep") from None
-
-
 def is_inside(name: str | Path, folder: Path) -> bool:
     """Whether a path, relative to the folder or absolute, ends in it after all links are followed."""
     try:
@@ -101,4 +85,4 @@ def is_inside(name: str | Path, folder: Path) -> bool:
     return Path(place).is_relative_to(os.path.realpath(folder))
 
 
-__all__ = ["LARGEST", "check_regular", "is_inside", "json_value", "open_regular", "read_bytes", "read_text"]
+__all__ = ["LARGEST", "check_regular", "is_inside", "open_regular", "read_bytes", "read_text"]

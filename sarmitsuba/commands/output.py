@@ -12,9 +12,10 @@ from pathlib import Path
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
-from sarmitsuba.regular_files import json_value, read_text
+from sarmitsuba.regular_files import read_text
 
 MANIFEST = ".sarmitsuba.json"
 _ON_THE_WAY = (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io.atomic import open_own, reason_of
-from sarmitsuba.regular_files import json_value
+from sarmitsuba.io.encoding import json_value
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
-from sarmitsuba.regular_files import json_value, read_text
+from sarmitsuba.io.encoding import json_value, to_json
+from sarmitsuba.regular_files import read_text
 
 
 def write(path: Path | str, facts: Mapping[str, object]) -> None:

@@ -10,8 +10,8 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
-from sarmitsuba.io.encoding import Json
-from sarmitsuba.regular_files import json_value, read_text
+from sarmitsuba.io.encoding import Json, json_value
+from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 
 RECORD = "parameters.json"

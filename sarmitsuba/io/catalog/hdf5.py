@@ -28,7 +28,7 @@ from sarmitsuba.finite import check_pulses
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import groups
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
 from sarmitsuba.isolated import survive
@@ -38,7 +38,6 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
-from sarmitsuba.regular_files import json_value
 from sarmitsuba.version import __version__
 
 FORMAT_VERSION = 3

@@ -22,9 +22,9 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.regular_files import json_value, open_regular
+from sarmitsuba.regular_files import open_regular
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.fingerprint import fingerprint
