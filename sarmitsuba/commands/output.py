@@ -1,6 +1,5 @@
 """The output folder of ``render`` and ``focus``: what the program wrote there is replaced, nothing else is touched."""
 
-import json
 import os
 import re
 import shutil
@@ -13,6 +12,7 @@ from pathlib import Path
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.io import parameters
 from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
@@ -53,12 +53,12 @@ class OutputFolder:
         try:
             if (path / MANIFEST).is_symlink():
                 raise ValueError
-            record = json.loads(read_text(path / MANIFEST, errors="strict", most=_LARGEST_LIST))
+            record = json_value(read_text(path / MANIFEST, errors="strict", most=_LARGEST_LIST))
             listed = {str(name): int(size) for name, size in record["files"].items()}
             self.mark = str(record["mark"])
         except FileNotFoundError:
             pass
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ArithmeticError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise OutputError(
                 f"{path / MANIFEST}: the list of written files cannot be read; remove it, or choose another -o"
             ) from error

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
+from sarmitsuba.parameters import one_line
 
 if TYPE_CHECKING:
     import shapely
@@ -48,12 +49,24 @@ def triangulate(polygon: "shapely.Polygon") -> tuple[F64, I32]:
     Returns
     -------
     corners (n, 2) float64: exterior, then holes, without the repeated last; faces (m, 3) int32
+
+    Raises
+    ------
+    SceneError : GEOS finds no triangles
     """
     import shapely
 
     rings = [np.asarray(ring.coords)[:-1, :2] for ring in (polygon.exterior, *polygon.interiors)]
     corners = np.concatenate(rings)
-    pieces = shapely.constrained_delaunay_triangles(polygon)
+    try:
+        # GEOS finds no corner to cut off where one stands twice in a row
+        pieces = shapely.constrained_delaunay_triangles(shapely.remove_repeated_points(polygon))
+    except shapely.errors.GEOSException as error:
+        x, y = polygon.bounds[:2]
+        raise SceneError(
+            f"an outline of {len(corners)} corners at ({x:g}, {y:g}) cannot be cut into triangles "
+            f"({one_line(error, 80)}); leave it out or draw it simpler"
+        ) from error
     rows = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     place = {corner.tobytes(): i for i, corner in enumerate(corners + 0.0)}
     faces = np.array([[place[c.tobytes()] for c in row] for row in rows + 0.0], dtype=np.int32).reshape(-1, 3)

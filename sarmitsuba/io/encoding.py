@@ -1,9 +1,11 @@
-"""Turn facts gathered along the way into plain JSON values."""
+"""Facts gathered along the way as plain JSON values, and JSON of strangers read."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 
@@ -43,4 +45,18 @@ def to_json(value: object, *, strict: bool = False) -> Json:
     return convert(value)
 
 
-__all__ = ["to_json"]
+def json_value(text: str | bytes) -> Any:
+    """Value of a JSON text of a stranger's.
+
+    Raises
+    ------
+    ValueError
+        It is malformed, no UTF-8, or nested deeper than the reader goes.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("its entries are nested too deep") from None
+
+
+__all__ = ["json_value", "to_json"]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io.atomic import open_own, reason_of
+from sarmitsuba.io.encoding import json_value
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
@@ -87,7 +88,13 @@ class Journal:
             text, payload = self._file.read(n_label), self._file.read(n_payload)
             if zlib.crc32(payload, zlib.crc32(text)) != expected:
                 return
-            yield json.loads(text), offset, n_payload
+            try:
+                label = json_value(text)
+            except ValueError:
+                return
+            if not isinstance(label, dict):
+                return
+            yield label, offset, n_payload
 
     def append(self, label: Label, array: NDArray[Any]) -> None:
         """Add a record: a JSON-able label and an array, of which the bytes are kept.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.regular_files import read_text
 
 
@@ -19,7 +19,9 @@ def write(path: Path | str, facts: Mapping[str, object]) -> None:
 
 def read(path: Path | str) -> dict[str, Any]:
     """Read the facts back."""
-    facts: dict[str, Any] = json.loads(read_text(path, errors="strict"))
+    facts = json_value(read_text(path, errors="strict"))
+    if not isinstance(facts, dict):
+        raise ValueError(f"{path}: holds no JSON object")
     return facts
 
 

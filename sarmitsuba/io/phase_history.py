@@ -17,6 +17,7 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.radar.validity import FARTHEST
 from sarmitsuba.radar.waveform import Waveform
 
 F64 = NDArray[np.float64]
@@ -95,6 +96,12 @@ class PhaseHistory:
         self._check_frequency()
         if not (self.reference_range > 0.0).all():
             raise DataError(f"{self.source}: r0 must be above 0 m at every pulse")
+        places = [one for one in (self.position, self.receiver, self.reference_range) if one is not None]
+        farthest = max(float(np.abs(one).max()) for one in places)
+        if farthest > FARTHEST:
+            raise DataError(
+                f"{self.source}: positions or ranges r0 reach {farthest:g} m; at most {FARTHEST:g} m are possible"
+            )
 
     def _check_frequency(self) -> None:
         f = self.frequency if self.frequency.ndim == 2 else self.frequency[:, None]

@@ -98,7 +98,9 @@ def _of_ply(path: Path, faces: I32, names: Sequence[str], where: str) -> dict[st
     mesh = trimesh.load_mesh(path, process=False, fix_texture=False)
     raw = getattr(mesh, "metadata", {}).get("_ply_raw", {})
     vertex, face = (raw.get(part, {}).get("data", {}) for part in ("vertex", "face"))
-    indices = next((np.asarray(face[key]) for key in ("vertex_indices", "vertex_index") if key in face), None)
+    indices = next(
+        (np.asarray(face[key]) for key in ("vertex_indices", "vertex_index") if _has(face, key)), None
+    )
     if indices is not None and indices.dtype.names:  # a list with its length beside it
         indices = indices["f1"]
     if indices is None or not np.array_equal(np.asarray(indices).reshape(-1, 3), faces):

@@ -36,11 +36,12 @@ def check_document(path: Path, *, allow_outside: bool = False) -> None:
     Raises
     ------
     SceneError
-        A file has a document type, includes what is no ordinary file, or, unless allowed, includes or searches outside
-        the folder of the scene.
+        A file has a document type, names what is not there or no ordinary file, or, unless allowed, includes or
+        searches outside the folder of the scene.
     """
     seen: set[Path] = set()
     waiting = [path]
+    folders = [path.parent]  # that the parser searches; never the one that the program runs in
     while waiting:
         file = waiting.pop()
         if file in seen:
@@ -49,20 +50,22 @@ def check_document(path: Path, *, allow_outside: bool = False) -> None:
         if len(seen) > _MAX_INCLUDES:
             raise SceneError(f"{path.name}: more than {_MAX_INCLUDES} files are included; join some")
         for tag, name in _references(file):
+            what = f'{file.name}: <{tag}> of "{one_line(name)}"'
             if not allow_outside and "$" in name:
                 raise SceneError(
-                    f'{file.name}: <{tag}> of "{one_line(name)}": a parameter could stand for any place; write the '
-                    "name out, or allow it: --allow-outside (allow_outside=True)"
+                    f"{what}: a parameter could stand for any place; write the name out, or allow it: --allow-outside "
+                    "(allow_outside=True)"
                 )
-            if not allow_outside and not is_inside(name, path.parent):
-                raise SceneError(
-                    f'{file.name}: <{tag}> of "{one_line(name)}" lies outside the folder of the scene; {_REMEDY}'
-                )
-            place = path.parent / name
-            if tag == "include" and "$" not in name and _exists(place):
-                waiting.append(place)
-            elif tag != "path" and _exists(place):
-                _check_named(place, f'{file.name}: <{tag}> of "{one_line(name)}"')
+            places = [place for folder in folders if _exists(place := folder / name)]
+            if not allow_outside and not all(is_inside(one, path.parent) for one in [Path(name), *places]):
+                raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
+            if tag == "path":
+                folders.append(path.parent / name)
+            elif places:
+                _check_named(places, what, _LARGEST_SCENE if tag == "include" else _LARGEST_SPECTRUM)
+                waiting += places if tag == "include" else []
+            elif "$" not in name:
+                raise SceneError(f"{what}: there is no such file beside the scene; check the name")
 
 
 def check_files(label: str, files: Iterable[str], folder: Path) -> None:
@@ -100,12 +103,13 @@ def check_meshes(elements: Iterable[Element]) -> None:
             )
 
 
-def _check_named(place: Path, what: str) -> None:
-    """Raise a SceneError where Mitsuba's parser would open what is no small ordinary file."""
-    try:
-        check_regular(place, _LARGEST_SPECTRUM)
-    except OSError as error:
-        raise SceneError(f"{what}: {error.strerror}") from error
+def _check_named(places: Iterable[Path], what: str, most: int) -> None:
+    """Raise a SceneError where Mitsuba's parser would open what is no ordinary file, or a large one."""
+    for place in places:
+        try:
+            check_regular(place, most)
+        except OSError as error:
+            raise SceneError(f"{what}: {error.strerror}") from error
 
 
 def _exists(path: Path) -> bool:

@@ -2,7 +2,8 @@
 
 import re
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from sarmitsuba import regular_files
@@ -40,7 +41,8 @@ def parse_file(path: Path, parameters: Mapping[str, str], *, allow_outside: bool
     config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug
     try:
-        state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
+        with _searching(path.parent):
+            state = mi.parser.parse_file(config, str(path), **_allowed(parameters))
         if not allow_outside:
             check_files(path.name, [str(file) for file in state.files], path.parent)
         root = _tree(config, state, path.name, path.parent)
@@ -85,6 +87,20 @@ def read_text(path: Path) -> str:
         return regular_files.read_text(path)
     except OSError as error:
         raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
+
+
+@contextmanager
+def _searching(folder: Path) -> Iterator[None]:
+    """Let Mitsuba look for files in that folder alone, not in the one that the program runs in."""
+    before = mi.file_resolver()
+    own = mi.FileResolver()
+    own.clear()
+    own.append(str(folder))
+    mi.set_file_resolver(own)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(before)
 
 
 def _allowed(parameters: Mapping[str, str]) -> dict[str, str]:
@@ -157,7 +173,10 @@ def _kind(node_type: str, plugin: str, label: str) -> str:
 
 def _parser_message(text: str, path: Path) -> str:
     """One line out of Mitsuba's message: file, place, what."""
-    last = _SOURCE.sub("", text.strip().split("\n")[-1] if text.strip() else "unreadable")
+    text = text.strip() or "unreadable"
+    # its last line, unless it quotes a file that has line ends
+    start = max(text.find("Error while loading"), text.find("Parsing of XML file"))
+    last = " ".join(_SOURCE.sub("", text[start:] if start >= 0 else text.split("\n")[-1]).split())
     position = _POSITION.search(last)
     place = f" ({position.group(1)})" if position else ""
     what = _POSITION.sub("", last)

@@ -1,6 +1,5 @@
 """A folder that ``render`` or ``focus`` wrote, read back: its image, its raw data and the scene they are of."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.range_compression import COMPRESSIONS, range_compress
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, read_image, read_raw
-from sarmitsuba.io.encoding import Json
+from sarmitsuba.io.encoding import Json, json_value
 from sarmitsuba.regular_files import read_text
 from sarmitsuba.scene.scene import Scene
 
@@ -91,7 +90,7 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
 def _record(folder: Path) -> dict[str, Json]:
     path = folder / RECORD
     try:
-        facts = json.loads(read_text(path, errors="strict"))
+        facts = json_value(read_text(path, errors="strict"))
     except (OSError, ValueError) as error:
         raise DataError(f"{folder}: {RECORD} cannot be read; give a folder that `render` wrote") from error
     if not isinstance(facts, dict):

@@ -21,7 +21,7 @@ from sarmitsuba.radar.track import Track
 Bound = tuple[str, float, float, float, str]
 
 # m: a position in a frame that lies on the Earth, at a geostationary orbit or at the Moon
-_FARTHEST = 1e10
+FARTHEST = 1e10
 _FASTEST = 1e6  # m/s
 _ROUNDING = 1e-9  # of 0 dB
 # lengths of unit vectors, over 1: those of files in float32
@@ -87,8 +87,8 @@ def check_request(request: ImageRequest) -> None:
             ("extent_range", request.extent_range, 1e-6, 1e7, "m"),
             ("spacing_azimuth", request.spacing_azimuth, 0.0, 1e6, "m"),
             ("spacing_range", request.spacing_range, 0.0, 1e6, "m"),
-            ("center_x", request.center_x, -_FARTHEST, _FARTHEST, "m"),
-            ("center_y", request.center_y, -_FARTHEST, _FARTHEST, "m"),
+            ("center_x", request.center_x, -FARTHEST, FARTHEST, "m"),
+            ("center_y", request.center_y, -FARTHEST, FARTHEST, "m"),
             ("height", request.height, -1e7, 1e7, "m"),
         ),
     )
@@ -131,9 +131,9 @@ def _check_track(name: str, track: Track) -> None:
 
 
 def _check_places(name: str, values: NDArray[np.float64]) -> None:
-    if not (np.abs(values) <= _FARTHEST).all():  # NaN neither
+    if not (np.abs(values) <= FARTHEST).all():  # NaN neither
         raise RadarError(
-            f"radar: {name} reaches {np.abs(values).max():g} m; at most {_FARTHEST:g} m, and finite"
+            f"radar: {name} reaches {np.abs(values).max():g} m; at most {FARTHEST:g} m, and finite"
         )
 
 
@@ -144,4 +144,4 @@ def _check_unit(name: str, vectors: NDArray[np.float64]) -> None:
         raise RadarError(f"radar: {name} holds a vector of length {worst:g}; give unit vectors")
 
 
-__all__ = ["check_anchor", "check_bounds", "check_radar", "check_request"]
+__all__ = ["FARTHEST", "check_anchor", "check_bounds", "check_radar", "check_request"]

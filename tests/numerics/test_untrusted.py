@@ -47,6 +47,33 @@ def test_a_spectrum_outside_the_folder_is_not_read(tmp_path: Path) -> None:
 
 
 @needs_posix
+def test_the_folder_that_the_program_runs_in_is_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of a scene are looked for beside it; one that is missing there is not taken from where the user works."""
+    (tmp_path / "work").mkdir()
+    (tmp_path / "scene").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    Path("notes.spd").write_text("do not tell\n1 2")
+    Path("notes.xml").write_text(SCENE.format('<do not="tell"/>'))
+    path = tmp_path / "scene" / "scene.xml"
+    for text in (SPECTRUM.format("notes.spd"), SCENE.format('<include filename="notes.xml"/>')):
+        path.write_text(text)
+        with pytest.raises(SceneError, match="there is no such file beside the scene"):
+            sarmitsuba.load_scene(path)
+    (tmp_path / "scene" / "notes.spd").write_text("no spectrum\nat all")
+    path.write_text(SPECTRUM.format("notes.spd"))
+    with pytest.raises(SceneError, match=r"Could not extract wavelength in line 1.*no spectrum"):
+        sarmitsuba.load_scene(path)
+    (tmp_path / "scene" / "notes.spd").unlink()
+    (tmp_path / "scene" / "sub").mkdir()
+    os.symlink(tmp_path / "work" / "notes.spd", tmp_path / "scene" / "sub" / "notes.spd")
+    path.write_text(SPECTRUM.format("notes.spd").replace("<bsdf", '<path value="sub"/><bsdf'))
+    with pytest.raises(SceneError, match="outside the folder"):
+        sarmitsuba.load_scene(path)
+
+
+@needs_posix
 def test_pipes_and_devices_do_not_hold_a_scene_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.spd")
     path = tmp_path / "scene.xml"

@@ -5,6 +5,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ def browser() -> str | None:
 
 
 @contextmanager
-def opened(path: str, folder: Path) -> Iterator[Any]:
+def browsing(path: str, folder: Path) -> Iterator[Any]:
     """A browser context without network and with WebGL in software; ``folder`` is its empty profile."""
     from playwright.sync_api import sync_playwright
 
@@ -58,8 +59,61 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     path = browser()
     if path is None:
         pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the path")
-    with opened(path, tmp_path_factory.mktemp("browser")) as context:
+    with browsing(path, tmp_path_factory.mktemp("browser")) as context:
         yield context
+
+
+# marks a page whose script could not be read or ended with an error before it was ready
+WATCH = """for (const kind of ["error", "unhandledrejection"]) {
+  addEventListener(kind, () => { document.documentElement.dataset.failed = "true"; });
+}"""
+
+
+@dataclass
+class Open:
+    """A page in the browser, what it complained of and the addresses that it asked for."""
+
+    page: Any
+    complaints: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def call(self, script: str, **values: Any) -> Any:
+        """Value of the body of an async function; ``page`` is the page's own object."""
+        names = ", ".join(values)
+        text = f"async ({{{names}}}) => {{ const {{ page }} = window.sarmitsuba; {script} }}"
+        return self.page.evaluate(text, values)
+
+    def idle(self) -> None:
+        """Wait until what was asked for is drawn."""
+        self.call(
+            "for (let i = 0; i < 3; i++) await new Promise((resolve) => requestAnimationFrame(resolve));"
+        )
+
+
+@pytest.fixture(scope="module")
+def opened(chromium: Any) -> Iterator[Callable[[Path], Open]]:
+    """Open a page's file and wait until it is ready; a page that cannot start fails at once."""
+    pages: list[Open] = []
+
+    def call(path: Path) -> Open:
+        page = chromium.new_page()
+        page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
+        page.add_init_script(WATCH)
+        one = Open(page)
+        pages.append(one)
+        page.on(
+            "console", lambda m: one.complaints.append(m.text) if m.type in ("error", "warning") else None
+        )
+        page.on("pageerror", lambda error: one.complaints.append(str(error)))
+        page.on("request", lambda request: one.requests.append(request.url))
+        page.goto(path.as_uri())
+        page.wait_for_selector("html[data-ready], html[data-failed]")
+        assert page.get_attribute("html", "data-failed") is None, one.complaints
+        return one
+
+    yield call
+    for one in pages:
+        one.page.close()
 
 
 def encode(arrays: dict[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """The whole page in a browser: it opens, its clicks show what they should, its look switch moves the beam."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,57 +35,12 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return one, two
 
 
-@dataclass
-class Open:
-    """A page in the browser and what it complained of."""
-
-    page: Any
-    complaints: list[str]
-    requests: list[str]
-
-    def call(self, script: str, **values: Any) -> Any:
-        """Value of the body of an async function; ``page`` is the page's own object."""
-        names = ", ".join(values)
-        text = f"async ({{{names}}}) => {{ const {{ page }} = window.sarmitsuba; {script} }}"
-        return self.page.evaluate(text, values)
-
-    def idle(self) -> None:
-        """Wait until what was asked for is drawn."""
-        self.call(
-            "for (let i = 0; i < 3; i++) await new Promise((resolve) => requestAnimationFrame(resolve));"
-        )
-
-
 @pytest.fixture(scope="module")
-def opened(chromium: Any) -> Any:
-    """Open a page's file; it fails the test at the end of the module if anything was complained of."""
-    pages: list[Open] = []
-
-    def call(path: Path) -> Open:
-        page = chromium.new_page()
-        page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
-        one = Open(page, [], [])
-        page.on(
-            "console", lambda m: one.complaints.append(m.text) if m.type in ("error", "warning") else None
-        )
-        page.on("pageerror", lambda error: one.complaints.append(str(error)))
-        page.on("request", lambda request: one.requests.append(request.url))
-        page.goto(path.as_uri())
-        page.wait_for_selector("html[data-ready]")
-        pages.append(one)
-        return one
-
-    yield call
-    for one in pages:
-        one.page.close()
-
-
-@pytest.fixture(scope="module")
-def shown(bridge: tuple[Path, Path], opened: Callable[[Path], Open]) -> Open:
+def shown(bridge: tuple[Path, Path], opened: Callable[[Path], Any]) -> Any:
     return opened(bridge[0] / "page.html")
 
 
-def test_page_opens_by_itself(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_page_opens_by_itself(shown: Any, bridge: tuple[Path, Path]) -> None:
     shown.idle()
     assert shown.complaints == []
     asked = [url for url in shown.requests if not url.startswith(("data:", "blob:"))]
@@ -95,7 +49,7 @@ def test_page_opens_by_itself(shown: Open, bridge: tuple[Path, Path]) -> None:
     assert shown.page.title().startswith("bridge")
 
 
-def test_numbers_arrive_as_they_were_written(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_numbers_arrive_as_they_were_written(shown: Any, bridge: tuple[Path, Path]) -> None:
     raw, image = read_raw(bridge[0] / "raw.h5"), read_image(bridge[0] / "image.h5")
     got = shown.call(
         """const look = page.data.looks[0];
@@ -124,7 +78,7 @@ def third_line(path: Path) -> tuple[int, int]:
     return row, column - 2 + offset
 
 
-def test_click_on_the_third_line_shows_three_bounces(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_click_on_the_third_line_shows_three_bounces(shown: Any, bridge: tuple[Path, Path]) -> None:
     row, column = third_line(bridge[0])
     canvas = shown.page.locator("#image .sar-pixels")
     box = canvas.bounding_box()
@@ -151,7 +105,7 @@ def test_click_on_the_third_line_shows_three_bounces(shown: Open, bridge: tuple[
     assert abs(heights[0]) < 0.1 and 29.4 < heights[1] < 30.6 and abs(heights[2]) < 0.1
 
 
-def test_click_on_the_deck_shows_its_three_lines(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_click_on_the_deck_shows_its_three_lines(shown: Any, bridge: tuple[Path, Path]) -> None:
     """The lines of a point h above water stand R, the mean of R and R', and R' away, R' from its mirror image."""
     spot = shown.call(
         """page.store.set({ drape: "ground", buildings: "solid" });
@@ -187,7 +141,7 @@ def test_click_on_the_deck_shows_its_three_lines(shown: Open, bridge: tuple[Path
     assert "steel" in shown.page.inner_text("#story")
 
 
-def test_look_switch_moves_the_beam(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_look_switch_moves_the_beam(shown: Any, bridge: tuple[Path, Path]) -> None:
     """Stripmap's beam goes along with the platform, spotlight's stays where it is."""
     read = """const last = page.look.radar.time.length - 1; const ends = [];
         for (const pulse of [0, last]) { page.store.set({ pulse }); ends.push(page.world.beamCenter); }
@@ -206,7 +160,7 @@ def test_look_switch_moves_the_beam(shown: Open, bridge: tuple[Path, Path]) -> N
     shown.page.locator("#looks [data-look='0']").click()
 
 
-def test_image_builds_up_to_the_finished_one(shown: Open, bridge: tuple[Path, Path]) -> None:
+def test_image_builds_up_to_the_finished_one(shown: Any, bridge: tuple[Path, Path]) -> None:
     """At the last pulse, with the run's window, the browser's image is the run's."""
     shown.page.keyboard.press("End")
     got = shown.call(
@@ -223,7 +177,7 @@ def test_image_builds_up_to_the_finished_one(shown: Open, bridge: tuple[Path, Pa
     assert got[2]  # the finished image again
 
 
-def test_keys_and_help(shown: Open) -> None:
+def test_keys_and_help(shown: Any) -> None:
     shown.page.locator("#world-canvas").focus()
     shown.page.keyboard.press("Home")
     shown.page.keyboard.press("ArrowRight")
@@ -239,7 +193,7 @@ def test_keys_and_help(shown: Open) -> None:
     shown.page.keyboard.press("Escape")
 
 
-def test_tour_explains_what_newcomers_ask(shown: Open) -> None:
+def test_tour_explains_what_newcomers_ask(shown: Any) -> None:
     """Why high things lean, where the shadow falls, what the line at the foot is."""
     shown.page.keyboard.press("Escape")
     shown.page.locator("#tour").click()

@@ -1,6 +1,7 @@
 """The page of an RCS sweep in a browser: its numbers are the table's, its arrow points from where the radar is."""
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +23,11 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shown(sweep: Path, chromium: Any) -> Any:
+def shown(sweep: Path, opened: Callable[[Path], Any]) -> Any:
     """The open page; it fails the test at the end of the module if anything was complained of."""
-    page = chromium.new_page()
-    page.set_default_timeout(600_000)  # a stop for what hangs, not a verdict: machines may be busy
-    complaints: list[str] = []
-    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.goto((sweep / "page.html").as_uri())
-    page.wait_for_selector("html[data-ready]")
-    yield page
-    page.close()
-    assert complaints == []
+    one = opened(sweep / "page.html")
+    yield one.page
+    assert one.complaints == []
 
 
 def table(folder: Path) -> dict[str, list[float]]:
@@ -102,7 +96,7 @@ def test_every_control_has_its_turn_by_keyboard_with_a_ring(shown: Any) -> None:
     assert {"help", "world-canvas", "Overview", "play", "aspect"} <= set(seen.values())
 
 
-def test_aspects_without_any_return_can_be_shown(chromium: Any, tmp_path: Path) -> None:
+def test_aspects_without_any_return_can_be_shown(opened: Callable[[Path], Any], tmp_path: Path) -> None:
     """A few directions, one of them without return: infinity has no number in JSON."""
     payload = {
         "title": "nothing", "center": np.zeros(3), "radius": 1.0, "below": 1.0, "frequency": 1e9, "swept": "azimuth",
@@ -113,11 +107,7 @@ def test_aspects_without_any_return_can_be_shown(chromium: Any, tmp_path: Path) 
         ],
     }  # fmt: skip
     write_page(tmp_path / "page.html", payload, PAGE)
-    page = chromium.new_page()
-    page.set_default_timeout(600_000)
-    page.goto((tmp_path / "page.html").as_uri())
-    page.wait_for_selector("html[data-ready]")
+    page = opened(tmp_path / "page.html").page
     assert numbers(page, "0") == [3.0]  # the strongest aspect comes first
     page.locator("#aspect").fill("0")
     assert numbers(page, "0") == [-np.inf]
-    page.close()

@@ -74,6 +74,8 @@ def read_citygml(path: Path, options: ImportOptions) -> Source:
                 continue
             try:
                 rings = tuple(_rings(one.element, swapped))
+                if not rings:
+                    raise ValueError
             except ValueError:
                 source.skip("polygons without rings of three corners on the Earth", name)
                 continue
@@ -106,9 +108,20 @@ def _polygons(element: ET.Element, level: int, surface: str) -> Iterator[_Found]
             todo += [(child, level, surface) for child in reversed(here)]
 
 
+def _outermost(element: ET.Element, name: str) -> Iterator[ET.Element]:
+    """Elements of a name below one, in order, without those within each other: each part of the file is read once."""
+    todo = [element]
+    while todo:
+        here = todo.pop()
+        if _local(here) == name:
+            yield here
+        else:
+            todo += reversed(here)
+
+
 def _rings(polygon: ET.Element, swapped: bool) -> Iterator[F64]:
     """Rings, exterior first, without the repeated last corner."""
-    for ring in (e for e in polygon.iter() if _local(e) == "LinearRing"):
+    for ring in _outermost(polygon, "LinearRing"):
         text = " ".join(e.text or "" for e in ring.iter() if _local(e) in ("posList", "pos"))
         corners = np.array(text.split(), dtype=np.float64).reshape(-1, 3)
         if len(corners) < 4 or not (np.abs(corners) <= _FARTHEST).all():

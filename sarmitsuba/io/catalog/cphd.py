@@ -236,11 +236,23 @@ def read_raw(path: Path) -> RawData:
                     raise DataError(f"{path}: polarisation {letters} is not read; H, V, RHC and LHC are")
                 channel = "".join(LETTERS[one] for one in letters)
                 histories.append(_read_channel(path, channel, signal, vectors, sign, anchor, two))
+        missing = [
+            name
+            for name, value in (
+                ("Channel/Parameters", histories),
+                ("ImageAreaCornerPoints", corners),
+                ("CODTimePoly", center),
+                ("DwellTimePoly", length),
+            )
+            if value is None or not len(value)
+        ]
+        if missing:
+            raise DataError(f"{path}: its document has no {missing[0]}; export it again")
+        raw = raw_of(histories)
+        radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
+        return replace(raw, radar=radar, request=_request(raw, anchor, corners))
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as CPHD: {said(error)}") from error
-    raw = raw_of(histories)
-    radar = replace(_lit_in_turn(raw.radar, center, length), anchor=anchor)
-    return replace(raw, radar=radar, request=_request(raw, anchor, corners))
 
 
 def _check_header(path: Path, header: Mapping[str, str]) -> None:

@@ -28,7 +28,7 @@ from sarmitsuba.finite import check_pulses
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io import groups
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.guarded import GuardedFile
 from sarmitsuba.isolated import survive
@@ -377,7 +377,7 @@ def _write_metadata(file: h5py.File, metadata: Mapping[str, object]) -> None:
 
 
 def _read_metadata(file: h5py.File) -> dict[str, Any]:
-    facts = json.loads(groups.dataset(file, "metadata").asstr()[()]) if groups.has(file, "metadata") else {}
+    facts = json_value(groups.dataset(file, "metadata").asstr()[()]) if groups.has(file, "metadata") else {}
     if not isinstance(facts, dict):
         raise DataError("/metadata is not a JSON object")
     return facts

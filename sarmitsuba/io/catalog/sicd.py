@@ -107,15 +107,15 @@ def read_image(path: Path) -> SarImage:
                     f"{path}: {rows} x {columns} pixels do not fit into the {size} bytes of the file; it is damaged"
                 )
             pixels = np.asarray(reader.read_image())
+        if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
+            pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
+        if not np.iscomplexobj(pixels):
+            raise DataError(
+                f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
+            )
+        return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
     except DAMAGED as error:
         raise DataError(f"{path}: cannot be read as SICD: {said(error)}") from error
-    if pixels.dtype.names == ("real", "imag"):  # RE16I_IM16I
-        pixels = pixels["real"] + 1j * pixels["imag"].astype(np.float32)
-    if not np.iscomplexobj(pixels):
-        raise DataError(
-            f"{path}: pixels given by amplitude and phase tables are not read; convert to RE32F_IM32F"
-        )
-    return image_of(sarkit.ElementWrapper(tree.getroot()), pixels.astype(np.complex64), str(path))
 
 
 FORMATS.register(

@@ -84,7 +84,7 @@ class Page {
     $("play").addEventListener("click", () => turn(store, "playing"));
     $("help").addEventListener("click", () => $("help-text").showModal());
     fill($("help-text"), helpText(KEYS, `Drag in the scene to turn it, wheel to come nearer, right drag to move. Drag in the plot for another aspect. Point at the
-      image for how strong a spot is.`);
+      image for how strong a spot is.`));
   }
 
   listen() {

@@ -2,8 +2,10 @@
 
 import dataclasses
 import json
+import os
 import struct
 import time
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -20,8 +22,9 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import to_json
+from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.progress import Progress, silent
+from sarmitsuba.regular_files import open_regular
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.fingerprint import fingerprint
@@ -42,14 +45,17 @@ from sarmitsuba.timing import Clock
 STATE_FILE = "passes.npz"
 # how NumPy, zip and JSON report a damaged file
 _DAMAGE = (
+    ArithmeticError,
     EOFError,
     LookupError,
     MemoryError,
     OSError,
     RuntimeError,
+    SyntaxError,
     TypeError,
     ValueError,
     struct.error,
+    tokenize.TokenError,  # NumPy's, of a header
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -151,8 +157,8 @@ class Passes:
             return Passes(fingerprint)
         try:
             # opened here: of a damaged file NumPy leaves its own open
-            with open(path, "rb") as opened, np.load(opened) as file:
-                record = json.loads(file["record"].tobytes().decode())
+            with os.fdopen(open_regular(path), "rb") as opened, np.load(opened) as file:
+                record = json_value(file["record"].tobytes())
                 data, change = file["data"], file["change"]
             passes = Passes(
                 fingerprint=str(record["fingerprint"]),

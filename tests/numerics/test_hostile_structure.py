@@ -1,0 +1,243 @@
+"""A part of benchmarks/hostile.py: files of the right outer form whose content is drawn; work without a network."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zlib
+from contextlib import closing
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sarmitsuba.commands.output import OutputFolder
+from sarmitsuba.errors import DataError, OutputError
+from sarmitsuba.io.journal import Journal
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.page.run_folder import read_run
+from sarmitsuba.simulation.refinement.passes import Passes
+
+pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+
+ROOT = Path(__file__).parents[2]
+KINDS = (
+    "scene-tree",
+    "spectrum",
+    "hdf5-raw-tree",
+    "cphd-tree",
+    "sicd-tree",
+    "matlab-fields",
+    "passes-arrays",
+    "raster",
+    "osm",
+    "citygml",
+    "geojson",
+    "results",
+)
+DEEP = "[" * 100_000 + "]" * 100_000
+
+
+@pytest.fixture(scope="module")
+def hostile() -> ModuleType:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "benchmarks"))
+        return importlib.import_module("hostile")
+
+
+@pytest.fixture(scope="module")
+def samples(hostile: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("rasterio", reason="in the importing extra")
+    pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
+    folder = tmp_path_factory.mktemp("samples")
+    hostile.make_samples(folder)
+    return folder
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_drawn_content_is_read_or_refused_in_one_line(
+    hostile: ModuleType, samples: Path, tmp_path: Path, name: str
+) -> None:
+    kind = hostile.KINDS[name]
+    whole = (samples / kind.file).read_bytes()
+    (tmp_path / "case").mkdir()
+    hostile.lay_out(samples, tmp_path / "case")
+    path = kind.place(tmp_path / "case")
+    path.write_bytes(whole)
+    assert hostile.read_one(kind, path) == ("read", "")
+    for seed in range(10):
+        path.write_bytes(hostile.drawn(name, seed, whole))
+        outcome, text = hostile.read_one(kind, path)
+        assert outcome in ("read", "refused"), f"seed {seed}: {outcome}: {text}"
+
+
+def test_what_opens_files_elsewhere_or_connections_is_noticed(hostile: ModuleType, tmp_path: Path) -> None:
+    """The watch of the benchmark itself, in a process of its own because a hook is never taken off."""
+    (tmp_path / "case").mkdir()
+    (tmp_path / "secret").write_text("x")
+    code = f"""
+import socket, sys
+sys.path.insert(0, {str(ROOT / "benchmarks")!r})
+import hostile
+from contextlib import closing
+from pathlib import Path
+watch = hostile.Watch(Path({str(tmp_path / "case")!r}))
+watch.on = True
+open({str(tmp_path / "secret")!r}).close()
+Path({str(tmp_path / "case" / "own")!r}).touch()
+print(len(watch.found), watch.kind)
+try:
+    socket.create_connection(("127.0.0.1", 9), timeout=0.1)
+except OSError:
+    pass
+print(watch.kind)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["1", "outside", "connection"]
+
+
+@pytest.mark.parametrize("text", [DEEP, '{"files": {"raw.h5": Infinity}, "mark": ""}', '{"files": []}', "[]"])
+def test_lists_of_results_of_any_form_are_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / ".sarmitsuba.json").write_text(text)
+    with pytest.raises(OutputError, match="the list of written files cannot be read"):
+        OutputFolder(tmp_path)
+
+
+def test_records_nested_too_deep_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "parameters.json").write_text(DEEP)
+    with pytest.raises(DataError, match="cannot be read"):
+        read_run(tmp_path)
+    for record in (DEEP, json.dumps({"fingerprint": "x", "count": float("inf")})):
+        np.savez(
+            tmp_path / "passes.npz",
+            data=np.zeros(1),
+            change=np.zeros(0),
+            record=np.frombuffer(record.encode(), np.uint8),
+        )
+        with pytest.raises(DataError, match="cannot read the passes"):
+            Passes.load(tmp_path / "passes.npz", "x")
+
+
+def test_headers_of_arrays_that_do_not_end_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "passes.npz", record=np.zeros(3, np.uint8))
+    whole = (tmp_path / "passes.npz").read_bytes()
+    (tmp_path / "passes.npz").write_bytes(whole.replace(b"(3,), }", b"(3,), ("))
+    with pytest.raises(DataError, match="cannot read the passes"):
+        Passes.load(tmp_path / "passes.npz", "x")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
+def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "passes.npz")
+    with pytest.raises(DataError, match="no ordinary file"):
+        Passes.load(tmp_path / "passes.npz", "x")
+
+
+def test_a_journal_ends_where_a_label_is_none(tmp_path: Path) -> None:
+    from sarmitsuba.io import journal
+
+    with closing(Journal(tmp_path / "raw.blocks")) as written:
+        written.append({"x": 1}, np.arange(3.0))
+    with (tmp_path / "raw.blocks").open("ab") as file:
+        for label in (DEEP.encode(), b"[1]", b"{"):
+            file.write(
+                journal._HEADER.pack(journal._RECORD, len(label), 0, zlib.crc32(b"", zlib.crc32(label)))
+                + label
+            )
+    with closing(Journal(tmp_path / "raw.blocks")) as read:
+        assert read.labels == [{"x": 1}]
+
+
+def test_maps_on_meshes_of_structured_ply_files(samples: Path) -> None:
+    """Indices of faces that trimesh gives with their count beside them."""
+    path = samples / "uv.xml"
+    text = (samples / "files.xml").read_text().replace('<string name="map_extent" value="-3 -2 3 2"/>', "")
+    path.write_text(text)
+    from sarmitsuba.errors import SceneError
+
+    with pytest.raises(SceneError, match='has no attribute "uv"'):
+        load_scene(path)
+
+
+def test_phase_histories_have_places_that_can_be(samples: Path, tmp_path: Path) -> None:
+    import scipy.io
+
+    from sarmitsuba.io import read_raw
+
+    found = scipy.io.loadmat(samples / "raw.mat")["data"][0, 0]
+    fields = {name: found[name] for name in found.dtype.names}
+    for name in ("x", "r0"):
+        far = np.full_like(fields[name], 1e300)
+        scipy.io.savemat(tmp_path / "raw.mat", {"data": fields | {name: far}})
+        with pytest.raises(DataError, match=r"reach 1e\+300 m; at most 1e\+10 m"):
+            read_raw(tmp_path / "raw.mat")
+
+
+@pytest.mark.parametrize("element", ["ImageAreaCornerPoints", "CODTimePoly", "Parameters"])
+def test_documents_without_an_element_are_refused(samples: Path, tmp_path: Path, element: str) -> None:
+    from sarmitsuba.io import read_image, read_raw
+
+    for name, tags in (("raw.cphd", (element,)), ("image.nitf", ("WFParameters", "IPPPoly", "UVectECF"))):
+        whole = (samples / name).read_bytes()
+        for tag in tags:
+            old = tag.encode()
+            assert old + b">" in whole
+            (tmp_path / name).write_bytes(
+                whole.replace(old + b">", old[::-1] + b">").replace(old + b" ", old[::-1] + b" ")
+            )
+            with pytest.raises(DataError, match=r"cannot be read as|has no"):
+                (read_raw if name == "raw.cphd" else read_image)(tmp_path / name)
+
+
+def test_outlines_with_corners_twice_and_rings_in_rings(tmp_path: Path) -> None:
+    shapely = pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
+    from sarmitsuba.importing.polygons import triangulate
+    from sarmitsuba.importing.sources.citygml import _outermost
+
+    ring = [(0, 0), (4, 0), (4, 3), (4, 3), (4, 3), (0, 3), (0, 0), (0, 0)]
+    corners, faces = triangulate(shapely.Polygon(ring))
+    a, b, c = (corners[faces[:, i]] for i in range(3))
+    u, v = b - a, c - a
+    assert 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() == pytest.approx(12.0, rel=1e-12)
+    import xml.etree.ElementTree as ET
+
+    root = ET.fromstring("<p>" + "<LinearRing>" * 100 + "</LinearRing>" * 100 + "<a><LinearRing/></a></p>")
+    assert len(list(_outermost(root, "LinearRing"))) == 2
+
+
+OFFLINE = """
+import socket, sys
+from sarmitsuba import cli
+try:
+    socket.create_connection(("1.1.1.1", 53), timeout=2)
+except OSError:
+    print("no network", file=sys.stderr)
+status = [
+    cli.main(["import", "map.osm", "-o", "city.xml"]),
+    cli.main(["render", "point", "-o", "out", "--no-error-bars", "--page", "-D", "range_film.image_extent_azimuth=4",
+        "-D", "range_film.image_extent_range=4", "-D", "sar_antenna.slant_range=1000"]),
+    cli.main(["view", "out", "-o", "view.html"]),
+]
+print(status, file=sys.stderr)
+"""
+
+
+def test_everything_works_without_network_interfaces(samples: Path, tmp_path: Path) -> None:
+    """Import, render with its page, and view in a network namespace in which there is not even a loopback address."""
+    alone = ["unshare", "--net", "--map-root-user"]
+    if (
+        shutil.which("unshare") is None
+        or subprocess.run([*alone, "true"], capture_output=True, check=False).returncode
+    ):
+        pytest.skip("unshare is missing or not allowed: no namespace without interfaces can be made")
+    shutil.copy(samples / "map.osm", tmp_path)
+    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    ended = subprocess.run(
+        [*alone, sys.executable, "-c", OFFLINE], cwd=tmp_path, env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "no network" in ended.stderr and "[0, 0, 0]" in ended.stderr, ended.stderr
+    assert (tmp_path / "view.html").is_file() and (tmp_path / "city.xml").is_file()
