@@ -63,7 +63,7 @@ def test_the_folder_that_the_program_runs_in_is_not_searched(
             sarmitsuba.load_scene(path)
     (tmp_path / "scene" / "notes.spd").write_text("no spectrum\nat all")
     path.write_text(SPECTRUM.format("notes.spd"))
-    with pytest.raises(SceneError, match=r"Could not extract wavelength in line 1.*no spectrum"):
+    with pytest.raises(SceneError, match="Could not extract wavelength in line 1"):
         sarmitsuba.load_scene(path)
     (tmp_path / "scene" / "notes.spd").unlink()
     (tmp_path / "scene" / "sub").mkdir()
