@@ -38,6 +38,8 @@ MAX_LANES = 4_000_000
 RAY_BYTES = 80
 # bounces followed at most where nothing is said, and directions that tell how many are enough
 MOST_DEPTH, PROBED = 256, 24
+# rad: rounding of the distance that a plane wave's phases may have, and both errors of a larger target's together
+MOST_ROUNDING, MOST_PHASE_ERROR = 0.05, 0.5
 # direction that the launch planes' x axes follow where they can
 _ALONG = np.array([0.0, 1.0, 0.0])
 
@@ -154,6 +156,23 @@ def _strongest(power: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(power.max(axis=0))
 
 
+def _far_enough(radius: float, wavelength: float) -> float:
+    """Distance at which a wave is plane over a target of that radius, m, and phases are not yet lost in rounding."""
+    wavenumber = 2.0 * np.pi / wavelength
+    # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
+    plane = wavenumber * radius**2 / 1e-4
+    if wavenumber * np.spacing(plane) < MOST_ROUNDING:
+        return float(plane)
+    # where both errors are alike
+    even = radius / np.sqrt(np.finfo(np.float64).eps)
+    if 2.0 * wavenumber * radius**2 / even > MOST_PHASE_ERROR:
+        raise RadarError(
+            f"rcs: a target of {2.0 * radius:.3g} m is too large for phases at a wavelength of {wavelength:.3g} m; "
+            "check that the model is in metres, take a smaller part, or give the distance of the antenna"
+        )
+    return float(even)
+
+
 @exclusive
 def monostatic_rcs(
     geometry: Geometry,
@@ -187,7 +206,8 @@ def monostatic_rcs(
     ray_spacing : m; 0 = wavelength / 4.5, wider where a direction would take more than ``most_rays``
     max_depth : most bounces; 0 = 8, and where paths are longer, as many as return something (`BouncesLeft`) in some of
         the directions
-    distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad)
+    distance : m to the antenna; 0 = far enough for a plane wave (phase error over the target below 1e-4 rad; of targets
+        of kilometres as small as rounding of the distance leaves it, 0.5 rad at most)
     keep_orders : keep bounce numbers apart
     flags : effects; default all coherent ones that the materials call for
     seed : shift and turn of the ray lattice, and the diffuse scatterers
@@ -203,7 +223,8 @@ def monostatic_rcs(
     Raises
     ------
     RadarError
-        The directions are not (n, 3) finite vectors, or ``max_depth`` is negative.
+        The directions are not (n, 3) finite vectors, ``max_depth`` is negative, or the target is so large that float64
+        holds no plane wave's phases over it.
     ResourceError
         The rays of one direction do not fit into memory.
 
@@ -222,8 +243,7 @@ def monostatic_rcs(
     if places is not None:
         outline = np.concatenate([around, places])
     radius = 0.5 * float(np.linalg.norm(np.ptp(outline, axis=0)))
-    # sagitta of the wave over the target is r^2 / 2R; two-way phase k r^2 / R
-    far = distance or 2.0 * np.pi / wavelength * radius**2 / 1e-4
+    far = distance or _far_enough(radius, wavelength)
     position = center + look * far
     frame = frame_towards(position, center, _ALONG)
     half = _window(geometry, position, frame)

@@ -10,15 +10,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.errors import DataError, SceneError
+from sarmitsuba.errors import DataError, RadarError, SceneError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import trace_paths
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.validation import targets
 
 ROOT = Path(__file__).parents[2]
 # wires and a wall, needles, shells inside out, a body on itself: cheap ones of the benchmark's
@@ -135,3 +137,18 @@ def test_large_numbers_are_numbers() -> None:
     assert all_finite(np.full(4, 3e38, np.float32))  # whose squares overflow
     assert not all_finite(np.array([0.0, 1.0j * np.inf], np.complex64))
     assert all_finite(np.zeros((0, 3), np.complex64))
+
+
+@pytest.mark.parametrize("side", [100.0, 3000.0])
+def test_large_plates_are_as_bright_as_they_are(side: float) -> None:
+    """Seen from so far away that waves are plane, and not so far that phases are lost in rounding."""
+    plate = targets.plate(side, side)
+    result = monostatic_rcs(plate, targets.PEC, [[0.0, 0.0, 1.0]], 1e10, channels=("VV",), max_depth=1)
+    wanted = 20.0 * np.log10(np.sqrt(4.0 * np.pi) * side**2 / 0.0299792458)
+    # tol: 0.05 rad of phase over the larger one
+    assert 20.0 * np.log10(abs(result.amplitude[0, 0])) == pytest.approx(wanted, abs=0.01)
+
+
+def test_a_target_of_many_kilometres_is_refused() -> None:
+    with pytest.raises(RadarError, match=r"a target of 4.24e\+05 m is too large for phases"):
+        monostatic_rcs(targets.plate(3e5, 3e5), targets.PEC, [[0.0, 0.0, 1.0]], 1e10)
