@@ -3,11 +3,16 @@
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import harness
 import numpy as np
 import random_scenes
+
+if TYPE_CHECKING:
+    from sarmitsuba.image.sar_image import ImageGrid
+    from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.simulation.run import Run
 
 FACTORS = (0.71, 1.0, 1.41)  # of the automatic ray spacing
 REFERENCE, REFERENCE_RUNS = 0.25, 4
@@ -142,12 +147,33 @@ def share(which: "np.ndarray[Any, np.dtype[np.bool_]]") -> float:
     return 100.0 * float(np.mean(which))
 
 
+def drawn_scene(seed: int, folder: Path) -> "Scene | None":
+    """A scene, its blocks of pulses alike in all runs; None where its truth would cost too much."""
+    from sarmitsuba.loader.load import load_scene
+    from sarmitsuba.simulation.run import Run
+
+    scene = harness.with_settings(load_scene(random_scenes.draw_boxes(seed).write(folder)), method="hybrid")
+    sampling = Run(scene).sampling
+    assert sampling is not None
+    interval = sampling.key_pulse_interval
+    if sampling.rays_per_pulse * scene.radar.track.n_pulses / interval > MOST_RAYS:
+        return None
+    return harness.with_settings(scene, key_pulse_interval=interval)
+
+
+def converged(run: "Run", grid: "ImageGrid") -> "np.ndarray[Any, Any]":
+    """The truth: pixels by a run of dense rays, several times with lattices of their own."""
+    from sarmitsuba.focusing import focus
+    from sarmitsuba.simulation.raw import echoes
+
+    images = [focus(echoes(run, pass_index=1000 + i), grid).total() for i in range(DENSER_RUNS)]
+    # the median: what one of them has by a rare chance is not the truth
+    return np.asarray(np.median(np.real(images), axis=0) + 1j * np.median(np.imag(images), axis=0))
+
+
 def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
     """Stated and true error of one scene after its passes; None where its truth would cost too much."""
-    from sarmitsuba.focusing import focus
     from sarmitsuba.image.metrics import image_error_db
-    from sarmitsuba.loader.load import load_scene
-    from sarmitsuba.simulation.raw import echoes
     from sarmitsuba.simulation.refinement.error_bars import (
         PASSES_SCATTER_DB,
         PIXELS_TOGETHER,
@@ -156,20 +182,14 @@ def _refined(seed: int, folder: Path) -> dict[str, Any] | None:
     from sarmitsuba.simulation.refinement.passes import refine
     from sarmitsuba.simulation.run import Run
 
-    scene = harness.with_settings(load_scene(random_scenes.draw_boxes(seed).write(folder)), method="hybrid")
     # bounces and blocks of pulses as in all of the passes: their error is not the rays'
-    sampling = Run(scene).sampling
-    assert sampling is not None
-    scene = harness.with_settings(scene, key_pulse_interval=sampling.key_pulse_interval)
-    if sampling.rays_per_pulse * scene.radar.track.n_pulses / sampling.key_pulse_interval > MOST_RAYS:
+    scene = drawn_scene(seed, folder)
+    if scene is None:
         return None
     target = float(np.random.default_rng([seed, 0xBA]).uniform(*TARGETS))
     done = refine(scene, target_error_db=target, max_passes=MOST_PASSES)
     level = done.passes - 1
-    run = Run(scene).at(2.0 ** (-0.5 * (level + DENSER)))
-    images = [focus(echoes(run, pass_index=1000 + i), done.image.grid).total() for i in range(DENSER_RUNS)]
-    # the median: what one of them has by a rare chance is not the truth
-    reference = np.median(np.real(images), axis=0) + 1j * np.median(np.imag(images), axis=0)
+    reference = converged(Run(scene).at(2.0 ** (-0.5 * (level + DENSER))), done.image.grid)
     bar = next(iter(done.image.metadata["sampling_error"].values()))
     channel = done.image.channels[0]
     chance = bar["confidence_db"] ** 2 - PASSES_SCATTER_DB**2

@@ -5,18 +5,14 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import error_bars
 import harness
 import numpy as np
-import random_scenes
 
 # scenes of boxes on ground, drawn by seed: no constant was chosen with them
 FIRST, COUNT = 430, 21
 # edge of a place, resolution cells
 PLACE = 10.0
-# the truth: the median of so many runs of so many times the rays (powers of two)
-DENSER, DENSER_RUNS = 3, 3
-# rays of a run over all key pulses; scenes that take more are left out
-MOST_RAYS = 1e6
 
 
 @harness.benchmark
@@ -25,7 +21,8 @@ def run(quick: bool) -> harness.Report:
         "local_error",
         "Local error",
         f"Rms sampling error over places of {PLACE:g} x {PLACE:g} resolution cells: as the map of one "
-        f"run states it, over the truth (distance to the median of {DENSER_RUNS} runs of {2**DENSER} times the rays). "
+        f"run states it, over the truth "
+        f"(distance to the median of {error_bars.DENSER_RUNS} runs of {2**error_bars.DENSER} times the rays). "
         "Boxes on ground, drawn by seed; `lit`: more than a hundredth of the mean error energy.",
     )
     ratios, lit, rows = [], [], []
@@ -74,26 +71,17 @@ def _compared(seed: int, folder: Path) -> "tuple[np.ndarray[Any, Any], np.ndarra
     """Stated over true rms error of every place, dB, and which places are lit; None where it would cost too much."""
     from sarmitsuba.focusing import focus
     from sarmitsuba.image.averaging import block_means
-    from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.raw import echoes
-    from sarmitsuba.simulation.refinement.error_bars import error_bars
+    from sarmitsuba.simulation.refinement.error_bars import error_bars as local_errors
     from sarmitsuba.simulation.run import Run
 
-    scene = harness.with_settings(load_scene(random_scenes.draw_boxes(seed).write(folder)), method="hybrid")
-    once = Run(scene)
-    sampling = once.sampling
-    assert sampling is not None
-    # bounces and blocks of pulses as in the truth: their error is not the rays'
-    interval = sampling.key_pulse_interval
-    scene = harness.with_settings(
-        scene, key_pulse_interval=interval, max_depth=once.plan.max_depth, keep_subsets=True
-    )
-    if sampling.rays_per_pulse * scene.radar.track.n_pulses / interval > MOST_RAYS:
+    scene = error_bars.drawn_scene(seed, folder)
+    if scene is None:
         return None
+    # bounces and blocks of pulses as in the truth: their error is not the rays'
+    scene = harness.with_settings(scene, max_depth=Run(scene).plan.max_depth, keep_subsets=True)
     image = focus(echoes(Run(scene)), request=scene.image)
-    denser = Run(scene).at(2.0 ** (-0.5 * DENSER))
-    images = [focus(echoes(denser, pass_index=1000 + i), image.grid).total() for i in range(DENSER_RUNS)]
-    reference = np.median(np.real(images), axis=0) + 1j * np.median(np.imag(images), axis=0)
+    reference = error_bars.converged(Run(scene).at(2.0 ** (-0.5 * error_bars.DENSER)), image.grid)
     grid = image.grid
     edge = tuple(
         max(1, round(PLACE * cell / step))
@@ -104,7 +92,7 @@ def _compared(seed: int, folder: Path) -> "tuple[np.ndarray[Any, Any], np.ndarra
     )
     channel = image.channels[0]
     true = block_means(np.abs(image.total(channel) - reference) ** 2, edge)
-    stated = block_means(np.asarray(error_bars(image, window=1).per_pixel[0], np.float64) ** 2, edge)
+    stated = block_means(np.asarray(local_errors(image, window=1).per_pixel[0], np.float64) ** 2, edge)
     some = (true > 0.0) & (stated > 0.0)
     return 10.0 * np.log10(stated[some] / true[some]), true[some] > 0.01 * true.mean()
 

@@ -113,15 +113,19 @@ def examine(
     returns = draft.flags.coherent or draft.flags.diffuse
     if decided or not returns:
         return SceneContext(scene, sampling.for_effects(), known_shape=shape)
-    pairs, draft = None, plan_effects(scene, shape=shape, warn=False)
     # a draw of pairs takes so little that no run is too short for it
-    if draft.flags.diffuse and pilot is not False and _may_pair(scene):
+    paired = draft.flags.diffuse and pilot is not False and _may_pair(scene)
+    traced = wanted or not (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape))
+    known = SceneContext(scene, sampling.for_effects(), known_shape=shape)
+    if not paired and not traced:
+        return known
+    draft = plan_effects(scene, shape=shape, warn=False)
+    if paired:
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
         )
-        pairs = pair_level(sampling.obeying(scene, draft.flags), trace_scene)
-    known = SceneContext(scene, sampling.for_effects(), known_shape=shape, pairs=pairs)
-    if not wanted and (pilot is False or scene.settings.max_depth or not _may_ring(scene, shape)):
+        known = replace(known, pairs=pair_level(sampling.obeying(scene, draft.flags), trace_scene))
+    if not traced:
         return known
     result, orders = None, ORDERS
     while result is None or (orders <= MOST_ORDERS and not result.settled(scene.settings.tolerance_db)):

@@ -1,6 +1,9 @@
 """The table of hard cases: what every test of this folder measures, docs/numerics.md shows."""
 
+import importlib
 from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -55,3 +58,11 @@ def plain_scene() -> Callable[..., "mi.Scene"]:
         return mi.load_dict({"type": "scene", "embree_use_robust_intersections": robust, "mesh": mesh})
 
     return build
+
+
+@pytest.fixture(scope="session")
+def hostile() -> ModuleType:
+    """benchmarks/hostile.py, whose drawn files a part of the tests reads."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+        return importlib.import_module("hostile")

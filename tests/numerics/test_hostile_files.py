@@ -1,6 +1,5 @@
 """A part of benchmarks/hostile.py: drawn damage to every kind of file, and what is refused by rule."""
 
-import importlib
 import os
 import random
 import signal
@@ -43,13 +42,6 @@ KINDS = (
 SHAPE = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><integer name="n_pulses" value="8"/>
 <film type="range_film"/></sensor>{}<shape type="cube"/></scene>"""
-
-
-@pytest.fixture(scope="module")
-def hostile() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        return importlib.import_module("hostile")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """A part of benchmarks/hostile.py: files of the right outer form whose content is drawn; work without a network."""
 
-import importlib
 import json
 import os
 import shutil
@@ -39,13 +38,6 @@ KINDS = (
     "results",
 )
 DEEP = "[" * 100_000 + "]" * 100_000
-
-
-@pytest.fixture(scope="module")
-def hostile() -> ModuleType:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "benchmarks"))
-        return importlib.import_module("hostile")
 
 
 @pytest.fixture(scope="module")

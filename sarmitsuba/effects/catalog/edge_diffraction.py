@@ -68,7 +68,7 @@ class EdgeDiffraction(Effect):
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
         strongest, longest = _strongest(edges, context), float(edges.length.max())
-        reference, limit, over = _reference(context, decided)
+        reference, limit, over = _reference(found, context, decided)
         if strongest <= 0.0:
             return Assessment(False, "no metal edge is seen", -np.inf)
         error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
@@ -135,7 +135,9 @@ def _places(context: SceneContext) -> F64:
     return np.asarray(context.antenna[pick])
 
 
-def _reference(context: SceneContext, decided: Mapping[str, Decision]) -> tuple[float, float, str]:
+def _reference(
+    found: _Metal, context: SceneContext, decided: Mapping[str, Decision]
+) -> tuple[float, float, str]:
     """RCS that counts as the image's clutter or peak, m^2, how far below it the effect may stay, dB, and its name."""
     pilot = context.pilot
     if pilot is not None and pilot.total > 0.0:
@@ -144,7 +146,7 @@ def _reference(context: SceneContext, decided: Mapping[str, Decision]) -> tuple[
         return float(pilot.peak[3].max()), context.tolerance_db, "of the strongest cell"
     if context.sampling is not None and decided["diffuse"].on:
         return _clutter(context), CELL_BELOW_CLUTTER_DB, "of the clutter of a cell"
-    return _facets(context), context.tolerance_db, "of the metal's facets"
+    return _facets(found, context), context.tolerance_db, "of the metal's facets"
 
 
 def _clutter(context: SceneContext) -> float:
@@ -158,9 +160,8 @@ def _clutter(context: SceneContext) -> float:
     return best * context.sampling.cell**2
 
 
-def _facets(context: SceneContext) -> float:
+def _facets(found: _Metal, context: SceneContext) -> float:
     """RCS of the strongest plane of metal, or of a cell of it, from any place of the antenna, m^2; physical optics."""
-    found = _Metal.of(context)
     corners = found.corners[found.metal]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normal, axis=1)
