@@ -125,7 +125,7 @@ def _fresh_run(path: Path) -> Path:
 
 def _results(path: Path) -> object:
     """What a render into the folder does before and after its work; nothing outside may be gone."""
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
 
     run = _fresh_run(path)
     with output_folder(str(run)) as folder:

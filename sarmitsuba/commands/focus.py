@@ -12,7 +12,7 @@ from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.commands.output import OutputFolder
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.radar.image_request import ImageRequest
@@ -212,7 +212,7 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.focusing import image_request
     from sarmitsuba.io import read_raw
 

@@ -84,7 +84,7 @@ def _evaluate(
     """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
     import numpy as np
 
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters, write_image

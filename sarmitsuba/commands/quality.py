@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sarmitsuba.commands.output import OutputFolder
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.image.sar_image import SarImage
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.turntable import Aspects, RcsSweep
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.commands.view import PAGE
     from sarmitsuba.focusing.windows import parse_window
     from sarmitsuba.radar.polarisation import read_channels

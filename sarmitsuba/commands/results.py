@@ -13,7 +13,7 @@ import numpy as np
 
 from sarmitsuba import __version__
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.output import OutputFolder
+from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage

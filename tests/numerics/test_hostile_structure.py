@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.commands.output import OutputFolder
+from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.loader.load import load_scene
