@@ -44,7 +44,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
             f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
     from sarmitsuba.cost.study import study_cost
-
     from sarmitsuba.io.output import output_folder
 
     with output_folder(args.output) if args.output else nullcontext() as folder:

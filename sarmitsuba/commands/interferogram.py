@@ -6,6 +6,7 @@ track does. See docs/interferometry.md.
 
 import argparse
 import dataclasses
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,11 +85,11 @@ def _evaluate(
     """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
     import numpy as np
 
-    from sarmitsuba.io.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters, write_image
     from sarmitsuba.io.atomic import atomic_path
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.view.interferogram import interferogram_figure
 
     pair = interferogram(
@@ -137,7 +138,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     from sarmitsuba.interferometry.interferogram import same_grid
     from sarmitsuba.io import read_image, read_raw
 
-    found, raw = files_of_run(given) if given.is_dir() else (given, None)
+    found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)
     if found is not None or raw is None:
         image = read_image(found or image_file(given))
         if same_grid(first.grid, image.grid):
@@ -163,7 +164,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
 
 
 def _folder(given: Path) -> Path:
-    return given if given.is_dir() else given.parent
+    return given if os.path.isdir(given) else given.parent
 
 
 def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:

@@ -69,9 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Draw."""
-    from sarmitsuba.io.output import OutputFile, OutputFolder
     from sarmitsuba.commands.results import picture_name
     from sarmitsuba.io import read_image
+    from sarmitsuba.io.output import OutputFile, OutputFolder
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook, save
 

@@ -51,9 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Decompose."""
-    from sarmitsuba.io.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.polarimetry import (
         automatic_looks,
         coherency,

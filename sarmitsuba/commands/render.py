@@ -15,8 +15,8 @@ from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.run import Ready, Run
 

@@ -1,6 +1,7 @@
 """List the shipped scenes and radars, or copy a scene with all its files to start one of your own."""
 
 import argparse
+import os
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -61,11 +62,11 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     for source in sources:
         if not is_inside(source.relative_to(root) if source.is_relative_to(root) else source, root):
             raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")
-        if not source.is_file():
+        if not os.path.isfile(source):
             raise SceneError(
                 f"{scene}: refers to {source}, which does not exist; restore the file or correct the reference"
             )
-        if (target / source.relative_to(root)).exists():
+        if os.path.lexists(target / source.relative_to(root)):
             raise OutputError(f"{target / source.relative_to(root)}: already exists; choose another folder")
     written = []
     for source in sources:
@@ -83,7 +84,7 @@ def _with_references(scene: Path, above: tuple[Path, ...] = ()) -> Iterator[Path
         raise SceneError(f"{scene}: includes itself; take the include out")
     yield scene
     try:
-        elements = list(ET.parse(scene).iter()) if scene.is_file() else []
+        elements = list(ET.parse(scene).iter()) if os.path.isfile(scene) else []
     except ET.ParseError as error:
         raise SceneError(f"{scene}: malformed XML: {error}; check that every element is closed") from error
     for element in elements:

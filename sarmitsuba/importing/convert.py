@@ -83,8 +83,8 @@ def import_scene(
     Raises
     ------
     SceneError : the source cannot be read or used
-    OutputError : the scene is there already, it or its meshes would take the place of what the program did not write, or
-        it cannot be written
+    OutputError : the scene is there already; it or its meshes would take the place of what the program did not
+        write; or it cannot be written
     """
     source, output = Path(source), Path(output)
     if output.suffix.lower() != ".xml":

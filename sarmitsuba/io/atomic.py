@@ -97,6 +97,8 @@ def reason_of(error: OSError) -> str:
         return "no space left on the disk; free some or choose another output folder"
     if error.errno == errno.EFBIG or "errno = 27" in str(error):
         return "the file is larger than this system or user may write"
+    if error.errno == errno.ENAMETOOLONG:
+        return "the name is longer than this system takes; choose a shorter one"
     return " ".join(text.split())
 
 

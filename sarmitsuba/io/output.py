@@ -142,7 +142,7 @@ class OutputFolder:
         mark : of the scene and settings whose results come now
         keep : files that stay
         """
-        kept = [path for path in keep if path.exists()]
+        kept = [path for path in keep if os.path.exists(path)]
         stay = [name for name in self.names if any((self.path / name).samefile(other) for other in kept)]
         self.mark = mark
         self.drop([name for name in self._bytes if name not in stay])

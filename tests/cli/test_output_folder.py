@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.io.output import MANIFEST
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw
 from sarmitsuba.io.journal import Journal
+from sarmitsuba.io.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
 
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import blocks, tracing
