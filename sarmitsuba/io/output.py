@@ -100,6 +100,10 @@ class OutputFolder:
                     "it, or choose another -o"
                 )
 
+    def adopt(self, names: Iterable[str]) -> None:
+        """Take plain files of these names for the program's own, whoever wrote them, where the user says so."""
+        self.enter(*(name for name in names if _is_plain(self.path / name)))
+
     def check(self, mark: str, names: Iterable[str], *, force: bool) -> None:
         """Ask whether results may be written, before any work goes into them.
 
