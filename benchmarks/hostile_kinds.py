@@ -142,7 +142,7 @@ def _results(path: Path) -> object:
 def _view(path: Path) -> object:
     """The page of a run, none of whose values may have become an element or an attribute."""
     run = _fresh_run(path)
-    result = _command("view", str(run), "-o", str(path.parent / "page.html"))
+    result = _command("view", str(run), "-o", str(path.parent / "page.html"), "--force")
     if result != REFUSED:
         seen = _Elements()
         seen.feed((path.parent / "page.html").read_text(encoding="utf-8"))

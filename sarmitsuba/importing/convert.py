@@ -161,9 +161,8 @@ def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
             with atomic_path(output, within=meshes.path) as temporary:
                 temporary.write_text(_text(model, meshes.path.name, files), encoding="utf-8")
                 made = temporary.lstat()
-        except BaseException:
+        finally:
             undo()
-            raise
     meshes.mark = output.name
     meshes.enter(*names)
     meshes.drop(old)

@@ -7,6 +7,7 @@ import stat
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
@@ -235,8 +236,9 @@ def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Itera
     make_folder(folder)
     probe = folder / part_name()
     try:
-        probe.touch(exist_ok=False)  # never through a link
-        probe.unlink()
+        with removed_if_stopped(partial(probe.unlink, missing_ok=True)):
+            probe.touch(exist_ok=False)  # never through a link
+            probe.unlink()
     except OSError as error:
         raise OutputError(
             f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
