@@ -35,8 +35,8 @@ BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 # processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
-DRAWING, DRAWING_BYTES = 0.4, 40_000_000
-DRAWN, DRAWN_PIXEL, FIGURE_BYTES, PIXEL_BYTES = 0.1, 1.7e-7, 5_000_000, 88
+DRAWING, DRAWING_BYTES = 0.4, 28_000_000
+DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.1, 1.7e-7, 60
 # of a file, and of a byte in it
 WRITTEN, WRITTEN_BYTE = 0.02, 5e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
@@ -178,7 +178,7 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
         shown = rows * columns * (factor / block) ** 2
         count, written = count + len(formats.image), written + 8 * needs.pixels * len(formats.image)
         seconds = DRAWING + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
-        size = DRAWING_BYTES + FIGURE_BYTES + PIXEL_BYTES * shown
+        size = DRAWING_BYTES + PIXEL_BYTES * shown
     seconds += count * WRITTEN + written * WRITTEN_BYTE
     return (needs if image else needs.without_focus).then("files", seconds, size)
 

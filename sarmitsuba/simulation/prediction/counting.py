@@ -14,6 +14,7 @@ from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.look import look_size
 from sarmitsuba.focusing.needs import PIXEL, focusing_bytes, look_bytes
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
@@ -42,6 +43,8 @@ RASTER_PIXEL, RASTER_PLANE = 16, 60
 RASTER_SHARE, FORMED_PIXEL = 0.1, 1e-6
 # seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.03, 0.03, 1e-7
+# seconds of tabulating what a rough material returns at another frequency
+TABLES = 0.04
 
 
 def needs_of(
@@ -163,6 +166,9 @@ class _Tracing:
         if self.sampling.flags.motion:  # finer lattices over what moves are laid out for every key pulse
             trace += keys * self.laying * any(self.finer)
         laying = SETUP + self.laying + sum(source.making for source in self.sources)
+        if self.sub_bands > 1:  # what rough surfaces return at each frequency
+            rough = sum(material.scatters for material in with_parts(self.sampling.scene.materials))
+            laying += self.sub_bands * rough * TABLES
         return {"launch grid": laying, "trace": trace}
 
 

@@ -106,7 +106,7 @@ USUAL_CORE = SpeedModel(
     node=8e-7,
     plain_node=1.2e-7,
     kernel=0.04,
-    synthesis=4e-3,
+    synthesis=2e-3,
 )
 # stages that all threads share, and about the part of them that one thread does alone
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
