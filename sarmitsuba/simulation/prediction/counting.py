@@ -34,7 +34,7 @@ LANE = 52
 # bytes of a node of the square about the window that a lattice is cut from, and of the slabs of it, at most
 NODE, SLAB_NODES = 40, 4_000_000
 # bytes that compiled kernels, transforms and the pages of libraries take at first use
-FIRST_USE = 12_000_000
+FIRST_USE = 8_000_000
 # a launch of a source over one of a lattice, in time: each has a kernel of its own to record
 SOURCE_LAUNCHES = 4.0
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
@@ -206,7 +206,7 @@ def _of_image(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: I
     lanes = max(rays) * max(1, min(looks, MAX_LANES // max(max(rays), 1)))
     forming = look_bytes(grid, n_layers, rows * columns)
     held, sources = RAY * sum(rays) + _device_bytes(lanes, numbers), tracing.source_bytes if tracing else 0
-    stages = {"image": FIRST_USE + max(held, sources) + forming}
+    stages = {"image": FIRST_USE + held + forming}
     if tracing is not None:
         stages = {
             "launch grid": int(RAY * sum(rays) + tracing.making),
@@ -229,7 +229,7 @@ def _of_image(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: I
         },
         seconds=seconds,
         ray_spacing=tracing.sampling.spacings.coherent if tracing else 0.0,
-        kept=FIRST_USE + max(held, sources) + forming,
+        kept=FIRST_USE + held + forming,
     )
 
 
@@ -269,9 +269,8 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
     numbers, lanes, synthesis = _synthesis(sampling, layers, max(rays))
     launches = -(-keys * max(rays) // lanes) if interval == 1 else keys
     work = Work(samples=samples, syntheses=tracing.sub_bands * launches * len(layers.subsets))
-    held = (
-        FIRST_USE + 8 * samples + max(RAY * sum(rays) + _device_bytes(lanes, numbers), tracing.source_bytes)
-    )
+    device = RAY * sum(rays) + _device_bytes(lanes, numbers)
+    held = FIRST_USE + 8 * samples + device
     return Needs(
         name=scene.name,
         method=scene.settings.method,
@@ -283,7 +282,7 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
         layers=n_layers,
         stages={
             "launch grid": int(RAY * sum(rays) + tracing.making + 8 * samples),
-            "trace": held + 4 * numbers + synthesis,
+            "trace": held + max(4 * numbers + synthesis, tracing.source_bytes - device),
             "image": held + focusing,
         },
         parts={
