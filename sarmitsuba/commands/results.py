@@ -36,7 +36,7 @@ PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from 
 MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 # processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
 DRAWING, DRAWING_BYTES = 0.4, 28_000_000
-DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.1, 1.7e-7, 60
+DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.1, 1.7e-7, 75
 # of a file, and of a byte in it
 WRITTEN, WRITTEN_BYTE = 0.02, 5e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
@@ -172,10 +172,10 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
     written = needs.raw_bytes * count
     seconds, size = 0.0, 0.0
     if image:
-        rows, columns = needs.image_shape
-        block = max(1.0, max(rows, columns) / LARGEST)
-        factor = magnification(columns / block, rows / block, LARGEST, SMALLEST)
-        shown = rows * columns * (factor / block) ** 2
+        sides = [n * step for n, step in zip(needs.image_shape, needs.pixel_spacing, strict=True)]
+        finest = max(*sides) / LARGEST  # m, of a screen pixel
+        height, width = (side / max(min(needs.pixel_spacing), finest) for side in sides)
+        shown = height * width * magnification(width, height, LARGEST, SMALLEST) ** 2
         count, written = count + len(formats.image), written + 8 * needs.pixels * len(formats.image)
         seconds = DRAWING + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
         size = DRAWING_BYTES + PIXEL_BYTES * shown

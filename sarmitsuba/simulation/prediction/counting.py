@@ -43,6 +43,8 @@ RASTER_PIXEL, RASTER_PLANE = 16, 60
 RASTER_SHARE, FORMED_PIXEL = 0.1, 1e-6
 # seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.03, 0.03, 1e-7
+# seconds of a sample's noise
+NOISE_SAMPLE = 8e-8
 # seconds of tabulating what a rough material returns at another frequency
 TABLES = 0.04
 
@@ -185,6 +187,7 @@ def _of_raster(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: 
         method="raster",
         rays=screen,
         image_shape=grid.shape,
+        pixel_spacing=(grid.azimuth_spacing, grid.range_spacing),
         layers=n_channels,
         stages={"image": FIRST_USE + forming},
         parts={"image": forming},
@@ -219,6 +222,7 @@ def _of_image(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: I
         rays=(tracing.sub_bands if tracing else 1) * looks * sum(rays),
         key_pulses=looks,
         image_shape=grid.shape,
+        pixel_spacing=(grid.azimuth_spacing, grid.range_spacing),
         layers=n_layers,
         stages=stages,
         parts={
@@ -241,10 +245,13 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
         focusing_bytes(grid, n_layers, Backprojection().making_bytes(radar, grid, n_layers)) if grid else 0
     )
     shape = grid.shape if grid else (0, 0)
+    spacing = (grid.azimuth_spacing, grid.range_spacing) if grid else (1.0, 1.0)
     image = PIXEL * int(np.prod(shape)) * n_layers
     after = {}
     if scene.points:
         after["points"] = SETUP + len(scene.points) * n_pulses * n_layers * POINT_PULSE
+    if radar.noise_temperature > 0.0:
+        after["noise"] = samples * NOISE_SAMPLE
     if grid:
         pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses
         after["focus"] = FIRST_FOCUS + USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
@@ -256,6 +263,7 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
             key_pulses=0,
             raw_bytes=8 * samples,
             image_shape=shape,
+            pixel_spacing=spacing,
             layers=n_layers,
             stages={"image": FIRST_USE + 8 * samples + focusing},
             parts={"raw data": 8 * samples, "image": focusing},
@@ -279,6 +287,7 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
         key_pulse_interval=interval,
         raw_bytes=8 * samples,
         image_shape=shape,
+        pixel_spacing=spacing,
         layers=n_layers,
         stages={
             "launch grid": int(RAY * sum(rays) + tracing.making + 8 * samples),

@@ -35,6 +35,7 @@ class Needs:
     ray_spacing : m, of coherent rays
     kept : bytes that are held when the image is made: it, the raw data, and what the device keeps for the next launch
     n_pulses : of the raw data
+    pixel_spacing : m, azimuth and range
     """
 
     name: str
@@ -51,6 +52,7 @@ class Needs:
     ray_spacing: float = 0.0
     kept: int = 0
     n_pulses: int = 0
+    pixel_spacing: tuple[float, float] = (1.0, 1.0)
 
     @property
     def bytes(self) -> int:
