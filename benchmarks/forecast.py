@@ -3,7 +3,7 @@
 ``python benchmarks/forecast.py [--quick] [-o FOLDER] [--only NAME ...] [--rounds N]``. Every run is the command in a
 process of its own. Seconds are compared as processor seconds of all threads, user and system, from the line that
 states them to the end, files and pictures included: other programs on the machine change those little, elapsed time as
-they like. Each scene runs once before, which compiles its kernels; of the rounds the one of the least seconds counts.
+they like. Of the rounds of a run the one of the least seconds counts; the first may compile kernels, once per machine.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import harness
 import numpy as np
@@ -71,8 +72,8 @@ ENDS_BY_ERROR = ("tower, two passes, 5 m",)
 CITIES = ("etoile", "florence", "munich", "san_francisco")
 # drawn scenes of boxes, seeds
 DRAWS = 10
-# a scene's run is made so often where it takes less than so many processor seconds, else once
-ROUNDS, SHORT = 2, 10.0
+# rounds of a run, and of one that takes more than so many processor seconds
+ROUNDS, LONG, SECONDS = 3, 2, 10.0
 # wanted of time and of memory, either way; of the crane's time
 TIME, MEMORY, CRANE = 1.3, 1.15, 1.5
 # pixels along each side of images that are focused: below a tile, and many of them
@@ -98,10 +99,10 @@ def runs(folder: Path) -> dict[str, tuple[str, ...]]:
     return out | VARIANTS
 
 
-def made(arguments: Sequence[str], rounds: int) -> dict[str, object]:
-    """The forecast and what was taken, of the round of the least processor seconds; most memory of all."""
-    found: list[dict[str, object]] = []
-    for i in range(1 + rounds):
+def made(arguments: Sequence[str], rounds: int) -> dict[str, Any]:
+    """The forecast and what was taken, of the round of the least processor seconds."""
+    found: list[dict[str, Any]] = []
+    for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             done = subprocess.run(
                 [sys.executable, "-c", CHILD, *arguments, "-o", f"{folder}/out"],
@@ -110,11 +111,9 @@ def made(arguments: Sequence[str], rounds: int) -> dict[str, object]:
                 check=True,
             )
         found.append(json.loads(done.stdout.splitlines()[-1]))
-        if i and float(found[-1]["processor"]) > SHORT:
+        if len(found) == LONG and found[-1]["processor"] > SECONDS:
             break
-    counted = found[1:]  # the first may have compiled
-    best = min(counted, key=lambda row: row["processor"])
-    return best | {"peak": max(row["peak"] for row in counted)}
+    return min(found, key=lambda row: row["processor"])
 
 
 def factor(said: float, true: float) -> float:
@@ -139,7 +138,7 @@ def run(quick: bool, only: Sequence[str] = (), rounds: int = ROUNDS) -> harness.
         "Forecasts of time and memory",
         "What `render` says before it traces against what it took: processor seconds of all threads from that line to "
         "the end, and the most that its process held (compiled kernels, files and pictures included). Kernels are "
-        "compiled before. `before`: processor seconds until the line, Python and libraries included.",
+        "compiled. `before`: processor seconds until the line, Python and libraries included.",
     )
     times: dict[str, float] = {}
     sizes: dict[str, float] = {}
@@ -148,7 +147,7 @@ def run(quick: bool, only: Sequence[str] = (), rounds: int = ROUNDS) -> harness.
         wanted = runs(Path(folder))
         names = QUICK if quick else [name for name in wanted if not only or name in only]
         for name in names:
-            found = made(wanted[name], 1 if quick else rounds)
+            found = made(wanted[name], LONG if quick else rounds)
             said = sum(found["seconds"].values())
             size = found["bytes"] / found["peak"]
             sizes[name] = factor(size, 1.0)
@@ -220,7 +219,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two small runs, one round")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="runs, by name")
-    parser.add_argument("--rounds", type=int, default=ROUNDS, help="of each run of less than 10 s")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="of each run")
     parser.add_argument("-o", "--output", type=Path, default=harness.RESULTS)
     given = parser.parse_args()
     run(given.quick, given.only, given.rounds).save(given.output)
