@@ -111,7 +111,7 @@ USUAL_CORE = SpeedModel(
 # stages that all threads share, and about the part of them that one thread does alone
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
 # numbers of the job that a core is timed by, its rounds, and processor seconds that it takes the usual core
-JOB, ROUNDS, JOB_SECONDS = 1 << 16, 5, 5.6e-3
+JOB, ROUNDS, JOB_SECONDS = 1 << 14, 20, 0.9e-3
 
 
 @dataclass(frozen=True)
