@@ -147,7 +147,7 @@ class _Tracing:
 
     def seconds(self, keys: int, launches: int) -> dict[str, float]:
         """Seconds by stage for so many key pulses, in so many launches of each lattice and source."""
-        subsets, panes = len(self.layers.subsets), self.sampling.flags.transmission
+        subsets, flags = len(self.layers.subsets), self.sampling.flags
         rays, traced = float(sum(self.rays)), subsets * self.sub_bands * keys
         kinds = len({purpose for purpose, _ in _purposes(self.sampling, self.layers)}) + len(self.sources)
         work = Work(
@@ -159,13 +159,10 @@ class _Tracing:
             scatterers=traced * scatterers_met(self.sampling),
         )
         trace = USUAL_CORE.stages(work)["trace"]
-        trace += (
-            self.sub_bands
-            * keys
-            * (USUAL_CORE.finer_ray * sum(self.finer) + USUAL_CORE.pane_ray * rays * panes)
-        )
+        more = USUAL_CORE.pane_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
+        trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
         trace += traced * sum(source.scatterers * source.each for source in self.sources)
-        if self.sampling.flags.motion:  # finer lattices over what moves are laid out for every key pulse
+        if flags.motion:  # finer lattices over what moves are laid out for every key pulse
             trace += keys * self.laying * any(self.finer)
         laying = SETUP + self.laying + sum(source.making for source in self.sources)
         if self.sub_bands > 1:  # what rough surfaces return at each frequency
@@ -253,7 +250,7 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
     if radar.noise_temperature > 0.0:
         after["noise"] = samples * NOISE_SAMPLE
     if grid:
-        pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses
+        pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * Backprojection().effort(radar, grid)
         after["focus"] = FIRST_FOCUS + USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
     if tracing is None:
         return Needs(

@@ -46,7 +46,7 @@ class SpeedModel:
     ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
     kernel, synthesis : s for each: recording a kernel for the first time and loading what was compiled; likewise
     finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
-    pane_ray : s more for a ray of a scene whose slabs let waves through
+    pane_ray, water_ray : s more for a ray of a scene whose slabs let waves through, or whose water moves
     plain_node, node : s for laying out a ray of a plain lattice, and one over small parts, once for all pulses
     """
 
@@ -58,6 +58,7 @@ class SpeedModel:
     pixel_pulse: float
     finer_ray: float = 0.0
     pane_ray: float = 0.0
+    water_ray: float = 0.0
     node: float = 0.0
     plain_node: float = 0.0
     kernel: float = 0.0
@@ -102,7 +103,8 @@ USUAL_CORE = SpeedModel(
     sample=1 / 2e6,
     pixel_pulse=1 / 4e8,
     finer_ray=2e-7,
-    pane_ray=1e-6,
+    pane_ray=1.2e-6,
+    water_ray=3e-7,
     node=8e-7,
     plain_node=1.2e-7,
     kernel=0.04,
