@@ -35,8 +35,8 @@ BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
 # processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
-DRAWING, DRAWING_BYTES = 0.4, 28_000_000
-DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.1, 1.7e-7, 75
+DRAWING, DRAWING_BYTES = 0.38, 28_000_000
+DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.06, 1.2e-7, 75
 # of a file, and of a byte in it
 WRITTEN, WRITTEN_BYTE = 0.02, 5e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")

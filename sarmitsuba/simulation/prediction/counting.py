@@ -36,15 +36,15 @@ NODE, SLAB_NODES = 40, 4_000_000
 # bytes that compiled kernels, transforms and the pages of libraries take at first use
 FIRST_USE = 8_000_000
 # a launch of a source over one of a lattice, in time: each has a kernel of its own to record
-SOURCE_LAUNCHES = 4.0
+SOURCE_LAUNCHES = 2.0
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
 RASTER_PIXEL, RASTER_PLANE = 16, 60
 # a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
 RASTER_SHARE, FORMED_PIXEL = 0.1, 1e-6
 # seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.03, 0.03, 1e-7
-# seconds of a sample's noise
-NOISE_SAMPLE = 8e-8
+# seconds of a sample's noise, and of its range upsampled for focusing
+NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
 # seconds of tabulating what a rough material returns at another frequency
 TABLES = 0.04
 
@@ -251,7 +251,9 @@ def _of_raw(scene: Scene, tracing: _Tracing | None, layers: LayerPlan, grid: Ima
         after["noise"] = samples * NOISE_SAMPLE
     if grid:
         pixel_pulses = float(np.prod(shape)) * n_layers * n_pulses * Backprojection().effort(radar, grid)
-        after["focus"] = FIRST_FOCUS + USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
+        after["focus"] = (
+            FIRST_FOCUS + samples * UPSAMPLED + USUAL_CORE.stages(Work(pixel_pulses=pixel_pulses))["focus"]
+        )
     if tracing is None:
         return Needs(
             name=scene.name,

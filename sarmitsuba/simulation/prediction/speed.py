@@ -44,7 +44,8 @@ class SpeedModel:
     Parameters
     ----------
     ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
-    kernel, synthesis : s for each: recording a kernel for the first time and loading what was compiled; likewise
+    kernel : s for recording a kernel for the first time and loading what was compiled
+    synthesis, counted_sample : s for a synthesis and for a sample, where syntheses are counted
     finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
     pane_ray, water_ray : s more for a ray of a scene whose slabs let waves through, or whose water moves
     plain_node, node : s for laying out a ray of a plain lattice, and one over small parts, once for all pulses
@@ -63,6 +64,7 @@ class SpeedModel:
     plain_node: float = 0.0
     kernel: float = 0.0
     synthesis: float = 0.0
+    counted_sample: float = 0.0
 
     @staticmethod
     def measured(work: Work, seconds: Mapping[str, float]) -> "SpeedModel":
@@ -83,7 +85,8 @@ class SpeedModel:
             + work.rays * self.ray
             + work.scatterers * self.scatterer
             + work.path_pulses * self.path_pulse,
-            "synthesise": work.samples * self.sample + work.syntheses * self.synthesis,
+            "synthesise": work.samples * (self.counted_sample if work.syntheses else self.sample)
+            + work.syntheses * self.synthesis,
             "focus": work.pixel_pulses * self.pixel_pulse,
         }
 
@@ -97,7 +100,7 @@ class SpeedModel:
 # laying out a block and reading its grid back take; adding to the grid is in the rays and scatterers
 USUAL_CORE = SpeedModel(
     ray=1 / 5e6,
-    launch=5e-3,
+    launch=9e-3,
     scatterer=1 / 5e6,
     path_pulse=0.0,
     sample=1 / 2e6,
@@ -108,7 +111,8 @@ USUAL_CORE = SpeedModel(
     node=8e-7,
     plain_node=1.2e-7,
     kernel=0.04,
-    synthesis=2e-3,
+    synthesis=8e-3,
+    counted_sample=2.5e-7,
 )
 # stages that all threads share, and about the part of them that one thread does alone
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
