@@ -42,7 +42,7 @@ RASTER_PIXEL, RASTER_PLANE = 16, 60
 # a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
 RASTER_SHARE, FORMED_PIXEL = 0.1, 1e-6
 # seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
-SETUP, FIRST_FOCUS, POINT_PULSE = 0.03, 0.03, 1e-7
+SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 # seconds of a sample's noise, and of its range upsampled for focusing
 NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
 # seconds of tabulating what a rough material returns at another frequency

@@ -68,9 +68,9 @@ class Prediction:
     raw_bytes: int
 
     @staticmethod
-    def of(needs: Needs, clock: Clock = time.perf_counter) -> "Prediction":
-        """From what a run needs alone; nothing is traced, so that contributions are not known."""
-        seconds = needs.processor if clock is time.process_time else needs.elapsed
+    def of(needs: Needs, *, processor: bool = False) -> "Prediction":
+        """From what a run needs alone, elapsed or processor seconds; nothing is traced: contributions are not known."""
+        seconds = needs.processor if processor else needs.elapsed
         trace, focus = seconds.get("trace", 0.0), seconds.get("focus", 0.0)
         return Prediction(
             seconds=seconds,
@@ -145,7 +145,7 @@ def predict(
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
         if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
             planned = measured_both_ways(run, scene, needs.key_pulses)
-        return planned, Prediction.of(needs, clock)
+        return planned, Prediction.of(needs, processor=clock is time.process_time)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
         plan_scene(scene, run.trace_scene, clock=clock)
