@@ -33,7 +33,7 @@ _Maker = Callable[[SamplingPlan, KernelFlags], Source | None]
 # piece, traced; a cell of a volume's lattice, laid out, and a scatterer in it, traced through what stands in its way;
 # a point that pairs are drawn from, laid out, and a pair, traced; and a draw of pairs that tells their level
 ROD_NODE, ROD_NUMBER, ROD_TRACED, EDGE_TRACED = 1e-6, 1.1e-7, 1e-6, 5e-6
-CELL_LAID, SCATTERER_TRACED = 1e-6, 9e-6
+CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
 POINT_LAID, PAIR_TRACED, PAIRS_LEVEL = 1e-6, 2.5e-7, 0.25
 # bytes of each while it is laid out: nodes, numbers of a table, cells of a volume, scatterers kept, points of pairs
 ROD_BYTES, NUMBER_BYTES, CELL_BYTES, SCATTERER_BYTES, POINT_BYTES = 300, 150, 150, 100, 280

@@ -160,6 +160,7 @@ class _Tracing:
         )
         trace = USUAL_CORE.stages(work)["trace"]
         more = USUAL_CORE.pane_ray * flags.transmission + USUAL_CORE.water_ray * flags.water_motion
+        more += USUAL_CORE.wide_ray * (self.sub_bands > 1)
         trace += self.sub_bands * keys * (USUAL_CORE.finer_ray * sum(self.finer) + more * rays)
         trace += traced * sum(source.scatterers * source.each for source in self.sources)
         if flags.motion:  # finer lattices over what moves are laid out for every key pulse
