@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba import SarmitsubaError, Scene, load_scene, render, simulate, trace_paths
+from sarmitsuba import SarmitsubaError, Scene, explain, load_scene, render, simulate, trace_paths
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
@@ -241,6 +241,8 @@ def outcome(drawn: Drawn, path: Path) -> tuple[str, str]:
         elif drawn.method == "paths":
             table = trace_paths(scene)
             data = [table.amplitude, table.length, table.range_rate]
+        elif drawn.method == "explain":
+            data = [list(explain(scene).prediction.seconds.values())]
         elif drawn.method in ("hybrid", "raw"):
             data = [simulate(scene).data]
         else:
@@ -305,13 +307,16 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--count", type=int, default=2000, help="scenes")
     parser.add_argument("-o", "--output", type=Path, default=None, help="folder that keeps what failed")
+    parser.add_argument(
+        "--explain", action="store_true", help="ask for the plan of each in place of its data"
+    )
     parser.add_argument("-v", "--verbose", action="store_true", help="a line for every scene")
     options = parser.parse_args()
     counts, by_method, slowest = Counter(), Counter(), (0.0, -1)
     reasons: Counter[str] = Counter()
     start = time.process_time()
     for seed in range(options.first, options.first + options.count):
-        drawn = draw(seed)
+        drawn = replace(draw(seed), method="explain") if options.explain else draw(seed)
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             before = time.process_time()

@@ -23,6 +23,7 @@ from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_cente
 from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
 from sarmitsuba.materials.bsdfs import wire_permittivity
 from sarmitsuba.materials.parts import map_attributes
+from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
@@ -34,6 +35,9 @@ F64 = NDArray[np.float64]
 # facets of curved shapes: at 1/32 they act as a grating whose lobes move a sphere's return by up to 1 dB with
 # the direction, a cylinder's by as much; at 1/512 by 0.1 dB
 SAGITTA_OVER_WAVELENGTH = 1.0 / 512.0
+# bytes that cleaning and joining take for a triangle, beyond the triangle itself; triangles between two looks at the
+# memory that is free
+BYTES_PER_FACE, COUNTED = 300, 1_000_000
 
 
 @dataclass
@@ -55,6 +59,7 @@ class Collector:
     surfaces: list[Surface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
     lines: list[LineTarget] = field(default_factory=list)
+    n_faces: int = 0
 
     def __post_init__(self) -> None:
         frequency = self.described.radar.sensor.center_frequency
@@ -88,6 +93,7 @@ class Collector:
             return
         material = self.book.index(bsdf, placed.element.where)
         vertices, faces = self.reader.triangles(placed)
+        self._check_faces(placed.element.where, len(faces))
         names = map_attributes(self.book.materials[material])
         self.surfaces.append(
             Surface(
@@ -138,6 +144,7 @@ class Collector:
         for part, corners in zip(parts, vertices, strict=True):
             kind = kinds[part.material] or DEFAULT
             index = self.book.named(part.material or DEFAULT, kind, label)
+            self._check_faces(label, len(part.faces))
             self.surfaces.append(Surface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
@@ -172,6 +179,16 @@ class Collector:
             self.lines,
             self.volumes.volumes,
         )
+
+    def _check_faces(self, where: str, more: int) -> None:
+        """Count triangles; refuse more than the machine can join."""
+        before, self.n_faces = self.n_faces, self.n_faces + more
+        if before // COUNTED != self.n_faces // COUNTED:
+            check_fits(
+                f"{where}: {self.n_faces / 1e6:.0f} million triangles up to here: joining them",
+                BYTES_PER_FACE * self.n_faces,
+                "make curved shapes smaller or fewer, or take a mesh of fewer faces",
+            )
 
     def _rods(self, placed: Placed, bsdf: Element) -> list[LineTarget]:
         """Rods of a shape that is made of them."""

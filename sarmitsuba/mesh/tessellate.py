@@ -6,6 +6,8 @@ a mesh that lies inside its sphere returns too late a phase and too small an are
 the true surface, inwards or outwards, stays below the sagitta.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,22 +107,33 @@ def sphere(radius: float, sagitta: float, edge: float = np.inf) -> Mesh:
     All vertices have one radius, chosen so that the distance of the facets from the centre, averaged over
     their area, is ``radius``: corners stand out by 3/4 of the chord height, facet centres lie 1/4 inside.
     """
-    depth = _relative(radius, sagitta)
+    found = _unit_sphere(_relative(radius, sagitta), edge / radius)
+    if found is None:
+        raise SceneError(
+            f"sphere: radius = {radius:g} at sagitta = {sagitta:g} and edge = {edge:g} needs over "
+            f"{_MAX_FACES} triangles; raise the sagitta or the edge"
+        )
+    v, f, distance = found
+    return v * (radius / distance), f.copy()
+
+
+# scenes have many spheres of one size
+@lru_cache(maxsize=2)
+def _unit_sphere(depth: float, edge: float) -> tuple[F64, I32, float] | None:
+    """Vertices on the unit sphere and faces, both read-only, and the facets' mean distance; None: too many."""
     # icosahedron faces have the circumradius 37.4 deg; start coarse, then grow to the bound
     n = max(1, int(0.6 / np.arccos(max(1.0 - depth, -1.0))))
     while True:
         if 20 * n * n > _MAX_FACES:
-            raise SceneError(
-                f"sphere: radius = {radius:g} at sagitta = {sagitta:g} and edge = {edge:g} needs over "
-                f"{_MAX_FACES} triangles; raise the sagitta or the edge"
-            )
+            return None
         v, f = _geodesic(n)
         chord = 1.0 - _plane_distance(v, f).min()
-        longest = _longest_edge(v, f) * radius
+        longest = _longest_edge(v, f)
         if chord <= depth and longest <= edge:
             break
         n = max(n + 1, int(0.97 * n * max(np.sqrt(chord / depth), longest / edge)))
-    return v * (radius / _mean_distance(v, f)), f
+    v.flags.writeable = f.flags.writeable = False
+    return v, f, _mean_distance(v, f)
 
 
 def _relative(radius: float, sagitta: float) -> float:

@@ -218,7 +218,13 @@ class Blocks:
         Parameters
         ----------
         most_rays : that it may take
+
+        Notes
+        -----
+        Nothing where every pulse is traced: there are no blocks, and two pulses far apart would share one too large.
         """
+        if self.interval == 1:
+            return 0, 0
         seams = range(len(self.blocks) - 1)
         for i in sorted(seams, key=lambda i: (GOLDEN * i) % 1.0):
             todo = [k for k in (i, i + 1) if k not in self.done]

@@ -31,6 +31,8 @@ BISECTIONS = 12
 LEAST = 1e-3
 # m, stands for a sheet whose width is not known
 FAR = 1e6
+# places along all edges at which the widths of sheets are found, or one on each piece where there are fewer
+SPANS = 20_000
 # modulus below which the series of a difference of cotangents is used
 SERIES = 0.2
 
@@ -55,10 +57,11 @@ def edges_of(
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))
-    edges = sharp_edges(corners, metal).cut(min(LONGEST * wavelength, cell))
+    edges, longest = sharp_edges(corners, metal), min(LONGEST * wavelength, cell)
     scene = intersector(corners.astype(np.float32))
-    edges = edges.of(uncovered(edges, scene, wavelength))
-    return replace(edges, span=spans(edges, scene, geometry.diameter))
+    edges = edges.cut(max(longest, float(edges.length.sum()) / SPANS))
+    edges = replace(edges, span=spans(edges, scene, geometry.diameter)).cut(longest)
+    return edges.of(uncovered(edges, scene, wavelength))
 
 
 def spans(edges: SharpEdges, scene: mi.Scene, largest: float) -> F64:

@@ -7,9 +7,11 @@ import pytest
 
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
+from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import blocks as blocks_module
 from sarmitsuba.simulation.blocks import Blocks
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.launch import Level, lattice
 
@@ -37,6 +39,22 @@ def test_strip_keeps_levels() -> None:
     np.testing.assert_array_equal(strip.level, grid.level[keep])
 
 
+def _blocks(scene: Scene) -> tuple[Blocks, Rays]:
+    run = Run(scene)
+    assert run.sampling is not None
+    tracer, rays = run.tracer(run.sampling), run.rays(run.sampling, 0)
+    radar, layers = scene.radar, run.layers.layers
+    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
+    return Blocks(tracer, rays, layers, data, run.layers.max_order), rays
+
+
+def test_where_every_pulse_is_traced_no_block_is_looked_at() -> None:
+    """Blocks of two pulses far apart would need grids of any size."""
+    made, _ = _blocks(load_scene(resolve("sphere"), parameters={"sar_path.key_pulse_interval": "1"}))
+    assert made.survey(10**12) == (0, 0)
+    assert not made.done
+
+
 @pytest.mark.filterwarnings("ignore:.*wideband is switched off")
 @pytest.mark.parametrize("strips", [True, False])
 def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips: bool) -> None:
@@ -46,12 +64,7 @@ def test_a_strip_decides_as_all_rays_do(monkeypatch: pytest.MonkeyPatch, strips:
     settings = replace(
         scene.settings, tolerance_db=-60.0, effects={"diffuse_pairs": "off", "wideband": "off"}
     )  # no rays of theirs, one launch a block
-    run = Run(replace(scene, settings=settings))
-    assert run.sampling is not None
-    tracer, rays = run.tracer(run.sampling), run.rays(run.sampling, 0)
-    radar, layers = scene.radar, run.layers.layers
-    data = np.zeros((len(layers), radar.track.n_pulses, radar.window.n_samples), dtype=np.complex64)
-    made = Blocks(tracer, rays, layers, data, run.layers.max_order)
+    made, rays = _blocks(replace(scene, settings=settings))
     traced = []
     launch = Tracer.launch
 

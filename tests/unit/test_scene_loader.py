@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from sarmitsuba import memory
 from sarmitsuba.effects.effect import switchable_effects
-from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.errors import ResourceError, SarmitsubaWarning
 from sarmitsuba.loader.library import list_scenes
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.mesh.ply import write_ply
@@ -137,6 +138,15 @@ def test_instances_stand_where_they_are_put(tmp_path: Path) -> None:
     a, b = (geometry.vertices[np.unique(geometry.faces[i:j])] for i, j in _spans(geometry))
     np.testing.assert_allclose([a.min(0), a.max(0)], [[-2, -2, 0], [2, 2, 4]])
     np.testing.assert_allclose([b.min(0), b.max(0)], [[9, -1, 0], [11, 1, 2]])
+
+
+def test_more_triangles_than_the_memory_holds_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory, "free_memory", lambda: 100_000_000)
+    ball = f'<shape type="sphere"><float name="radius" value="1.5"/>{PEC}</shape>'
+    with pytest.raises(ResourceError, match="million triangles up to here: joining them needs"):
+        load_scene(scene_file(tmp_path, 12 * ball))
 
 
 def test_point_scatterer_is_the_spheres_centre(tmp_path: Path) -> None:

@@ -65,6 +65,14 @@ def test_sphere_is_not_finer_than_needed():
     assert len(sphere(1.0, sagitta)[1]) < 2.0 * ideal
 
 
+def test_spheres_of_one_size_do_not_share_arrays():
+    vertices, faces = sphere(2.0, 1e-3)
+    kept = vertices.copy(), faces.copy()
+    vertices[:], faces[:] = 0.0, 0
+    for got, want in zip(sphere(2.0, 1e-3), kept, strict=True):
+        assert np.array_equal(got, want)
+
+
 def test_sphere_keeps_to_the_longest_edge():
     v, f = sphere(2.0, 1.0, edge=0.2)
     longest = np.linalg.norm(v[f] - v[np.roll(f, 1, axis=1)], axis=2).max()
