@@ -72,7 +72,9 @@ def add_pair_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Evaluate the pair."""
     from sarmitsuba.io import read_image
+    from sarmitsuba.io.output import OutputFolder
 
+    OutputFolder(_target(args)).check_names((RECORD, PICTURE))
     first = read_image(image_file(Path(args.first)))
     second, made = _second(Path(args.second), first, args.channel, console)
     _evaluate(first, second, args, console, made)
@@ -105,7 +107,7 @@ def _evaluate(
         found = height_map(pair, phase, lowest=args.lowest_height)
     for line in _table(pair, found):
         console.say(line)
-    with output_folder(args.output or str(_folder(Path(args.second)))) as folder:
+    with output_folder(_target(args)) as folder:
         if made:
             with folder.writing(SECOND) as path:
                 write_image(second, path)
@@ -163,8 +165,10 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     return image, True
 
 
-def _folder(given: Path) -> Path:
-    return given if os.path.isdir(given) else given.parent
+def _target(args: argparse.Namespace) -> Path:
+    """Folder of the results."""
+    second = Path(args.second)
+    return Path(args.output or (second if os.path.isdir(second) else second.parent))
 
 
 def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:

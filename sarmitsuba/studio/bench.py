@@ -179,7 +179,7 @@ def command(path: Path) -> str:
 def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
     """Write the state's scene file under the next free name in a folder; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    number = next(n for n in range(1, 1_000_000) if not os.path.exists(folder / f"{stem}_{n}.xml"))
+    number = next(n for n in range(1, 1_000_000) if not os.path.lexists(folder / f"{stem}_{n}.xml"))
     path = folder / f"{stem}_{number}.xml"
     _write(path, scene_xml(state))
     return path
