@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -303,6 +304,24 @@ def test_atomic_write_keeps_the_old_file_when_interrupted(tmp_path: Path) -> Non
         raise KeyboardInterrupt
     assert target.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_threads_that_write_one_file_leave_a_whole_one(tmp_path: Path) -> None:
+    """Each has a file of its own on the way; readers meanwhile find the old or the new one."""
+    image, target = make_image(), tmp_path / "image.h5"
+    write_image(image, target)
+
+    def work(writes: bool) -> None:
+        for _ in range(8):
+            if writes:
+                write_image(image, target)
+            else:
+                assert_same(read_image(target), image)
+
+    with ThreadPoolExecutor(4) as pool:
+        for done in [pool.submit(work, i != 3) for i in range(4)]:
+            done.result()
+    assert [path.name for path in tmp_path.iterdir()] == ["image.h5"]
 
 
 def test_missing_folder_is_one_line(tmp_path: Path) -> None:
