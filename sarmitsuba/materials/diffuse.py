@@ -6,7 +6,8 @@ have a second table for that.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,8 +80,7 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
     if not _returns(material):
         sigma0 = Sigma0.none(theta)
     else:
-        sigma0 = LAWS[material.diffuse_law].sigma0(material, wavelength, theta)
-        _check(material.diffuse_law, sigma0, theta)
+        sigma0 = _sigma0(material, wavelength, n_angles)
     label = f'material "{material.name}": diffuse_law = {material.diffuse_law}: '
     return DiffuseTable(
         theta=theta,
@@ -90,6 +90,29 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
         valid_to=max(sigma0.valid_from, sigma0.valid_to),
         notes=tuple(label + note for note in sigma0.notes),
     )
+
+
+def _sigma0(material: Material, wavelength: float, n_angles: int) -> Sigma0:
+    """Values of the material's law; made once for all that differ in name alone, of which a mesh may have thousands."""
+    if material.maps is None:
+        law = id(LAWS[material.diffuse_law])
+        try:
+            return _tabulated(law, replace(material, name=""), wavelength, n_angles)
+        except SceneError:
+            pass  # said below, with the name
+    return _of_law(material, wavelength, n_angles)
+
+
+@lru_cache(maxsize=64)
+def _tabulated(_law: int, material: Material, wavelength: float, n_angles: int) -> Sigma0:
+    return _of_law(material, wavelength, n_angles)
+
+
+def _of_law(material: Material, wavelength: float, n_angles: int) -> Sigma0:
+    theta = np.linspace(0.0, np.pi / 2, n_angles)
+    sigma0 = LAWS[material.diffuse_law].sigma0(material, wavelength, theta)
+    _check(material.diffuse_law, sigma0, theta)
+    return sigma0
 
 
 @dataclass(frozen=True, eq=False)
