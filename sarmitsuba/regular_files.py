@@ -87,20 +87,21 @@ def most_unpacked(size: int) -> int:
     return _LEAST_UNPACKED + _UNPACKED_PER_BYTE * size
 
 
-def check_unpacked(claimed: int, size: int) -> None:
+def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
     """Compare what a file's headers claim with its size, before any of it is unpacked.
 
     Parameters
     ----------
     claimed : bytes that it unpacks to
     size : bytes of the file
+    most : bytes that are taken; default :func:`most_unpacked`
 
     Raises
     ------
     DataError
-        It claims more than :func:`most_unpacked`.
+        It claims more.
     """
-    most = most_unpacked(size)
+    most = most_unpacked(size) if most is None else most
     if claimed > most:
         raise DataError(
             f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, at most {most / 1e6:.4g} MB are "

@@ -108,7 +108,7 @@ class _Included:
                 "(allow_outside=True)"
             )
         places = self.places(name)
-        if not self.allow_outside and not all(is_inside(one, self.folder) for one in [Path(name), *places]):
+        if not self.allow_outside and not all(is_inside(one, self.folder) for one in places or [Path(name)]):
             raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
         if tag != "path":
             if not places and "$" not in name:

@@ -18,6 +18,8 @@ _NORMALS, _TEXTURE, _COLOURS, _DOUBLE = 0x0001, 0x0002, 0x0008, 0x2000
 # numbers of a vertex beside its place, by flag
 _BESIDE = {_NORMALS: 3, _TEXTURE: 2, _COLOURS: 3}
 _LONGEST_NAME = 4096  # bytes of a shape's name
+# bytes that a mesh may unpack to: a scene takes 25 times as much memory, and triangles deflate tenfold at best
+_LEAST_UNPACKED, _UNPACKED_PER_BYTE = 10_000_000, 20
 _PIECE = 1 << 16  # bytes that are unpacked at a time
 
 
@@ -59,7 +61,7 @@ def read_serialized(path: Path, index: int) -> tuple[F64, I64]:
     each = np.dtype("<u8" if n_vertices > 0xFFFFFFFF else "<u4")
     beside = n_vertices * kind.itemsize * sum(n for flag, n in _BESIDE.items() if flags & flag)
     places, corners = 3 * n_vertices * kind.itemsize, 3 * n_faces * each.itemsize
-    check_unpacked(places + beside + corners, len(data))
+    check_unpacked(places + beside + corners, len(data), _LEAST_UNPACKED + _UNPACKED_PER_BYTE * len(data))
     vertices = np.frombuffer(stream.take(places), kind).reshape(-1, 3).astype(np.float64)
     stream.take(beside)
     faces = np.frombuffer(stream.take(corners), each).reshape(-1, 3).astype(np.int64)
