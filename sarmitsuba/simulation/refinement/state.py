@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -193,12 +194,12 @@ class Passes:
                 if str(record["fingerprint"]) != fingerprint:
                     raise DataError("they are of another scene or of other settings")
                 passes = _recorded(record, layout)
-                passes.data = _array(file, "data", np.complex64, layout.shape(len(layout.layers)))
+                passes.data = data = _array(file, "data", np.complex64, layout.shape(len(layout.layers)))
                 channels = len(channels_of(layout.layers)) if passes.count > 1 else 0
                 shape = layout.shape(channels) if channels else (0, 0, 0)
                 change = _array(file, "change", np.complex64, shape)
                 passes.change = change if channels else None
-            _check_values(passes.data, layout.most)
+            _check_values(data, layout.most)
             if passes.change is not None:
                 _check_values(passes.change, 2.0 * layout.most)
         except _DAMAGE as error:
@@ -211,7 +212,7 @@ class Passes:
 
 def _array(
     file: zipfile.ZipFile, name: str, kind: type[np.generic], shape: tuple[int | None, ...]
-) -> NDArray[np.generic]:
+) -> NDArray[Any]:
     """An array of a type and shape (None: of any length up to that of a record), its header first."""
     with file.open(f"{name}.npy") as member:
         version = npy.read_magic(member)
@@ -227,7 +228,7 @@ def _array(
         return np.asarray(npy.read_array(member, allow_pickle=False))
 
 
-def _recorded(record: Mapping[str, object], layout: PassLayout) -> Passes:
+def _recorded(record: Mapping[str, Any], layout: PassLayout) -> Passes:
     """Passes without their data; what no run writes is refused."""
     count, levels, history = record["count"], record["levels"], record["history"]
     rays, seconds, metadata = record["rays"], record["seconds"], record["metadata"]
@@ -240,26 +241,26 @@ def _recorded(record: Mapping[str, object], layout: PassLayout) -> Passes:
         raise DataError("rays, history or metadata is none")
     if times != sorted(times) or not all(map(math.isfinite, times)) or times[0] < 0.0:
         raise DataError("the seconds of its history do not follow each other")
-    weight, share = float(record["weight"]), float(record["share"])  # type: ignore[arg-type]
+    weight, share = float(record["weight"]), float(record["share"])
     whole = sum(2.0**level for level in levels)
     if weight != whole or share != 2.0 ** levels[-1] / whole:
         raise DataError(f"weight {weight:g} and share {share:g} are not those of its levels")
     layers = [dataclasses.astuple(layer) for layer in layout.layers]
-    if [tuple(row) for row in record["layers"]] != layers:  # type: ignore[attr-defined]
+    if [tuple(row) for row in record["layers"]] != layers:
         raise DataError("its layers are not those of this run")
-    if record["source"] not in (PASSES, SUBSETS) or not 0.0 <= float(seconds) < math.inf:  # type: ignore[arg-type]
+    if record["source"] not in (PASSES, SUBSETS) or not 0.0 <= float(seconds) < math.inf:
         raise DataError("source or seconds is none")
-    ratio = None if record["ratio_db"] is None else float(record["ratio_db"])  # type: ignore[arg-type]
+    ratio = None if record["ratio_db"] is None else float(record["ratio_db"])
     return Passes(
         fingerprint=str(record["fingerprint"]),
-        count=int(count),  # type: ignore[call-overload]
-        seconds=float(seconds),  # type: ignore[arg-type]
+        count=int(count),
+        seconds=float(seconds),
         layers=layout.layers,
         history=[(float(a), float(b)) for a, b in history],
         metadata=metadata,
         levels=list(levels),
         weight=weight,
-        rays=int(rays),  # type: ignore[call-overload]
+        rays=int(rays),
         share=share,
         ratio_db=ratio if ratio is not None and math.isfinite(ratio) else None,  # else measured anew
         source=PASSES if record["source"] == PASSES else SUBSETS,
