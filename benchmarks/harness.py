@@ -228,7 +228,12 @@ def new_figure(width: float = 7.0, height: float = 4.4, columns: int = 1) -> tup
 
 
 def munich() -> Path | None:
-    """Scene file of Munich that the package sionna-rt carries, None where it is not installed.
+    """Scene file of Munich, None where it is not installed."""
+    return carried("munich")
+
+
+def carried(name: str) -> Path | None:
+    """Scene file of a city that the package sionna-rt carries, None where it is not installed.
 
     Found without importing it: its Dr.Jit must not start before the back end is chosen.
     """
@@ -239,7 +244,7 @@ def munich() -> Path | None:
     except (ImportError, ValueError):
         return None
     for place in (spec.submodule_search_locations or ()) if spec else ():
-        path = Path(place) / "rt" / "scenes" / "munich" / "munich.xml"
+        path = Path(place) / "rt" / "scenes" / name / f"{name}.xml"
         if path.exists():
             return path
     return None

@@ -70,7 +70,7 @@ class Calls:
             return digest(sarmitsuba.focus(self.raw[name], focuser=variant).data.tobytes())
         if what == "paths":
             table = sarmitsuba.trace_paths(self.scene(name, shared), pulses=int(variant))
-            return digest(np.sort(np.abs(table.amplitude), axis=None).tobytes())
+            return digest(table.amplitude.tobytes() + table.points.tobytes())
         if what == "rcs":
             scene = self.scene(name, shared)
             found = sarmitsuba.monostatic_rcs(

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import partial
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 from uuid import uuid4
 
@@ -140,9 +141,10 @@ def _own_certificate() -> Security:
 def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator[DaskCrew]:
     """Workers at an address; those of this machine are started, and stopped in the end.
 
-    Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run. A scheduler
-    elsewhere is as safe as it was made: whoever reaches one without TLS can run any code as its workers, and in this
-    process; keys for ``tls://HOST:PORT`` are those of Dask's configuration.
+    Those of this machine listen on the loopback address alone, by TLS with a certificate made for the run, and keep
+    their files in a folder that only this user may open. A scheduler elsewhere is as safe as it was made: whoever
+    reaches one without TLS can run any code as its workers, and in this process; keys for ``tls://HOST:PORT`` are those
+    of Dask's configuration.
 
     Raises
     ------
@@ -151,10 +153,13 @@ def crew_of(address: ClusterAddress, extensions: Sequence[str] = ()) -> Iterator
     """
     if not address.scheduler:
         security = _own_certificate()
+        # workers import from their folder: it may be nobody else's, as a name in the common one could be
         with (
             dask.config.set(_NO_PAGES),
+            TemporaryDirectory(prefix="sarmitsuba-", ignore_cleanup_errors=True) as folder,
             LocalCluster(
                 n_workers=address.workers,
+                local_directory=folder,
                 threads_per_worker=address.threads,
                 host=LOOPBACK,
                 protocol="tls://",

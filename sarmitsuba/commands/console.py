@@ -4,6 +4,7 @@ import logging
 import os
 import re
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -22,6 +23,8 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _BAR = "{desc:<12}{percentage:3.0f}% |{bar}| {elapsed}{postfix}"
 # off a terminal: a line every tenth of the run, none in runs that end sooner than this, s
 _LINES, _QUICK = 10, 2.0
+# what takes longer than this on a terminal is named, s
+_PROMPT = 1.0
 
 
 class Console:
@@ -42,6 +45,7 @@ class Console:
         self.warnings: list[str] = []
         self.notes: list[str] = []
         self._bar: tqdm | None = None
+        self._named: threading.Timer | None = None
         self._clock = clock
         self.expect({})
 
@@ -63,6 +67,21 @@ class Console:
             if not self.quiet:
                 self._line(f"warning: {line}", sys.stderr)
 
+    def busy(self, work: str) -> None:
+        """Name work of which no share can be told, should it not be over soon: until the next, or until progress."""
+        self._idle()
+        if self.quiet:
+            return
+        patience = _PROMPT if sys.stderr.isatty() else _QUICK
+        self._named = threading.Timer(patience, self._line, (f"{work} ...", sys.stderr))
+        self._named.daemon = True
+        self._named.start()
+
+    def _idle(self) -> None:
+        if self._named is not None:
+            self._named.cancel()
+        self._named = None
+
     def expect(self, seconds: Mapping[str, float]) -> None:
         """A run begins whose stages will take about so long: progress is then that of all of them together."""
         self.end_progress()
@@ -80,6 +99,7 @@ class Console:
         """Show how far the run has come: a bar, or off a terminal a line every tenth. Library stages call this."""
         if self.quiet:
             return
+        self._idle()
         standing = self._journey.reached(stage, done / total if total > 0.0 else 1.0)
         if not sys.stderr.isatty():
             self._progress_line(stage, standing, info)
@@ -115,6 +135,7 @@ class Console:
 
     def end_progress(self) -> None:
         """Leave the last bar as it is and start a new line."""
+        self._idle()
         if self._bar is not None:
             self._bar.close()
         self._bar = None

@@ -360,14 +360,14 @@ def _compare(
 ) -> Path:
     """Focus with every focuser and draw them side by side; the reference's image is that of the run."""
     from sarmitsuba.commands import results
-    from sarmitsuba.focusing import default_grid
+    from sarmitsuba.focusing import default_grid, image_request
     from sarmitsuba.focusing.comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
 
     with watch.stage("focus"):
-        found = compare_focusers(
-            raw, default_grid(raw, request), window=args.window, progress=console.progress
-        )
+        # the grid that `focus` makes: of the radar that stands still during each pulse
+        grid = default_grid(raw.radar.start_stop(), request or image_request(raw))
+        found = compare_focusers(raw, grid, window=args.window, progress=console.progress)
     for result in found:
         facts = f"refused: {result.refusal}"
         if result is found[0]:

@@ -93,6 +93,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
         with watch.stage("start"):
             backend = ensure_backend()
+        console.busy("loading the scene")
         with watch.stage("load"):
             scene = _scene_with_settings(args)
         mark = _check_everything(folder, scene, args)
@@ -243,11 +244,16 @@ def _raw_and_image(
     return focus_into(folder, raw, args, console, watch, record, crew=crew)
 
 
-def _announcing(console: Console, limit: float | None = None) -> "Ready":
+def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
     """Say what a run will take and with which effects, before it is traced; ``limit`` (s) of several passes."""
+    from sarmitsuba.commands import results
+
+    console.busy("building the geometry and planning")
 
     def ready(run: "Run") -> None:
         needs = run.needs() if limit is None else run.needs().of_passes
+        formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
+        needs = results.with_files(needs, formats, channels, image=not args.no_focus)
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
         if run.finished is not None and str(run.finished):
@@ -256,6 +262,7 @@ def _announcing(console: Console, limit: float | None = None) -> "Ready":
         if limit is not None:  # passes report as one stage
             stages = {"refine": max(limit, stages.pop("trace", 0.0)), **stages}
         console.expect(stages)
+        console.busy("laying out rays")
 
     return ready
 
@@ -281,7 +288,7 @@ def _simulate(
                 return simulate(
                     scene,
                     progress=console.progress,
-                    ready=_announcing(console),
+                    ready=_announcing(console, args),
                     state=blocks,
                     mark=mark,
                     crew=crew,
@@ -302,7 +309,7 @@ def _simulate(
                 range_window=args.window,
                 azimuth_window=args.window,
                 progress=console.progress,
-                ready=_announcing(console, settings.time_limit),
+                ready=_announcing(console, args, settings.time_limit),
                 crew=crew,
             )
         finally:
@@ -335,7 +342,7 @@ def _image_only(
             range_window=args.window,
             azimuth_window=args.window,
             progress=console.progress,
-            ready=_announcing(console),
+            ready=_announcing(console, args),
         )
     known = {"scene": scene.name, "look_side": scene.radar.look_side}
     image = dataclasses.replace(image, metadata={**known, **image.metadata})

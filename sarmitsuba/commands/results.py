@@ -23,15 +23,22 @@ from sarmitsuba.quality.budget import error_budget
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.timing import StageTimer
+from sarmitsuba.view.display import LARGEST, SMALLEST, magnification
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.scene import Scene
+    from sarmitsuba.simulation.prediction.needs import Needs
     from sarmitsuba.view.quicklook import Drawing
 
 PICTURE, PICTURE_ORDERS, RECORD = "quicklook.png", "quicklook_order.png", "parameters.json"
 BLOCKS = "raw.blocks"  # finished blocks of raw data that are being made
 PASSES = "passes.npz"  # of a run with a wanted error; a later run goes on from it
 MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw data
+# processor seconds of a usual core, and bytes: importing what draws; a picture, and each of its screen pixels
+DRAWING, DRAWING_BYTES = 0.38, 28_000_000
+DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.06, 1.2e-7, 75
+# of a file, and of a byte in it
+WRITTEN, WRITTEN_BYTE = 0.02, 5e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
 
 
@@ -149,6 +156,31 @@ def _stated(bar: Mapping[str, float]) -> str:
     """An error bar as people read it."""
     bound = f", at most {bar['at_most_db']:.1f} dB" if "at_most_db" in bar else ""
     return f"{bar['error_db']:.1f} dB +- {bar['confidence_db']:.1f} dB{bound}"
+
+
+def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, image: bool) -> "Needs":
+    """What a run needs, its files and pictures written: the stage ``files``.
+
+    Parameters
+    ----------
+    needs : of simulating and focusing
+    formats : that are written
+    channels : each has a picture
+    image : whether the raw data are focused, or there are none
+    """
+    count = len(formats.raw) * (needs.raw_bytes > 0)
+    written = needs.raw_bytes * count
+    seconds, size = 0.0, 0.0
+    if image:
+        sides = [n * step for n, step in zip(needs.image_shape, needs.pixel_spacing, strict=True)]
+        finest = max(*sides) / LARGEST  # m, of a screen pixel
+        height, width = (side / max(min(needs.pixel_spacing), finest) for side in sides)
+        shown = height * width * magnification(width, height, LARGEST, SMALLEST) ** 2
+        count, written = count + len(formats.image), written + 8 * needs.pixels * len(formats.image)
+        seconds = DRAWING + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
+        size = DRAWING_BYTES + PIXEL_BYTES * shown
+    seconds += count * WRITTEN + written * WRITTEN_BYTE
+    return (needs if image else needs.without_focus).then("files", seconds, size)
 
 
 def store_image(

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from typing import Protocol
 
-from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
+from sarmitsuba.simulation.prediction.speed import USUAL_CORE, SpeedModel, Work
 
 
 class StudyClock(Protocol):
@@ -40,7 +40,7 @@ class WorkClock:
     stage_seconds : s, what every stage takes besides
     """
 
-    def __init__(self, speed: SpeedModel = TWO_CORES, stage_seconds: float = 5e-3) -> None:
+    def __init__(self, speed: SpeedModel = USUAL_CORE, stage_seconds: float = 5e-3) -> None:
         self.speed, self.stage_seconds = speed, stage_seconds
         self._elapsed = 0.0
 

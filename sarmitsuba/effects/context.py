@@ -56,6 +56,7 @@ class PairLevel:
     square : m, side of the squares
     pairs : drawn ones that return something
     draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
+    cell : m, of the points that the run's pairs are drawn from
     """
 
     share: float
@@ -64,6 +65,7 @@ class PairLevel:
     square: float
     pairs: int
     draw_error: float
+    cell: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,13 +82,14 @@ def compare_focusers(
     grid = grid.in_frame(raw.radar.offset)
 
     def run(focuser: Focuser) -> tuple[SarImage | None, str, float]:
-        refusal = focuser.objection(raw.radar, grid)
-        if refusal:
-            return None, refusal, 0.0
         start = clock()
-        image = focus(
-            raw, grid, focuser=focuser, range_window=window, azimuth_window=window, progress=progress
-        )
+        try:
+            image = focus(
+                raw, grid, focuser=focuser, range_window=window, azimuth_window=window, progress=progress
+            )
+        except DataError as error:  # it takes neither the track nor a straight one in its place
+            reason = str(error).removeprefix(f"focuser {focuser.name}: ").partition("; take focuser")[0]
+            return None, reason, 0.0
         return image, "", clock() - start
 
     exact, refusal, seconds = run(FOCUSERS[reference])

@@ -18,7 +18,7 @@ from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.motion import compensate_motion, needs_compensation, residual_phase
+from sarmitsuba.focusing.motion import compensate_motion, compensation_residual, needs_compensation
 from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
@@ -31,6 +31,7 @@ from sarmitsuba.radar.flight import flight_facts
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.validity import check_radar
+from sarmitsuba.units import db_from_power, power_from_db
 
 # footprint's speed over the antenna's, less 1, up to which a beam counts as fixed to the track: rounding
 _FIXED = 1e-9
@@ -104,11 +105,14 @@ def focus(
     n_layers = len(raw.layers)
     check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}
+    left_db = -np.inf
     if plan is not None:
         raw = compensate_motion(raw, plan)
+        residual = compensation_residual(plan, grid)
+        left_db = residual.error_db
         corrections["motion_compensation"] = {
             "largest_displacement": plan.largest_displacement,
-            "residual_phase": residual_phase(plan, grid),
+            "residual_phase": residual.phase,
         }
     if method is not None:
         one = replace(raw, data=raw.total()[None], layers=(Layer(raw.channels[0]),))
@@ -125,7 +129,7 @@ def focus(
     for text in (cells.warning, dim_rows_warning(raw.radar, grid, azimuth_window, cells.center)):
         if text:
             warnings.warn(f"focus: {text}", SarmitsubaWarning, stacklevel=2)
-    stated = focuser.error_db(raw.radar, grid)
+    stated = float(db_from_power(power_from_db(focuser.error_db(raw.radar, grid)) + power_from_db(left_db)))
     facts = {
         "method": focuser.name,
         "stated_error_db": round(stated, 1) if np.isfinite(stated) else None,

@@ -15,6 +15,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar, ReceiveWindow
 from sarmitsuba.radar.track import Track
+from sarmitsuba.units import db_from_power
 
 F64 = NDArray[np.float64]
 C64 = NDArray[np.complex64]
@@ -31,6 +32,8 @@ _LIT = 0.05
 # change from one interval between pulses to the next, over their mean, that resampling over the pulse's number allows:
 # it leaves 2 pi times that part of a turn at most, -24 dB at half the prf
 _UNEVEN = 0.02
+# what is stated lies so far above what was found at the pixels that were looked at, dB
+_MARGIN_DB = 3.0
 _BATCH = 1 << 20
 
 
@@ -63,6 +66,16 @@ class Straightening:
     def line(self) -> F64:
         """(n_pulses, 3) foot points of the recorded positions on the line."""
         return np.asarray(self.origin + self.x[:, None] * self.along)
+
+    @property
+    def uniform(self) -> F64:
+        """(n_pulses,) where the pulses stand along the line in the end, m."""
+        return np.asarray((self.straight.track.position - self.origin) @ self.along)
+
+    @property
+    def place(self) -> F64:
+        """(n_pulses,) numbers of the recorded pulses that stand there, with fractions."""
+        return np.asarray(np.interp(self.uniform, self.x, np.arange(self.x.size)))
 
     @property
     def largest_displacement(self) -> float:
@@ -154,18 +167,44 @@ def plan_straightening(radar: Radar, grid: ImageGrid) -> Straightening:
     return Straightening(radar, straight, origin, np.asarray(along), x, aim, sine, grid.height)
 
 
-def residual_phase(plan: Straightening, grid: ImageGrid) -> float:
-    r"""Largest phase error that compensation leaves at a pixel of the grid, rad.
+@dataclass(frozen=True)
+class Residual:
+    """What motion compensation leaves at the worst of some pixels.
 
-    .. math:: \frac{4 \pi}{\lambda} \max_{t, p} \left| (|A_t - p| - |L_t - p|) - \Delta R_t(|L_t - p|) \right|
+    Parameters
+    ----------
+    phase : rad, largest of any pulse
+    power : energy of the error of a point's echoes over that of the echoes
+    """
+
+    phase: float
+    power: float
+
+    @property
+    def error_db(self) -> float:
+        """Energy of the error of a point's echoes over that of the echoes, dB, as it is stated."""
+        return float(db_from_power(self.power)) + _MARGIN_DB
+
+
+def compensation_residual(plan: Straightening, grid: ImageGrid) -> Residual:
+    r"""What compensation leaves at the pixels of the grid: largest phase, and energy of the error of a point's echoes.
+
+    .. math:: \frac{4 \pi}{\lambda} \left| (|A_t - p| - |L_t - p|) - \Delta R_t(|L_t - p|) \right|
 
     A the recorded positions, L their foot points on the line, :math:`\Delta R` what is compensated: the excess range of
-    a point as far away in the direction of the reference. Taken at the edges of the image, for pulses that light them.
+    a point as far away in the direction of the reference. The energy is that of the point's echoes, compensated and
+    moved to even places as data are, less those from the line, where backprojection weighs recorded pulses alike. Both
+    are taken at the edges of the image, for pulses that light them. Ignores that what stands above or below the image's
+    height has another direction, and what moving in range does to the envelope.
     """
     rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
     points = np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
     radar = plan.radar
-    worst = 0.0
+    kc = 4.0 * np.pi / radar.waveform.wavelength
+    uniform, place = plan.uniform, plan.place
+    # recorded pulses for one of the even places
+    density = np.mean(np.diff(plan.x)) / np.interp(uniform, plan.x, np.gradient(plan.x))
+    phase = power = 0.0
     for point in points:
         way = point - radar.track.position
         distance = np.linalg.norm(way, axis=1)
@@ -173,10 +212,17 @@ def residual_phase(plan: Straightening, grid: ImageGrid) -> float:
         lit = direction_gain(radar, slice(None), way / distance[:, None]) > _LIT
         if np.isfinite(radar.half_aperture):
             lit &= np.abs((way @ plan.along) / distance - float(plan.sine or 0.0)) < radar.half_aperture
-        if lit.any():
-            error = distance - slant - plan.excess(slant[:, None])[:, 0]
-            worst = max(worst, float(np.abs(error[lit]).max()))
-    return 4.0 * np.pi / radar.waveform.wavelength * worst
+        if not lit.any():
+            continue
+        left = distance - plan.excess(slant[:, None])[:, 0]
+        phase = max(phase, kc * float(np.abs((left - slant)[lit]).max()))
+        echo = np.exp(-1j * kc * (left - plan.reference_history(plan.x))).astype(np.complex64)
+        moved = _along(echo[:, None], place)[:, 0] * np.exp(-1j * kc * plan.reference_history(uniform))
+        straight = np.linalg.norm(point - plan.straight.track.position, axis=1)
+        error = moved * np.exp(1j * kc * straight) - density
+        seen = np.interp(uniform, plan.x, lit) > 0.5
+        power = max(power, float(np.square(np.abs(error[seen])).mean()))
+    return Residual(phase, power)
 
 
 def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
@@ -203,8 +249,9 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     Notes
     -----
     Formulas: A. Moreira, Y. Huang, IEEE Trans. Geosci. Remote Sens. 32 (1994), 1029; G. Fornaro, IEEE Trans. Aerosp.
-    Electron. Syst. 35 (1999), 997. Ignores how the excess range varies over the beam (see :func:`residual_phase`) and
-    with terrain off the image plane, the change of :math:`R^{-2}` and of the beam's gain by the displacement.
+    Electron. Syst. 35 (1999), 997. Ignores how the excess range varies over the beam, which
+    :func:`compensation_residual` tells, and with terrain off the image plane, and the change of :math:`R^{-2}` and of
+    the beam's gain by the displacement.
     """
     if raw.domain != "compressed":
         raise DataError("motion compensation: the data are not range compressed; call range_compress first")
@@ -224,8 +271,7 @@ def compensate_motion(raw: RawData, plan: Straightening) -> RawData:
     kappa = 2.0 * np.pi * scipy.fft.fftfreq(n_fft, spacing)
     u = u0 + spacing * np.arange(n_out)
 
-    uniform = (plan.straight.track.position - plan.origin) @ plan.along
-    place = np.interp(uniform, plan.x, np.arange(plan.x.size))
+    uniform, place = plan.uniform, plan.place
     straight_walk = plan.reference_history(uniform)
     back = np.exp(-1j * np.mod(kc * straight_walk, 2.0 * np.pi)).astype(np.complex64)
     data = np.empty((len(raw.layers), uniform.size, n_out), dtype=np.complex64)
@@ -329,7 +375,7 @@ def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: 
             f"focuser {focuser.name}: motion compensation: {error}; take focuser backprojection"
         ) from None
     check_focuser(focuser, plan.straight, grid)
-    residual = residual_phase(plan, grid)
+    residual = compensation_residual(plan, grid).phase
     if residual > LARGEST_RESIDUAL:
         raise DataError(
             f"focuser {focuser.name}: motion compensation over {plan.largest_displacement:.3g} m would leave "
@@ -342,9 +388,10 @@ def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: 
 __all__ = [
     "LARGEST_RESIDUAL",
     "MOTION_COMPENSATIONS",
+    "Residual",
     "Straightening",
     "compensate_motion",
+    "compensation_residual",
     "needs_compensation",
     "plan_straightening",
-    "residual_phase",
 ]

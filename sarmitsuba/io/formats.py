@@ -1,5 +1,6 @@
 """The file formats of raw data and images, found by name or by the file's suffix."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -114,6 +115,7 @@ def read_raw(path: Path | str, *, format: str | None = None) -> RawData:
         The format cannot be read, or a number of the radar or of the image asked for is out of bounds.
     """
     path = Path(path)
+    _check_there(path)
     entry = find_format(path, "raw", format)
     if entry.read_raw is None:
         raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
@@ -136,6 +138,7 @@ def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
         The format cannot be read, or a number of the grid or of the calibration is out of bounds.
     """
     path = Path(path)
+    _check_there(path)
     entry = find_format(path, "image", format)
     if entry.read_image is None:
         raise DataError(f"{path}: the format {entry.name} can be written but not read; read the HDF5 file")
@@ -143,6 +146,11 @@ def read_image(path: Path | str, *, format: str | None = None) -> SarImage:
     with _naming(path):
         check_image(image)
     return image
+
+
+def _check_there(path: Path) -> None:
+    if not os.path.exists(path):  # also where the system refuses the name
+        raise DataError(f"{path}: no such file or folder")
 
 
 @contextmanager

@@ -56,6 +56,17 @@ def largest_ka(permittivity: complex | None) -> float:
     return LARGEST_KA if permittivity is None else LARGEST_KA_INSIDE
 
 
+def table_size(ka: float, permittivity: complex | None) -> tuple[int, int, int]:
+    """Nodes over the tilt, steps over the azimuth, and the highest order of a rod's table."""
+    dense = ka if permittivity is not None else min(ka, LAST_CREEPING)
+    orders = int(np.ceil(ka + 4.05 * ka ** (1.0 / 3.0))) + 3
+    return (
+        TILTS + int(TILTS_PER_KA * dense + TILTS_BEYOND * (ka - dense)),
+        LEAST_NODES + NODES_PER_ORDER * orders,
+        orders,
+    )
+
+
 def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
     """Tabulate the series of a rod.
 
@@ -76,10 +87,8 @@ def cylinder_table(ka: float, permittivity: complex | None) -> CylinderTable:
         raise SceneError(
             f"a radar_wire is {ka:.0f} wavelengths around, above the bound {largest_ka(permittivity):g}; make it a mesh"
         )
-    dense = ka if permittivity is not None else min(ka, LAST_CREEPING)
-    psi = np.linspace(0.0, 0.5 * np.pi, TILTS + int(TILTS_PER_KA * dense + TILTS_BEYOND * (ka - dense)))
-    orders = int(np.ceil(ka + 4.05 * ka ** (1.0 / 3.0))) + 3
-    step = np.pi / (LEAST_NODES + NODES_PER_ORDER * orders)
+    tilts, azimuths, orders = table_size(ka, permittivity)
+    psi, step = np.linspace(0.0, 0.5 * np.pi, tilts), np.pi / azimuths
     phi = np.arange(-1, round(np.pi / step) + 2) * step
     # end-on there is no series; nothing of it is left either
     cosine = np.maximum(np.cos(psi), 1e-4)
@@ -168,4 +177,12 @@ def _finite(values: C128) -> C128:
     return np.asarray(np.conj(np.where(np.isfinite(values), values, 0.0)))
 
 
-__all__ = ["LARGEST_KA", "NUMBERS", "CylinderTable", "coefficients", "cylinder_table", "largest_ka"]
+__all__ = [
+    "LARGEST_KA",
+    "NUMBERS",
+    "CylinderTable",
+    "coefficients",
+    "cylinder_table",
+    "largest_ka",
+    "table_size",
+]

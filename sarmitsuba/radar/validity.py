@@ -24,6 +24,8 @@ Bound = tuple[str, float, float, float, str]
 FARTHEST = 1e10
 _FASTEST = 1e6  # m/s
 _ROUNDING = 1e-9  # of 0 dB
+# rad, turn from pulse to pulse up to which positions tell velocities, and share by which these may differ
+_TURN, _OFF = 0.5, 0.5
 # lengths of unit vectors, over 1: those of files in float32
 _UNIT = 1e-3
 
@@ -127,6 +129,26 @@ def _check_track(name: str, track: Track) -> None:
         raise RadarError(
             f"radar: {name} speeds from {speed.min():g} to {speed.max():g} m/s; each must be "
             f"{'at least' if rests else 'above'} 0 and at most {_FASTEST:g}"
+        )
+    if not rests:
+        _check_flight(name, track)
+
+
+def _check_flight(name: str, track: Track) -> None:
+    """Raise a RadarError where velocities are not those at which the positions change, as far as pulses can tell."""
+    steps = np.diff(track.time)
+    forward = track.velocity / np.linalg.norm(track.velocity, axis=1)[:, None]
+    turns = np.einsum("ni,ni->n", forward[1:], forward[:-1]) < np.cos(_TURN)
+    if track.n_pulses < 3 or not (steps > 0.0).all() or turns.any():
+        return
+    flown = np.gradient(track.position, track.time, axis=0)
+    off, given, changed = (
+        float(np.median(np.linalg.norm(v, axis=1))) for v in (track.velocity - flown, track.velocity, flown)
+    )
+    if off > _OFF * max(given, changed):
+        raise RadarError(
+            f"radar: {name} velocities of {given:.4g} m/s are not those of its positions and times, which change by "
+            f"{changed:.4g} m/s and differ by {off:.4g} m/s; give the three of one flight"
         )
 
 

@@ -77,9 +77,12 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
     total = float(pilot.power.sum())
     count = int((pilot.power > 0.0).sum())
     if not total or not pilot.pairs.clutter:
-        return PairLevel(share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0)
+        return PairLevel(
+            share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0, cell=pilot.cell
+        )
     strongest, square = _strongest(sampling, pilot)
-    finer = _cell_of_run(sampling, trace_scene, pilot) / pilot.cell
+    cell = _cell_of_run(sampling, trace_scene, pilot)
+    finer = cell / pilot.cell
     share = total / pilot.pairs.clutter
     return PairLevel(
         share=share,
@@ -88,6 +91,7 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
         square=square,
         pairs=count,
         draw_error=min(share, _draw_error(sampling, pilot) * finer**2),
+        cell=cell,
     )
 
 
@@ -144,6 +148,19 @@ def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -
     Looks and passes that differ a little have the same. Slanting slivers have many more cells in the rectangle about
     them than points: no more than ``MOST_CELLS`` for each point are walked.
     """
+    area = max(*_pair_areas(sampling, trace_scene), 1e-6)
+    return _rounded_down(float(np.sqrt(area / points)))
+
+
+def expected_pair_points(sampling: SamplingPlan, trace_scene: TraceScene, level: PairLevel | None) -> float:
+    """About as many points as the pairs of a run are drawn from; the most there may be where no level is known."""
+    finest = max(pilot_cell(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    cell = level.cell if level is not None else finest
+    return _pair_areas(sampling, trace_scene)[0] / cell**2
+
+
+def _pair_areas(sampling: SamplingPlan, trace_scene: TraceScene) -> tuple[float, float]:
+    """Area that points are drawn on, in the planes that their cells lie in; what the cells walked count as, m^2."""
     triangles = trace_scene.triangles[_usable(sampling, trace_scene)]
     low, high = (
         np.maximum(triangles.min(axis=1), sampling.box[0]),
@@ -154,8 +171,7 @@ def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -
     within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
-    walked = spanned_area(triangles, sampling.box) / MOST_CELLS
-    return _rounded_down(float(np.sqrt(max(float(area.sum()), walked, 1e-6) / points)))
+    return float(area.sum()), spanned_area(triangles, sampling.box) / MOST_CELLS
 
 
 def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:
@@ -321,6 +337,7 @@ __all__ = [
     "PairEcho",
     "PairEstimate",
     "estimate_pairs",
+    "expected_pair_points",
     "pair_echo",
     "pair_level",
     "pair_sources",

@@ -19,7 +19,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.point_ways import in_the_way
 from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
-from sarmitsuba.simulation.prediction.needs import check_rays
+from sarmitsuba.simulation.prediction.counting import check_rays
 from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell

@@ -132,13 +132,16 @@ class Recording:
         return int(self.count[0])
 
     def rows(self) -> Rows:
-        """What was recorded; call after the launch."""
+        """What was recorded; call after the launch. Sorted: threads append in any order."""
         n = min(self.found(), self.capacity)
-        amplitudes = self.amplitudes.numpy().view(np.complex64)
+        labels = self.labels.numpy().reshape(-1, 4)[:n]
+        lengths = self.lengths.numpy().reshape(-1, 5)[:n]
+        amplitudes = self.amplitudes.numpy().view(np.complex64).reshape(-1, self.n_channels)[:n]
+        order = np.lexsort([*lengths.T, *labels.T[1:], labels.T[0]])
         return Rows(
-            labels=self.labels.numpy().reshape(-1, 4)[:n],
-            lengths=self.lengths.numpy().reshape(-1, 5)[:n],
-            amplitudes=amplitudes.reshape(-1, self.n_channels)[:n],
+            labels=labels[order],
+            lengths=lengths[order],
+            amplitudes=amplitudes[order],
             hit_point=self.hit_point.numpy().reshape(self.max_depth, self.n_lanes, 3),
             hit_face=self.hit_face.numpy().reshape(self.max_depth, self.n_lanes),
         )

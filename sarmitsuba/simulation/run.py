@@ -15,7 +15,8 @@ from sarmitsuba.simulation.batches import Crew, TraceJob, built
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import examine, plan_in
-from sarmitsuba.simulation.prediction.needs import Needs, needs_of
+from sarmitsuba.simulation.prediction.counting import needs_of
+from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -104,6 +105,7 @@ class Run:
         self.report: SamplingReport | None = None
         self.shortfalls: tuple[Shortfall, ...] = ()
         self.finished: FinishedBlocks | None = None
+        self._needs: tuple[tuple[SamplingPlan | None, ImageGrid | None], Needs] | None = None
         self.notes = [*scene.notes, *self.plan.notes, *([left_out] if left_out else [])]
         if self.sampling is not None and self.plan.flags.multi_bounce:
             unlit = mirrors_outside(self.scene, self.sampling.windows)
@@ -129,13 +131,20 @@ class Run:
         return Run(scene, plan=plan, clock=self.timer.clock, geometry=shared)
 
     def needs(self, grid: ImageGrid | None = None) -> Needs:
-        """What the run takes; nothing of it is allocated yet.
+        """What the run takes; nothing of it is allocated yet. It is worked out once.
 
         Parameters
         ----------
         grid : pixels; default: those that the scene asks for
         """
-        return needs_of(self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands)
+        key = (self.sampling, grid)
+        if self._needs is None or self._needs[0] != key:
+            pairs = self.context.pairs if self.context is not None else None
+            needs = needs_of(
+                self.scene, self.sampling, self.layers, grid, self.trace_scene, self.plan.sub_bands, pairs
+            )
+            self._needs = (key, needs)
+        return self._needs[1]
 
     def tracer(self, sampling: SamplingPlan, *, antenna_pattern: bool = True) -> Tracer:
         """What traces this scene; off, ``antenna_pattern`` leaves the beam's weight out."""

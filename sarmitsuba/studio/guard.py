@@ -38,9 +38,13 @@ class Guard:
         """Why a request is not answered; empty where it is."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
-        if urlsplit(f"//{host}").hostname not in LOOPBACK:
+        try:
+            asked, page = urlsplit(f"//{host}").hostname, None if origin is None else urlsplit(origin).netloc
+        except ValueError:  # no address at all
             return "this host is not served"
-        if origin is not None and urlsplit(origin).netloc != host:
+        if asked not in LOOPBACK:
+            return "this host is not served"
+        if page not in (None, host):
             return "other pages may not use this one"
         if not (self._in_address(request) or self._in_cookie(request)):
             return "open the address that the command has printed"

@@ -205,7 +205,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         sees &= lit | ~hidden
     bits = info.x
     if kernel.flags.texture:
-        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), active)
+        bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), known)
     material = bits & MATERIAL_MASK
     return Hit(
         active=active,

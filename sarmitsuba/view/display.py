@@ -21,6 +21,8 @@ F64 = NDArray[np.float64]
 Quantity = Literal["sigma0", "gamma0", "beta0", "rcs", "amplitude", "phase"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 
+LARGEST, SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
+
 _LABELS: dict[str, str] = {
     "sigma0": "sigma0 (dB)",
     "gamma0": "gamma0 (dB)",
@@ -206,10 +208,15 @@ def screen_size(display: Display, largest: int, smallest: int) -> tuple[int, int
     width = display.extent[1] - display.extent[0]
     height = display.extent[3] - display.extent[2]
     step = min(width / columns, height / rows)
-    longest, shortest = max(width, height) / step, min(width, height) / step
-    wanted = max(math.ceil(smallest / longest), math.ceil(0.4 * smallest / shortest))
-    factor = max(1, min(wanted, int(largest // longest)))
+    factor = magnification(width / step, height / step, largest, smallest)
     return max(1, round(width / step * factor)), max(1, round(height / step * factor))
+
+
+def magnification(width: float, height: float, largest: int, smallest: int) -> int:
+    """Screen pixels of the finer pixel spacing, for a picture of so many of it."""
+    longest, shortest = max(width, height), min(width, height)
+    wanted = max(math.ceil(smallest / longest), math.ceil(0.4 * smallest / shortest))
+    return max(1, min(wanted, int(largest // longest)))
 
 
 def _block(image: SarImage, looks: tuple[int, int], largest: int) -> tuple[int, int]:
@@ -271,12 +278,15 @@ def has_clutter(image: SarImage) -> bool | None:
 
 
 __all__ = [
+    "LARGEST",
     "QUANTITIES",
+    "SMALLEST",
     "Display",
     "PictureOptions",
     "Quantity",
     "has_clutter",
     "limits_db",
+    "magnification",
     "of_order",
     "prepare",
     "screen_size",

@@ -19,13 +19,12 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.parameters import did_you_mean
-from sarmitsuba.view.display import Display, PictureOptions, prepare, screen_size
+from sarmitsuba.view.display import LARGEST, SMALLEST, Display, PictureOptions, prepare, screen_size
 
 # makes a picture, when it is its turn
 Drawing = Callable[[], Figure]
 
 _DPI = 100.0
-_LARGEST, _SMALLEST = 1600, 640  # screen pixels of the longer side of a picture
 _LARGEST_PANEL, _SMALLEST_PANEL = 700, 360
 _LEFT, _RIGHT, _BOTTOM, _TOP = 90, 130, 62, 74  # screen pixels around a picture: labels, colour bar, title
 _NARROWEST = 300  # the title needs that much
@@ -58,8 +57,8 @@ def quicklook(
     DataError : an option does not fit the image
     """
     options = _filled(image, options, channel)
-    display = prepare(image, options, _LARGEST)
-    width, height = screen_size(display, _LARGEST, _SMALLEST)
+    display = prepare(image, options, LARGEST)
+    width, height = screen_size(display, LARGEST, SMALLEST)
     left = _LEFT + max(0, (_NARROWEST - width) // 2)
     figure = _figure(2 * left - _LEFT + width + _RIGHT, height + _BOTTOM + _TOP)
     axes = _axes(figure, left, _BOTTOM, width, height)
@@ -90,7 +89,7 @@ def draw(image: SarImage, axes: Axes, options: PictureOptions | None = None) -> 
     DataError : an option does not fit the image
     """
     options = _filled(image, options, None)
-    picture = _draw(axes, prepare(image, options, _LARGEST), image, options)
+    picture = _draw(axes, prepare(image, options, LARGEST), image, options)
     axes.set_aspect("equal")
     return picture
 
@@ -122,7 +121,7 @@ def panel(image: SarImage, options: PictureOptions | None = None, *, width: floa
         axis.label.set_fontsize(7)
     axes.tick_params(labelsize=6)
     bar = figure.colorbar(picture, ax=axes, orientation="horizontal", fraction=0.05, pad=0.02)
-    bar.set_label(f"{options.channel}, {prepare(image, options, _LARGEST).label}", fontsize=7)
+    bar.set_label(f"{options.channel}, {prepare(image, options, LARGEST).label}", fontsize=7)
     bar.ax.tick_params(labelsize=6)
     return figure
 

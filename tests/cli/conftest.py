@@ -3,7 +3,6 @@
 import sys
 import types
 import warnings
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from sarmitsuba.radar.waveform import Waveform
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.simulation.prediction.needs import Needs
 
 
 def make_scene() -> Scene:
@@ -38,18 +38,19 @@ def make_scene() -> Scene:
     return Scene("fake", None, Geometry.empty(), (), (), radar, settings, asked, notes=("a note",))
 
 
-@dataclass(frozen=True)
-class FakeNeeds:
-    by_progress: dict[str, float]
+class FakeNeeds(Needs):
+    @property
+    def elapsed(self) -> dict[str, float]:
+        return dict(self.seconds)
 
     def __str__(self) -> str:
         return "expected: little"
 
 
 def fake_simulate(scene: Scene, *, progress: Any, ready: Any, **kept: Any) -> RawData:
-    needs = FakeNeeds({"trace": 2.0, "focus": 1.0})
+    needs = FakeNeeds("box", "raw", 1, (8, 8), 2, {"image": 1}, {"image": 1}, {"trace": 2.0, "focus": 1.0})
     plan = types.SimpleNamespace(summary=lambda: "max_depth 2")
-    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan, finished=None))
+    ready(types.SimpleNamespace(needs=lambda: needs, plan=plan, finished=None, scene=scene))
     progress("trace", 1, 2, {"rays/s": 1e6})
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)
     warnings.warn("the beam misses a corner", SarmitsubaWarning, stacklevel=2)

@@ -209,6 +209,8 @@ def assert_guarded(address: str) -> None:
         {},
         {"Cookie": "sarmitsuba_studio=x"},
         cookie | {"Host": "evil.example"},
+        cookie | {"Host": "[::1"},
+        cookie | {"Origin": "http://[::1"},
         cookie | {"Origin": "http://evil.example"},
         cookie | {"Origin": "null"},
         cookie | socket_of | {"Origin": "http://127.0.0.1:1"},

@@ -58,35 +58,10 @@ def test_more_odd_bodies_return_numbers_or_are_refused(seed: int, tmp_path: Path
     assert kind == "finite" or 0 < len(line) < 1000
 
 
-def bar(a: np.ndarray, b: np.ndarray, radius: float) -> str:
-    ends = "".join(
-        f'<point name="{name}" x="{p[0]}" y="{p[1]}" z="{p[2]}"/>' for name, p in (("p0", a), ("p1", b))
-    )
-    return f'<shape type="cylinder">{ends}<float name="radius" value="{radius}"/><ref id="steel"/></shape>'
-
-
 @pytest.mark.slow
 def test_a_crane_of_thin_cylinders(tmp_path: Path) -> None:
     """88 members of 4 and 8 cm: after five mirrors so curved a tube is wider than float32 can tell. Was all NaN."""
-    corner = np.array([[-0.8, -0.8, 0.0], [0.8, -0.8, 0.0], [0.8, 0.8, 0.0], [-0.8, 0.8, 0.0]])
-    up = np.array([0.0, 0.0, 1.5])
-    shapes = [bar(c, c + 20 * up, 0.04) for c in corner]
-    for i in range(20):
-        for k in range(4):
-            a, b = (k, (k + 1) % 4) if i % 2 == 0 else ((k + 1) % 4, k)
-            shapes.append(bar(corner[a] + i * up, corner[b] + (i + 1) * up, 0.02))
-    shapes += [bar(corner[k] + 20 * up, corner[(k + 1) % 4] + 20 * up, 0.02) for k in range(4)]
-    materials = "".join(
-        f'<bsdf type="radar_material" id="{name}"><string name="material" value="{of}"/>'
-        '<float name="rms_height" value="0.001"/></bsdf>'
-        for name, of in (("asphalt", "asphalt_concrete"), ("steel", "metal"))
-    )
-    plate = '<shape type="rectangle"><transform name="to_world"><scale value="30"/></transform>'
-    plate += '<ref id="asphalt"/></shape>'
-    path = tmp_path / "crane.xml"
-    path.write_text(f'<scene version="3.0.0">{materials}{plate}{"".join(shapes)}</scene>', encoding="utf-8")
-    scene = load_scene(path, radar="airborne_x")
-    assert len(shapes) == 88
+    scene = load_scene(odd_bodies().crane(tmp_path), radar="airborne_x")
     raw = simulate(scene)
     assert all_finite(raw.data) and np.any(raw.data)
 

@@ -206,6 +206,13 @@ def test_a_corner_returns_to_the_antenna_it_came_from() -> None:
     assert {table.material_names[m] for m in np.unique(double.material[:, :2])} <= set(table.material_names)
 
 
+def test_the_same_rows_in_the_same_order() -> None:
+    """Threads record paths as they come."""
+    first, second = (trace_paths(sarmitsuba.load_scene("dihedral", parameters=FEW), [2]) for _ in range(2))
+    for name in ("kind", "order", "length", "amplitude", "points", "face"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
 def test_short_text_and_rows() -> None:
     scene = sarmitsuba.load_scene("dihedral", parameters=FEW)
     table = trace_paths(scene, [2, -1, 2])

@@ -9,6 +9,7 @@ import pytest
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw import RawData
+from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import FOCUSERS, default_grid, focus
 from sarmitsuba.focusing.focuser import parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject, backproject_numpy
@@ -18,6 +19,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.loader.build import build_scene
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
+from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
 
 MARGIN = 12  # pixels from the image's ends to the outermost points
@@ -39,8 +41,11 @@ def beam_of(rng: np.random.Generator, cell: float, kinds: tuple[str, ...]) -> di
 
 
 @cache
-def drawn(mode: str, seed: int, *kinds: str) -> tuple[RawData, ImageGrid]:
-    """Echoes of four points, three of them at the image's edges, of a radar drawn at random."""
+def drawn(mode: str, seed: int, *kinds: str, wander: float = 0.0) -> tuple[RawData, ImageGrid]:
+    """Echoes of four points, three of them at the image's edges, of a radar drawn at random.
+
+    The track wanders off a straight line by up to ``wander``, m.
+    """
     rng = np.random.default_rng([seed, len(mode), len(kinds)])
     slant_range = float(rng.choice([3e3, 10e3, 30e3]))
     cell = float(rng.uniform(0.7, 2.0)) * (1.6 if slant_range > 2e4 else 1.0)
@@ -62,7 +67,16 @@ def drawn(mode: str, seed: int, *kinds: str) -> tuple[RawData, ImageGrid]:
         image_extent_range=float(rng.choice([60.0, 150.0])) * cell,
     )
     scene = build_scene(points=[PointTarget("aim", np.zeros(3), 1.0)], radar=radar, film=film)
-    grid = default_grid(scene.radar, scene.image)
+    grid, radar_there = default_grid(scene.radar, scene.image), scene.radar
+    if wander:
+        track = radar_there.track
+        phase = np.linspace(0.0, 2.0 * np.pi, track.n_pulses)
+        sway = sum(
+            rng.normal(size=3) * np.sin(k * phase[:, None] + rng.uniform(0.0, 6.28, 3)) / k for k in (1, 2, 3)
+        )
+        position = track.position + wander * sway / np.abs(sway).max()
+        velocity = np.gradient(position, track.time, axis=0)
+        radar_there = replace(radar_there, track=Track(track.time, position, velocity))
     n = np.array(grid.shape)
     places = [n // 2, [MARGIN, n[1] - MARGIN], [n[0] - MARGIN, MARGIN], rng.integers(MARGIN, n - MARGIN)]
     points = []
@@ -73,7 +87,7 @@ def drawn(mode: str, seed: int, *kinds: str) -> tuple[RawData, ImageGrid]:
             range=grid.range[[column]] + rng.uniform(-0.5, 0.5) * grid.range_spacing,
         )
         points.append(one.positions()[0, 0])
-    return ideal_echoes(scene.radar, points, rng.uniform(0.5, 2.0, 4), rng.uniform(0.0, 6.28, 4)), grid
+    return ideal_echoes(radar_there, points, rng.uniform(0.5, 2.0, 4), rng.uniform(0.0, 6.28, 4)), grid
 
 
 @pytest.mark.filterwarnings(
@@ -97,6 +111,30 @@ def test_stated_errors_hold(mode: str, seed: int) -> None:
         tested += 1
     # beams drawn narrower than the image leave nothing to test
     assert tested >= (2 if raw.radar.antenna.pattern == "isotropic" else 0)
+
+
+@pytest.mark.parametrize(
+    "seed", [1, 2, 3, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 7, 9, 10, 12, 13, 15, 18))]
+)
+def test_stated_errors_hold_on_tracks_that_wander(seed: int) -> None:
+    """Compensation leaves a phase at each pixel, which is a part of what is stated."""
+    raw, grid = drawn("spotlight", 40 + seed, "isotropic", wander=(0.3, 1.0, 3.0)[seed % 3])
+    exact = backproject(raw, grid, interpolation="kernel:8", oversampling=4)
+    taken = 0
+    for name in ("omega_k", "range_doppler", "chirp_scaling"):
+        try:
+            image = focus(raw, grid, focuser=name)
+        except DataError:  # too much motion, or a grid that lies along another line
+            continue
+        facts = image.metadata["focus"]
+        if facts["stated_error_db"] is None:
+            continue
+        assert "motion_compensation" in facts
+        true = image_error_db(image.data, exact)
+        print(f"seed {seed} {name}: stated {facts['stated_error_db']}, true {true:.1f} dB")
+        assert true < facts["stated_error_db"] + 1.0, name  # tol: what moving in range does to the envelope
+        taken += 1
+    assert taken
 
 
 @pytest.mark.parametrize("wanted", [-40.0, -55.0])

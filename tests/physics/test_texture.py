@@ -193,3 +193,30 @@ def test_raster_draws_maps_of_level_and_material() -> None:
     # squares of 24 m about the origin, the first of them soil in the north-west
     want = np.where((x > 0.0) == (y > 0.0), 10.0**0.6, 1.0)
     np.testing.assert_allclose((images[2] / images[0])[clear], want[clear], rtol=0.15)
+
+
+def test_a_map_aside_changes_nothing_behind_a_pane() -> None:
+    """A small plate of metal seen through glass, beside a patch of soil, and of a map that says soil everywhere.
+
+    The plate has finer rays than the pane before it.
+    """
+
+    def upright(x: float, lean: float, half: float, low: float, high: float) -> NDArray[np.float64]:
+        corners = ((-half, low), (half, low), (half, high), (-half, high))
+        return np.array([[x + lean * z, y, z] for y, z in corners])
+
+    radar = replace(RADAR, look_angle_deg=80.0, heading_deg=0.0, bandwidth=300e6, azimuth_resolution=0.9)
+    profiles = []
+    for soil in (SOIL, chessboard(SOIL, replace(SOIL, name="the same"))):
+        shapes = [
+            SceneMesh(np.add(square(2.0), [-9.0, 8.0, 0.0]), FACES, soil, "patch"),
+            SceneMesh(
+                upright(-2.0, 0.0, 4.0, 0.0, 6.0), FACES, {"material": "glass", "thickness": 0.006}, "pane"
+            ),
+            SceneMesh(upright(0.0, np.tan(np.radians(10.0)), 0.15, 0.5, 0.8), FACES, "pec", "plate"),
+            SceneMesh(square(height=-0.01), FACES, replace(SOIL, name="ground", rms_height=0.03), "ground"),
+        ]
+        scene = build_scene(shapes, radar=radar, film=FILM).replace(texture="on")
+        profiles.append(simulate(scene, seed=1).data)
+    plain, mapped = profiles
+    assert np.linalg.norm(mapped - plain) < 1e-3 * np.linalg.norm(plain)  # tol: sums in float32

@@ -6,6 +6,8 @@ import os
 import pickle
 import random
 import signal
+import stat
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -259,3 +261,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
         pages = crew.client.cluster.scheduler.http_server.port
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"http://127.0.0.1:{pages}/info/main/workers.html")
+        # workers import from their folder: nobody else may lay modules there, or move it
+        (worker,) = crew.client.scheduler_info()["workers"].values()
+        above = Path(worker["local_directory"]).relative_to(tempfile.gettempdir()).parts[0]
+        assert stat.S_IMODE((Path(tempfile.gettempdir()) / above).stat().st_mode) == 0o700

@@ -12,7 +12,7 @@ from sarmitsuba import memory
 from sarmitsuba.errors import ResourceError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.prediction.needs import lattice_rays
+from sarmitsuba.simulation.prediction.counting import lattice_rays
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.render import render

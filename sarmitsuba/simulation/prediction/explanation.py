@@ -116,7 +116,7 @@ def explain(scene: Scene, *, predicted: bool = True) -> Explanation:
 
 def _prediction_text(prediction: Prediction) -> str:
     stages = ", ".join(f"{stage} {duration(s)}" for stage, s in prediction.seconds.items())
-    rates = "measured on a part of it" if prediction.measured else "by the rates of two usual cores"
+    rates = "measured on a part of it" if prediction.measured else "by a model of speed"
     text = (
         f"predicted: {duration(prediction.total)} ({stages}; {rates}), {in_bytes(prediction.memory)} of memory; "
         f"{prediction.rays / 1e6:.3g} million rays at {prediction.key_pulses} key pulses, "

@@ -18,7 +18,7 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
 from sarmitsuba.simulation.prediction.needs import Needs
-from sarmitsuba.simulation.prediction.speed import TWO_CORES, SpeedModel, Work
+from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import middle_pulses
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -44,7 +44,7 @@ class Prediction:
     Parameters
     ----------
     seconds : by stage, in the order of the run
-    measured : whether a part of the run was made to find them; else they are those of two usual cores
+    measured : whether a part of the run was made to find them; else by a model of speed
     memory : bytes, most that the process will hold at a time, interpreter and libraries included
     refusal : why the run does not fit, and what to change; empty where it fits
     rays, key_pulses, contributions : of the whole run
@@ -68,11 +68,12 @@ class Prediction:
     raw_bytes: int
 
     @staticmethod
-    def of(needs: Needs) -> "Prediction":
-        """From what a run needs alone; nothing is traced, so that contributions are not known."""
-        trace, focus = needs.seconds.get("trace", 0.0), needs.seconds.get("focus", 0.0)
+    def of(needs: Needs, *, processor: bool = False) -> "Prediction":
+        """From what a run needs alone, elapsed or processor seconds; nothing is traced: contributions are not known."""
+        seconds = needs.processor if processor else needs.elapsed
+        trace, focus = seconds.get("trace", 0.0), seconds.get("focus", 0.0)
         return Prediction(
-            seconds=needs.seconds,
+            seconds=seconds,
             measured=False,
             memory=needs.memory,
             refusal=needs.refusal,
@@ -82,7 +83,7 @@ class Prediction:
             pixels=needs.pixels,
             key_pulse_interval=needs.key_pulse_interval,
             rays_per_second=needs.rays / trace if trace else 0.0,
-            pixel_pulses_per_second=TWO_CORES.pixel_pulse**-1 if focus else 0.0,
+            pixel_pulses_per_second=needs.pixel_pulses / focus if focus else 0.0,
             raw_bytes=needs.raw_bytes,
         )
 
@@ -124,7 +125,7 @@ def predict(
     What the run needs (:mod:`sarmitsuba.simulation.prediction.needs`) is worked out first. Raw data that need up to
     ``MEASURED_MEMORY`` are then tried: the two blocks of pulses in the middle of the real run are traced, which
     compiles its kernels, so that the run then finds them compiled; one of them again, others for the error of blocks,
-    and a sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of two usual cores.
+    and a sixteenth of the pulses is focused onto the whole image. Otherwise the seconds are those of a model of speed.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def predict(
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
         if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
             planned = measured_both_ways(run, scene, needs.key_pulses)
-        return planned, Prediction.of(needs)
+        return planned, Prediction.of(needs, processor=clock is time.process_time)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
         plan_scene(scene, run.trace_scene, clock=clock)

@@ -1,10 +1,13 @@
 """One model of speed: seconds of a run from what there is to do, with usual rates or with measured ones."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
+from sarmitsuba.backend import dr
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
 
@@ -15,18 +18,22 @@ class Work:
     Parameters
     ----------
     rays : of all pulses traced
-    launches : of the trace kernel
+    launches : of kernels that trace
+    kernels : different ones among them
     scatterers : diffuse ones met at first bounces, of all pulses traced
     path_pulses : contributions times the pulses they go to
     samples : range-compressed samples that are synthesised, all layers
+    syntheses : times that a grid becomes pulses
     pixel_pulses : pixels of the image times pulses, all layers
     """
 
     rays: float = 0.0
     launches: float = 0.0
+    kernels: float = 0.0
     scatterers: float = 0.0
     path_pulses: float = 0.0
     samples: float = 0.0
+    syntheses: float = 0.0
     pixel_pulses: float = 0.0
 
 
@@ -37,8 +44,12 @@ class SpeedModel:
     Parameters
     ----------
     ray, launch, scatterer, path_pulse, sample, pixel_pulse : s for each
+    kernel : s for recording a kernel for the first time and loading what was compiled
+    synthesis, counted_sample : s for a synthesis and for a sample, where syntheses are counted
     finer_ray : s more for a ray over small parts: it hits, and bounces among what is slender or round
-    node : s for laying such a ray out, once for all pulses
+    pane_ray, water_ray, wide_ray : s more for a ray of a scene whose slabs let waves through, whose water moves, or
+        whose band is traced at several frequencies: facets keep more of their sides apart
+    plain_node, node : s for laying out a ray of a plain lattice, and one over small parts, once for all pulses
     """
 
     ray: float
@@ -48,7 +59,14 @@ class SpeedModel:
     sample: float
     pixel_pulse: float
     finer_ray: float = 0.0
+    pane_ray: float = 0.0
+    water_ray: float = 0.0
+    wide_ray: float = 0.0
     node: float = 0.0
+    plain_node: float = 0.0
+    kernel: float = 0.0
+    synthesis: float = 0.0
+    counted_sample: float = 0.0
 
     @staticmethod
     def measured(work: Work, seconds: Mapping[str, float]) -> "SpeedModel":
@@ -65,10 +83,12 @@ class SpeedModel:
         """Seconds by stage."""
         return {
             "trace": work.launches * self.launch
+            + work.kernels * self.kernel
             + work.rays * self.ray
             + work.scatterers * self.scatterer
             + work.path_pulses * self.path_pulse,
-            "synthesise": work.samples * self.sample,
+            "synthesise": work.samples * (self.counted_sample if work.syntheses else self.sample)
+            + work.syntheses * self.synthesis,
             "focus": work.pixel_pulses * self.pixel_pulse,
         }
 
@@ -77,19 +97,77 @@ class SpeedModel:
         return float(sum(self.stages(work).values()))
 
 
-# two cores: 5 million rays per second with all that a hit does, as many diffuse scatterers with those of later bounces,
-# 2 million samples, 400 million pixel-pulses. The launch is what recording, laying out a block and reading its grid
-# back take; adding to the grid is in the rays and scatterers
-TWO_CORES = SpeedModel(
+# processor seconds of a core of 2.5 GHz or so: 5 million rays per second with all that a hit does, as many diffuse
+# scatterers with those of later bounces, 2 million samples, 400 million pixel-pulses. The launch is what recording,
+# laying out a block and reading its grid back take; adding to the grid is in the rays and scatterers
+USUAL_CORE = SpeedModel(
     ray=1 / 5e6,
-    launch=2e-3,
+    launch=9e-3,
     scatterer=1 / 5e6,
     path_pulse=0.0,
     sample=1 / 2e6,
     pixel_pulse=1 / 4e8,
-    finer_ray=4e-7,
-    node=2.4e-6,
+    finer_ray=2e-7,
+    pane_ray=1.1e-6,
+    water_ray=3e-7,
+    wide_ray=1.8e-7,
+    node=8e-7,
+    plain_node=1.2e-7,
+    kernel=0.04,
+    synthesis=8e-3,
+    counted_sample=2.5e-7,
 )
+# stages that all threads share, and about the part of them that one thread does alone
+SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
+# numbers of the job that a core is timed by, its rounds, and processor seconds that it takes the usual core
+JOB, ROUNDS, JOB_SECONDS = 1 << 14, 20, 0.9e-3
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What turns processor seconds of the usual core into seconds here.
+
+    Parameters
+    ----------
+    slowness : seconds of a core here over those of the usual one
+    threads : that trace and focus
+    """
+
+    slowness: float
+    threads: int
+
+    @staticmethod
+    @cache
+    def here() -> "Machine":
+        """Machine that runs this, its core timed once in a process: NumPy sorts numbers and turns phases."""
+        phase = np.random.default_rng(0).random(JOB)
+
+        def job() -> None:
+            np.exp(1j * phase).sum()
+            phase[np.argsort(phase)].sum()
+
+        return Machine(_least(job) / JOB_SECONDS, max(1, int(dr.thread_count())))
+
+    def processor(self, seconds: Mapping[str, float]) -> dict[str, float]:
+        """Processor seconds here, of all threads, of stages that take the usual core so long."""
+        return {stage: self.slowness * s for stage, s in seconds.items()}
+
+    def elapsed(self, seconds: Mapping[str, float]) -> dict[str, float]:
+        """Seconds by the clock on the wall, where no other program wants the cores."""
+        share = ALONE + (1.0 - ALONE) / self.threads
+        return {
+            stage: s * (share if stage in SHARED else 1.0) for stage, s in self.processor(seconds).items()
+        }
+
+
+def _least(job: Callable[[], None]) -> float:
+    """Least processor seconds of some rounds: what disturbs one only makes it longer."""
+    taken = []
+    for _ in range(ROUNDS):
+        before = time.process_time()
+        job()
+        taken.append(time.process_time() - before)
+    return min(taken)
 
 
 def expected_work(sampling: SamplingPlan) -> Work:
@@ -121,8 +199,8 @@ def scatterers_met(sampling: SamplingPlan) -> float:
 
 
 def run_seconds(sampling: SamplingPlan) -> float:
-    """About what simulating and focusing takes on two cores, s; :func:`predict` measures."""
-    return TWO_CORES.seconds(expected_work(sampling))
+    """About what simulating and focusing takes the usual core, s; what decisions go by on any machine."""
+    return USUAL_CORE.seconds(expected_work(sampling))
 
 
 def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: float) -> dict[str, float]:
@@ -141,4 +219,13 @@ def split_trace(full: Mapping[str, float], sparse: Mapping[str, float], fewer: f
     return out
 
 
-__all__ = ["TWO_CORES", "SpeedModel", "Work", "expected_work", "run_seconds", "scatterers_met", "split_trace"]
+__all__ = [
+    "USUAL_CORE",
+    "Machine",
+    "SpeedModel",
+    "Work",
+    "expected_work",
+    "run_seconds",
+    "scatterers_met",
+    "split_trace",
+]

@@ -12,10 +12,12 @@ from sarmitsuba.echo.direct import box_slant_range
 from sarmitsuba.effects.context import Sampling
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.mesh.sharp_edges import SharpEdges
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling import movers, water
 from sarmitsuba.simulation.sampling.launch_window import LaunchWindow, bounding_antennas, launch_windows
 from sarmitsuba.simulation.sampling.small_parts import expected_finer_rays
+from sarmitsuba.trace.edges import edges_of
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, Purpose, lattice
 
@@ -234,6 +236,12 @@ class SamplingPlan:
         turn = radar.waveform.wavelength / (2.0 * self.azimuth_cell)
         per_pulse = np.pi * self.spacings.coherent / self.azimuth_cell * float(step.mean() / (reach * turn))
         return TUBE_PHASE_CHANGE / per_pulse
+
+    @cached_property
+    def sharp_edges(self) -> SharpEdges:
+        """Sharp metal edges of the scene, in pieces of half a resolution cell."""
+        scene = self.scene
+        return edges_of(scene.geometry, scene.materials, scene.radar.waveform.wavelength, self.half_cell)
 
     @cached_property
     def phase_box(self) -> F64:

@@ -1,0 +1,109 @@
+"""Every stage that takes time or memory in a run has its term in the forecast; nothing here depends on elapsed time."""
+
+from dataclasses import replace
+
+import pytest
+
+from sarmitsuba.commands.results import Formats, with_files
+from sarmitsuba.loader.load import load_scene
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.prediction.prediction import Prediction
+from sarmitsuba.simulation.prediction.speed import Machine
+from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sources import expected_sources
+
+# stages that are over when the forecast is said
+BEFORE = {"build", "plan"}
+
+
+@pytest.mark.parametrize("name", ["plate", "dihedral", "point"])
+def test_every_stage_of_a_run_has_its_seconds(name: str) -> None:
+    scene = load_scene(name)
+    said: list[dict[str, float]] = []
+    raw = simulate(scene, ready=lambda run: said.append(run.needs().seconds))  # type: ignore[arg-type]
+    assert set(raw.metadata["seconds"]) - BEFORE <= set(said[0])
+    assert {"focus"} <= set(said[0]) and all(seconds > 0.0 for seconds in said[0].values())
+
+
+def scene_of(name: str, **parameters: str) -> Scene:
+    scene = load_scene(name, parameters=parameters)
+    return replace(scene, settings=replace(scene.settings, effects={"diffuse_pairs": "off"}))
+
+
+@pytest.mark.parametrize("name", ["railing", "street_trees", "dihedral"])
+def test_sources_are_counted_before_they_are_made(name: str) -> None:
+    """Rods, vegetation and edges, against those that are made."""
+    run = Run(scene_of(name))
+    assert run.sampling is not None
+    expected = expected_sources(run.sampling, run.sampling.flags)
+    made = run.tracer(run.sampling).sources
+    assert len(expected) == len(made)
+    for each, source in zip(expected, made, strict=True):
+        # tol: bodies that are cut by cells of their lattice; ends of rods that two share
+        assert each.scatterers == pytest.approx(source.scatterers.n, rel=0.05)  # type: ignore[attr-defined]
+    needs = run.needs()
+    assert needs.seconds["trace"] > sum(each.scatterers * each.each for each in expected)
+    assert needs.stages["launch grid"] >= max(each.bytes for each in expected)
+
+
+def test_pairs_are_counted_by_the_level_that_the_plan_measured() -> None:
+    run = Run(load_scene("courtyard"))
+    assert run.context is not None and run.context.pairs is not None and run.sampling is not None
+    known, unknown = (
+        expected_sources(run.sampling, run.sampling.flags, run.trace_scene, level)[-1]
+        for level in (run.context.pairs, None)
+    )
+    # what is not known is bounded
+    assert 0.0 < known.scatterers <= unknown.scatterers
+    assert run.needs().stages["launch grid"] > known.bytes
+    assert run.needs().parts["sources"] > 0
+
+
+@pytest.mark.parametrize("name", ["tower", "sphere"])
+def test_memory_is_not_below_the_arrays(name: str) -> None:
+    """Arrays that a run holds, counted by NumPy, against the stage that the forecast has them in."""
+    run = Run(load_scene(name))
+    assert run.sampling is not None
+    needs = run.needs()
+    grids = [grid for grids in run.lattices(run.sampling, 0) for grid in grids]
+    rays = sum(grid.x.nbytes + grid.y.nbytes for grid in grids)
+    raw = 8 * needs.layers * run.scene.radar.track.n_pulses * run.scene.radar.window.n_samples
+    image = 8 * needs.pixels
+    # tol: nodes along the rim of a lattice and over small parts
+    assert needs.stages["trace"] >= 0.85 * rays + raw
+    assert needs.stages["image"] >= 0.85 * rays + raw + image
+    assert needs.kept >= raw + image
+
+
+def test_needs_are_worked_out_once() -> None:
+    run = Run(load_scene("sphere"))
+    assert run.needs() is run.needs()
+    assert run.at(2.0).needs().rays < run.needs().rays
+
+
+def test_files_and_pictures_are_in_what_a_command_says() -> None:
+    run = Run(load_scene("plate"))
+    needs, formats = run.needs(), Formats.parse("hdf5")
+    whole = with_files(needs, formats, ("HH",), image=True)
+    assert whole.seconds["files"] > 0.2 and whole.memory > needs.memory
+    more = with_files(needs, formats, ("HH", "VV"), image=True)
+    assert more.seconds["files"] > whole.seconds["files"]
+    raw_only = with_files(needs, formats, ("HH",), image=False)
+    assert "focus" not in raw_only.seconds and raw_only.seconds["files"] < whole.seconds["files"]
+
+
+def test_elapsed_seconds_share_the_threads() -> None:
+    seconds = {"launch grid": 1.0, "trace": 10.0}
+    machine = Machine(slowness=2.0, threads=4)
+    assert machine.processor(seconds) == {"launch grid": 2.0, "trace": 20.0}
+    # a fifth of tracing is one thread's
+    assert machine.elapsed(seconds) == {"launch grid": 2.0, "trace": pytest.approx(8.0)}
+    assert machine.elapsed(seconds)["trace"] < Machine(2.0, 1).elapsed(seconds)["trace"]
+
+
+def test_forecasts_of_both_clocks() -> None:
+    needs = Run(load_scene("plate")).needs()
+    elapsed, processor = Prediction.of(needs), Prediction.of(needs, processor=True)
+    assert dict(elapsed.seconds) == needs.elapsed and dict(processor.seconds) == needs.processor
+    assert elapsed.total <= processor.total
