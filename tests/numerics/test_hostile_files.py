@@ -35,6 +35,8 @@ KINDS = (
     "ply",
     "ply-text",
     "obj",
+    "serialized",
+    "scene-graph",
     "glb",
     "track",
     "vectors",

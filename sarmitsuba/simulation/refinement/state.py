@@ -8,10 +8,10 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.lib import format as npy
@@ -26,6 +26,7 @@ from sarmitsuba.regular_files import open_regular
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.refinement.error_bars import PASSES, SUBSETS, Source
 
+G = TypeVar("G", bound=np.generic)
 # how NumPy, zip and JSON report a damaged file
 _DAMAGE = (
     ArithmeticError,
@@ -190,10 +191,7 @@ class Passes:
                 found = sorted((info.filename, info.compress_type) for info in file.infolist())
                 if found != sorted((f"{name}.npy", zipfile.ZIP_STORED) for name in _ARRAYS):
                     raise DataError(f"it does not hold {', '.join(_ARRAYS)}, uncompressed")
-                record = json_value(_array(file, "record", np.uint8, (None,)).tobytes())
-                if str(record["fingerprint"]) != fingerprint:
-                    raise DataError("they are of another scene or of other settings")
-                passes = _recorded(record, layout)
+                passes = _recorded(_array(file, "record", np.uint8, (None,)).tobytes(), fingerprint, layout)
                 passes.data = data = _array(file, "data", np.complex64, layout.shape(len(layout.layers)))
                 channels = len(channels_of(layout.layers)) if passes.count > 1 else 0
                 shape = layout.shape(channels) if channels else (0, 0, 0)
@@ -210,9 +208,7 @@ class Passes:
         return passes
 
 
-def _array(
-    file: zipfile.ZipFile, name: str, kind: type[np.generic], shape: tuple[int | None, ...]
-) -> NDArray[Any]:
+def _array(file: zipfile.ZipFile, name: str, kind: type[G], shape: tuple[int | None, ...]) -> NDArray[G]:
     """An array of a type and shape (None: of any length up to that of a record), its header first."""
     with file.open(f"{name}.npy") as member:
         version = npy.read_magic(member)
@@ -228,8 +224,11 @@ def _array(
         return np.asarray(npy.read_array(member, allow_pickle=False))
 
 
-def _recorded(record: Mapping[str, Any], layout: PassLayout) -> Passes:
+def _recorded(text: bytes, fingerprint: str, layout: PassLayout) -> Passes:
     """Passes without their data; what no run writes is refused."""
+    record = json_value(text)
+    if str(record["fingerprint"]) != fingerprint:
+        raise DataError("they are of another scene or of other settings")
     count, levels, history = record["count"], record["levels"], record["history"]
     rays, seconds, metadata = record["rays"], record["seconds"], record["metadata"]
     if not (_whole(count, 1, 10**6) and isinstance(levels, list) and isinstance(history, list)):
