@@ -55,7 +55,7 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     from sarmitsuba.regular_files import is_inside
 
     root = Path(os.path.realpath(scene.parent))
-    sources = check_document(scene)
+    sources = check_document(scene, strict=True)
     for source in sources:
         if not source.is_relative_to(root) or ".." in source.parts or not is_inside(source, root):
             raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")

@@ -25,13 +25,14 @@ _MOST_REPEATED, _MOST_EXPANDED = 100_000, 1 << 24
 _LARGEST_SPECTRUM = 1 << 20
 
 
-def check_document(path: Path, *, allow_outside: bool = False) -> list[Path]:
+def check_document(path: Path, *, allow_outside: bool = False, strict: bool = False) -> list[Path]:
     """Look at a scene file and what it includes before the parser opens any of it.
 
     Parameters
     ----------
     path : of the scene file, which exists
     allow_outside : files may lie outside its folder
+    strict : malformed files are refused, not left to the parser
 
     Returns
     -------
@@ -50,7 +51,7 @@ def check_document(path: Path, *, allow_outside: bool = False) -> list[Path]:
     Which of several files of one name the parser takes depends on the ``<path>`` elements and the folders of the
     including files so far: all of them are checked and counted. Includes whose name holds a parameter are not followed.
     """
-    included = _Included(path, allow_outside)
+    included = _Included(path, allow_outside, strict)
     named = included.check_named()
     included.check_expanded()
     return named
@@ -63,12 +64,13 @@ class _Included:
     ----------
     path : of the scene file
     allow_outside : files may lie outside its folder
+    strict : malformed files are refused
     """
 
-    def __init__(self, path: Path, allow_outside: bool) -> None:
+    def __init__(self, path: Path, allow_outside: bool, strict: bool) -> None:
         self.root, self.name, self.folder = _real(path), path.name, _real(path.parent)
-        self.allow_outside = allow_outside
-        self.texts = {self.root: read_scene_text(path)}
+        self.allow_outside, self.strict = allow_outside, strict
+        self.texts = {self.root: read_scene_text(path, strict=strict)}
         self.found: dict[str, list[Path]] = {}  # where the names in includes lead
         self.below: dict[Path, list[Path]] = {}  # what every file includes, as often as it does
         self._lookups = 0
@@ -86,7 +88,7 @@ class _Included:
             self.folders[_real(place if tag == "path" else place.parent)] = None
             file = _real(place)
             if tag == "include" and file not in self.texts:
-                self.texts[file] = read_scene_text(place)
+                self.texts[file] = read_scene_text(place, strict=self.strict)
             if max(len(self.texts), len(self.folders)) > _MAX_INCLUDES + 1:
                 raise SceneError(f"{self.name}: more than {_MAX_INCLUDES} files are included; join some")
 

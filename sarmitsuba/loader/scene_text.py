@@ -63,14 +63,14 @@ def substituted_length(value: str, lengths: Mapping[str, int]) -> int:
     return total
 
 
-def read_scene_text(path: Path) -> SceneText:
+def read_scene_text(path: Path, *, strict: bool = False) -> SceneText:
     """Read what a scene file refers to and how large it is.
 
     Elements that refer are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which
     Mitsuba's parser opens while it reads; files that a ``<string>`` names are checked later, by their use.
 
     What is not well-formed is left to the parser, whose messages are better, as long as it cannot refer to a file: that
-    one is lenient, and might see references where a strict one stops.
+    one is lenient, and might see references where a strict one stops. With ``strict`` it is refused.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def read_scene_text(path: Path) -> SceneText:
             "can hide what it is made of; remove them"
         )
     risky = b"<include" in data or b"<path" in data or b"<default" in data or _FILE_ATTRIBUTE.search(data)
-    if broken and risky:
+    if broken and (risky or strict):
         raise SceneError(f"{path.name}: malformed XML: {broken}; check that every element is closed")
     return reader.text
 
