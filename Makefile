@@ -40,7 +40,7 @@ benchmarks: $(VENV)/.test
 
 # docs/validation.md and its plots; fails when a comparison is out of tolerance
 validation: $(VENV)/.run
-	$(BIN)/python -m sarmitsuba validate -o docs
+	$(BIN)/python -m sarmitsuba validate -o docs --force
 
 # the documentation site; a warning is an error
 docs: $(VENV)/.test

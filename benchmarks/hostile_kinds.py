@@ -167,7 +167,7 @@ def _fresh_run(path: Path) -> Path:
 
 def _results(path: Path) -> object:
     """What a render into the folder does before and after its work; nothing outside may be gone."""
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
 
     run = _fresh_run(path)
     with output_folder(str(run)) as folder:
@@ -184,7 +184,7 @@ def _results(path: Path) -> object:
 def _view(path: Path) -> object:
     """The page of a run, none of whose values may have become an element or an attribute."""
     run = _fresh_run(path)
-    result = _command("view", str(run), "-o", str(path.parent / "page.html"))
+    result = _command("view", str(run), "-o", str(path.parent / "page.html"), "--force")
     if result != REFUSED:
         seen = _Elements()
         seen.feed((path.parent / "page.html").read_text(encoding="utf-8"))

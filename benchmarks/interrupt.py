@@ -66,7 +66,7 @@ def judged(status: int, number: int, errors: str, out: Path) -> str:
     """What is wrong with an end; a run that was through when the signal came has its results and status 0."""
     if "Traceback" in errors or "Error in" in errors or "Exception ignored" in errors:
         return f"traceback: {errors[-300:]}"
-    left = sorted(path.name for path in out.rglob("*") if ".part" in path.name) if out.exists() else []
+    left = sorted(path.name for path in out.rglob("*") if "-part-" in path.name) if out.exists() else []
     if left:
         return f"left {left}"
     if status == 0:

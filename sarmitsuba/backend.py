@@ -293,7 +293,7 @@ def _packaged_llvm() -> LlvmChoice | None:
         if _LLVM_NAME.fullmatch(file.name)
     }
     # the link libLLVM.so is only there after the interpreter's first start: the shortest name that exists
-    existing = sorted((path for path in found if path.exists()), key=lambda path: len(path.name))
+    existing = sorted((path for path in found if os.path.exists(path)), key=lambda path: len(path.name))
     if not existing:
         return None
     return LlvmChoice(existing[0], "package", distribution.version)
@@ -308,7 +308,7 @@ def _preload_libcxx(llvm: Path) -> None:
     for folder in llvm.parent.glob("*-linux-gnu"):
         for name in ("libc++abi.so.1", "libc++.so.1"):
             full = folder / f"{name}.0"
-            if full.exists() and not (folder / name).exists():
+            if os.path.exists(full) and not os.path.exists(folder / name):
                 try:
                     ctypes.CDLL(str(full), mode=ctypes.RTLD_GLOBAL)
                 except OSError:
@@ -322,7 +322,7 @@ def _system_llvm(root: Path = Path("/")) -> LlvmChoice | None:
     for pattern in _SYSTEM_FOLDERS:
         for path in sorted(root.glob(f"{pattern[1:]}/libLLVM*")):
             version = _library_version(path)
-            if version is None or version < oldest or not path.exists():
+            if version is None or version < oldest or not os.path.exists(path):
                 continue
             if best is None or version > best[0]:
                 best = (version, path)

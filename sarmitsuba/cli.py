@@ -14,6 +14,8 @@ from sarmitsuba import __version__
 from sarmitsuba.commands import COMMANDS
 from sarmitsuba.commands.console import Console
 from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.io.atomic import reason_of
+from sarmitsuba.parameters import one_line
 from sarmitsuba.registry import load_extension
 
 EXIT_OK, EXIT_USER, EXIT_INTERRUPTED = 0, 2, 130
@@ -88,6 +90,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
+    except (
+        OSError
+    ) as error:  # what the system refuses of a path: too long a name, no permission, a failing disk
+        where = "" if error.filename is None else f"{one_line(error.filename, 200)}: "
+        console.complain(f"{where}{reason_of(error)}")
+        return EXIT_USER
 
 
 __all__ = ["EXIT_INTERRUPTED", "EXIT_OK", "EXIT_USER", "build_parser", "main"]

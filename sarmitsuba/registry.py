@@ -9,6 +9,7 @@ imported: in Python by ``import``, on the command line by ``--extension``, insta
 import importlib
 import importlib.metadata
 import importlib.util
+import os
 import pkgutil
 import sys
 import threading
@@ -151,7 +152,7 @@ def load_extension(module_or_file: str, *, again: bool = True) -> None:
         if path.suffix != ".py":
             importlib.import_module(module_or_file)
             return
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise ExtensionError(f"{path}: there is no such extension file")
         name = f"sarmitsuba_extension_{path.stem}"
         if not again and name in sys.modules:

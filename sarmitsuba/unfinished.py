@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from sarmitsuba.errors import SarmitsubaError
+
 _removals: dict[object, Callable[[], object]] = {}
 
 
@@ -23,7 +25,7 @@ def remove_unfinished() -> None:
         _, remove = _removals.popitem()
         try:
             remove()
-        except OSError:
+        except (OSError, SarmitsubaError):
             continue
 
 

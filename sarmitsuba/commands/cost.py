@@ -1,6 +1,7 @@
 """Measure what accuracy costs on a scene. Prints a table, draws the Pareto front and recommends a setting."""
 
 import argparse
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
@@ -8,9 +9,12 @@ from sarmitsuba.commands.scene_arguments import add_scene_arguments, scene_of
 
 if TYPE_CHECKING:
     from sarmitsuba.cost.report import CostReport
+    from sarmitsuba.io.output import OutputFolder
 
 NAME = "cost"
 HELP = "measure what accuracy costs on a scene and recommend a setting"
+
+RECORD, TEXT, PLOT = "cost.json", "cost.md", "cost.png"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--budget", type=float, default=300.0, metavar="S", help="seconds to spend on measuring (default 300)"
     )
-    parser.add_argument("-o", "--output", metavar="OUT", help="folder for cost.json, cost.md and cost.png")
+    parser.add_argument("-o", "--output", metavar="OUT", help=f"folder for {RECORD}, {TEXT} and {PLOT}")
 
 
 def run(args: argparse.Namespace, console: Console) -> int:
@@ -40,18 +44,24 @@ def run(args: argparse.Namespace, console: Console) -> int:
             f"cost: --budget = {args.budget:g} s must be above 0, and --target-error = {args.target_error:g} dB below 0"
         )
     from sarmitsuba.cost.study import study_cost
+    from sarmitsuba.io.output import output_folder
 
-    scene = scene_of(args)
-    report = study_cost(
-        scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
-    )
-    console.end_progress()
-    command = f"python -m sarmitsuba render {args.scene}" + (f" --radar {args.radar}" if args.radar else "")
-    command += "".join(f" -D {name}={value}" for name, value in args.define)
-    text = _text(report, scene.name, command)
-    console.say(text)
-    if args.output:
-        _save(args.output, report, scene.name, text)
+    with output_folder(args.output) if args.output else nullcontext() as folder:
+        if folder is not None:
+            folder.check_names((RECORD, TEXT, PLOT))
+        scene = scene_of(args)
+        report = study_cost(
+            scene, target_error_db=args.target_error, budget=args.budget, progress=console.progress
+        )
+        console.end_progress()
+        command = f"python -m sarmitsuba render {args.scene}" + (
+            f" --radar {args.radar}" if args.radar else ""
+        )
+        command += "".join(f" -D {name}={value}" for name, value in args.define)
+        text = _text(report, scene.name, command)
+        console.say(text)
+        if folder is not None:
+            _save(folder, report, scene.name, text)
     return 0
 
 
@@ -115,14 +125,11 @@ def _short(changes: object) -> str:
     return ", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in changes.items())
 
 
-def _save(output: str, report: "CostReport", name: str, text: str) -> None:
-    from pathlib import Path
-
+def _save(folder: "OutputFolder", report: "CostReport", name: str, text: str) -> None:
     from sarmitsuba.io import parameters
-    from sarmitsuba.io.atomic import atomic_path, make_folder
+    from sarmitsuba.io.atomic import atomic_path
     from sarmitsuba.view.cost import cost_figure, save_figure
 
-    folder = make_folder(Path(output))
     record = {
         "scene": name,
         "rows": report.rows,
@@ -142,14 +149,16 @@ def _save(output: str, report: "CostReport", name: str, text: str) -> None:
         "plain_seconds": report.full_seconds,
         "seconds": report.seconds,
     }
-    parameters.write(folder / "cost.json", record)
-    with atomic_path(folder / "cost.md") as temporary:
+    with folder.writing(RECORD) as path:
+        parameters.write(path, record)
+    with folder.writing(TEXT) as path, atomic_path(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     points = [(c.seconds, c.error_db) for c in report.candidates]
     front = [(c.seconds, c.error_db) for c in report.front]
     best, target = report.recommendation.setting, report.recommendation.target_error_db
     figure = cost_figure(points, front, (best.seconds, best.error_db), target, name)
-    save_figure(figure, folder / "cost.png")
+    with folder.writing(PLOT) as path:
+        save_figure(figure, path)
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "run", "table"]

@@ -2,6 +2,7 @@
 
 import argparse
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +13,9 @@ from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
     from sarmitsuba.focusing.focuser import Focuser
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
     from sarmitsuba.radar.radar import Radar
 
@@ -212,9 +213,9 @@ def _windows() -> str:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Focus."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.output import output_folder
     from sarmitsuba.focusing import image_request
     from sarmitsuba.io import read_raw
+    from sarmitsuba.io.output import output_folder
 
     check_focus_arguments(args)
     formats = results.Formats.parse(args.format)
@@ -251,7 +252,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
 
 def _mark_of(path: Path) -> str:
     """Mark of raw data that carry none: the file, or the files in the folder, as they are."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files = sorted(path.iterdir()) if os.path.isdir(path) else [path]
     facts = ((file.name, file.stat()) for file in files)
     state = hashlib.sha256(
         "".join(f"{name} {status.st_size} {status.st_mtime_ns}\n" for name, status in facts).encode()

@@ -1,6 +1,7 @@
 """Arguments that name an image, the same for every command that takes one."""
 
 import argparse
+import os
 from pathlib import Path
 
 from sarmitsuba.errors import DataError
@@ -22,7 +23,7 @@ def image_file(given: Path) -> Path:
     DataError
         There is no image in the folder.
     """
-    if not given.is_dir():
+    if not os.path.isdir(given):
         return given
     found = _first(given, _image_names())
     if found is None:
@@ -45,7 +46,7 @@ def _image_names() -> list[str]:
 
 
 def _first(folder: Path, names: list[str]) -> Path | None:
-    return next((folder / name for name in names if (folder / name).is_file()), None)
+    return next((folder / name for name in names if os.path.isfile(folder / name)), None)
 
 
 __all__ = ["add_image_arguments", "files_of_run", "image_file"]

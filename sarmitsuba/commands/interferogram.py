@@ -6,6 +6,7 @@ track does. See docs/interferometry.md.
 
 import argparse
 import dataclasses
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,9 @@ def add_pair_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Evaluate the pair."""
     from sarmitsuba.io import read_image
+    from sarmitsuba.io.output import OutputFolder
 
+    OutputFolder(_target(args)).check_names((RECORD, PICTURE))
     first = read_image(image_file(Path(args.first)))
     second, made = _second(Path(args.second), first, args.channel, console)
     _evaluate(first, second, args, console, made)
@@ -84,11 +87,11 @@ def _evaluate(
     """Print and write what a pair of images on one grid says; ``made``: the second was focused for it, and is kept."""
     import numpy as np
 
-    from sarmitsuba.commands.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.interferometry import height_map, interferogram, unwrapped_phase
     from sarmitsuba.io import parameters, write_image
     from sarmitsuba.io.atomic import atomic_path
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.view.interferogram import interferogram_figure
 
     pair = interferogram(
@@ -104,7 +107,7 @@ def _evaluate(
         found = height_map(pair, phase, lowest=args.lowest_height)
     for line in _table(pair, found):
         console.say(line)
-    with output_folder(args.output or str(_folder(Path(args.second)))) as folder:
+    with output_folder(_target(args)) as folder:
         if made:
             with folder.writing(SECOND) as path:
                 write_image(second, path)
@@ -137,7 +140,7 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     from sarmitsuba.interferometry.interferogram import same_grid
     from sarmitsuba.io import read_image, read_raw
 
-    found, raw = files_of_run(given) if given.is_dir() else (given, None)
+    found, raw = files_of_run(given) if os.path.isdir(given) else (given, None)
     if found is not None or raw is None:
         image = read_image(found or image_file(given))
         if same_grid(first.grid, image.grid):
@@ -162,8 +165,10 @@ def _second(given: Path, first: "SarImage", channel: str | None, console: Consol
     return image, True
 
 
-def _folder(given: Path) -> Path:
-    return given if given.is_dir() else given.parent
+def _target(args: argparse.Namespace) -> Path:
+    """Folder of the results."""
+    second = Path(args.second)
+    return Path(args.output or (second if os.path.isdir(second) else second.parent))
 
 
 def _table(pair: "Interferogram", found: "HeightMap | None") -> list[str]:

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="PNG file to write (default: the quick-look of that channel beside the image, written over)",
     )
+    parser.add_argument("--force", action="store_true", help="replace FILE where it exists")
     parser.add_argument(
         "--quantity",
         choices=_QUANTITIES,
@@ -68,13 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Draw."""
-    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.commands.results import picture_name
     from sarmitsuba.io import read_image
+    from sarmitsuba.io.output import OutputFile, OutputFolder
     from sarmitsuba.view.display import PictureOptions
     from sarmitsuba.view.quicklook import quicklook, save
 
     source = image_file(Path(args.image))
+    file = OutputFile(args.output, force=args.force) if args.output else None
     image = read_image(source)
     options = PictureOptions(
         channel=args.channel,
@@ -87,12 +89,9 @@ def run(args: argparse.Namespace, console: Console) -> int:
         spectral_looks=tuple(args.spectral_looks),
     )
     figure = quicklook(image, options, title=args.title)
-    if args.output:
-        target = Path(args.output)
+    name = picture_name(image.channels, args.channel)
+    with file.writing() if file else OutputFolder(source.parent).writing(name) as target:
         save(figure, target)
-    else:
-        with OutputFolder(source.parent).writing(picture_name(image.channels, args.channel)) as target:
-            save(figure, target)
     console.say(str(target))
     return 0
 

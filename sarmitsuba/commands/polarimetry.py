@@ -51,9 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Decompose."""
-    from sarmitsuba.commands.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io.output import OutputFolder, output_folder
     from sarmitsuba.polarimetry import (
         automatic_looks,
         coherency,
@@ -67,6 +67,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
     from sarmitsuba.view.polarimetry import composite_figure, maps_figure, plane_figure
 
     source = image_file(Path(args.image))
+    target = Path(args.output or source.parent)
+    OutputFolder(target).check_names((TABLE,))
     image = read_image(source)
     report = polarimetry_report(image, tuple(args.looks) if args.looks else None)
     console.say(report.as_table())
@@ -91,7 +93,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
             (M_DELTA, "m-delta", m_delta(report.stokes)),
         ):
             figures[name] = partial(composite_figure, image, colours(powers), report.looks, title, legend)
-    with output_folder(args.output or str(source.parent)) as folder:
+    with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
             parameters.write(path, {"command": NAME, "image": str(source), **report.as_dict()})
         for name, draw in figures.items():

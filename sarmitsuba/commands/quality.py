@@ -60,14 +60,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Measure."""
-    from sarmitsuba.commands.output import output_folder
     from sarmitsuba.commands.results import draw_into
     from sarmitsuba.errors import DataError
     from sarmitsuba.io import parameters, read_image
+    from sarmitsuba.io.output import OutputFolder, output_folder
     from sarmitsuba.quality import Area, KnownPoint, image_quality
     from sarmitsuba.view.response import quality_figure
 
     source = image_file(Path(args.image))
+    target = Path(args.output or source.parent)
+    OutputFolder(target).check_names((TABLE, PLOT))
     image = read_image(source)
     points = None
     if args.point:
@@ -80,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> int:
         image, points, areas, channel=args.channel, looks=tuple(args.looks), most=args.most
     )
     console.say(report.as_table())
-    with output_folder(args.output or str(source.parent)) as folder:
+    with output_folder(target) as folder:
         with folder.writing(TABLE) as path:
             parameters.write(path, {"command": "quality", "image": str(source), **report.as_dict()})
         path = draw_into(folder, PLOT, lambda: quality_figure(image, report), console)

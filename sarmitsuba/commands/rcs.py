@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.image.sar_image import SarImage
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.turntable import Aspects, RcsSweep
 
@@ -98,9 +98,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Sweep."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.output import output_folder
     from sarmitsuba.commands.view import PAGE
     from sarmitsuba.focusing.windows import parse_window
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.radar.polarisation import read_channels
     from sarmitsuba.simulation.turntable import image_refusal, rcs_sweep
 

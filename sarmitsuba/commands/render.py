@@ -15,8 +15,8 @@ from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
     from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.commands.output import OutputFolder
     from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.run import Ready, Run
 
@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Render."""
     from sarmitsuba.commands import results
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
 
     check_focus_arguments(args)
     _check_settings(args)
@@ -194,6 +194,8 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     )
     if args.page:
         names += (PAGE,)
+    if with_raw and _many_passes(scene):
+        names += (results.PASSES,)
     folder.check(mark, names, force=args.force)
     folder.check_space(results.least_bytes(scene, formats, raw=with_raw, image=not args.no_focus))
     return mark
@@ -212,6 +214,7 @@ def _raw_and_image(
     """Make the raw data or take those that are there, write and focus them. Return the file to look at."""
     from sarmitsuba.commands import results
     from sarmitsuba.echo.chirp import to_chirped
+    from sarmitsuba.io.journal import remove_journal
 
     formats = results.Formats.parse(args.format)
     found = None
@@ -237,7 +240,7 @@ def _raw_and_image(
     folder.clear(mark, keep=[*keep, *passes])
     with watch.stage("write raw"):
         results.save_raw(folder, raw, formats, leave_out=keep)
-    (folder.path / results.BLOCKS).unlink(missing_ok=True)
+    remove_journal(folder.path / results.BLOCKS)
     record |= {"raw_domain": raw.domain, "simulation": raw.metadata, "plan": raw.metadata.get("plan")}
     if args.no_focus:
         return folder.path / formats.names(raw=True)[0]
@@ -278,6 +281,7 @@ def _simulate(
 ) -> "RawData":
     """Return the raw data of one pass, or of as many passes as the target error or the time limit asks for."""
     from sarmitsuba.commands import results
+    from sarmitsuba.io.journal import remove_journal
     from sarmitsuba.simulation.raw import simulate
 
     settings = scene.settings
@@ -294,7 +298,7 @@ def _simulate(
                     crew=crew,
                 )
             except RadarError:  # nothing comes back: another run would find the same
-                blocks.unlink(missing_ok=True)
+                remove_journal(blocks)
                 raise
     from sarmitsuba.simulation.refinement.passes import refine
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from sarmitsuba import __version__
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.output import OutputFolder
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
+from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.parameters import one_line
 from sarmitsuba.quality.budget import error_budget
 from sarmitsuba.radar.radar import Radar

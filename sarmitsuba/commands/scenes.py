@@ -59,11 +59,11 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     for source in sources:
         if not source.is_relative_to(root) or ".." in source.parts or not is_inside(source, root):
             raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")
-        if not source.is_file():
+        if not os.path.isfile(source):
             raise SceneError(
                 f"{scene}: refers to {source}, which does not exist; restore the file or correct the reference"
             )
-        if (target / source.relative_to(root)).exists():
+        if os.path.lexists(target / source.relative_to(root)):
             raise OutputError(f"{target / source.relative_to(root)}: already exists; choose another folder")
     written = []
     for source in sources:

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> int:
     """Serve until Ctrl-C."""
     from sarmitsuba.backend import ensure_backend
-    from sarmitsuba.commands.output import output_folder
+    from sarmitsuba.io.output import output_folder
     from sarmitsuba.unfinished import removed_if_stopped
 
     if not 1 <= args.port <= 65535:

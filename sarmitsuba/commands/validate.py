@@ -2,14 +2,23 @@
 
 import argparse
 import importlib.metadata
+import re
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import sarmitsuba
 from sarmitsuba.commands.console import Console
 
+if TYPE_CHECKING:
+    from sarmitsuba.io.output import OutputFolder
+    from sarmitsuba.validation.cases import CaseEntry
+
 NAME = "validate"
 HELP = "compare the simulator with closed forms and write the validation page"
+
+PAGE, PICTURES = "validation.md", "images/validation"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,8 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         type=Path,
-        default=Path("docs"),
-        help="folder for validation.md and images/validation (default docs)",
+        default=Path("out/validation"),
+        help=f"folder for {PAGE} and {PICTURES} (default out/validation)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace files of these names that another program wrote there"
     )
     parser.add_argument(
         "--case", nargs="+", default=[], metavar="NAME", help="run only these cases, and write no page"
@@ -35,33 +47,62 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> int:
     """Run cases; exit status 1 when a comparison is out of tolerance."""
-    from sarmitsuba.io.atomic import make_folder
-    from sarmitsuba.validation.comparison import Case
-    from sarmitsuba.validation.figures import plot_case
-    from sarmitsuba.validation.report import report, summary_lines, write
-    from sarmitsuba.validation.run import run_case, select
+    from sarmitsuba.io.output import output_folder
+    from sarmitsuba.validation.cases import CASES
+    from sarmitsuba.validation.run import select
 
     entries = select(args.case, args.topic)
     if args.list:
         console.say("\n".join(f"{entry.topic:<12} {entry.name}" for entry in entries))
         return 0
-    images = args.output / "images" / "validation"
-    make_folder(images)
+    pages = re.compile(re.escape(PAGE))
+    pictures = re.compile("|".join(re.escape(name) for name in map(_picture, CASES)))
+    with (
+        output_folder(args.output, pages) as folder,
+        output_folder(args.output / PICTURES, pictures) as images,
+    ):
+        page = [] if args.case or args.topic else [PAGE]
+        for into, names in ((images, [_picture(entry) for entry in entries]), (folder, page)):
+            if args.force:
+                into.adopt(names)
+            into.check_names(names)
+        return _validate(args, entries, folder, images, console)
+
+
+def _picture(entry: "CaseEntry") -> str:
+    return f"{entry.name}.png"
+
+
+def _validate(
+    args: argparse.Namespace,
+    entries: "Sequence[CaseEntry]",
+    folder: "OutputFolder",
+    images: "OutputFolder",
+    console: Console,
+) -> int:
+    """Run the cases and write what they show."""
+    from sarmitsuba.validation.comparison import Case
+    from sarmitsuba.validation.figures import plot_case
+    from sarmitsuba.validation.report import report, summary_lines, write
+    from sarmitsuba.validation.run import run_case
+
     cases: list[Case] = []
     for i, entry in enumerate(entries):
         console.progress("validate", i, len(entries), {})
         start = time.perf_counter()
         case = run_case(entry, args.quick)
         cases.append(case)
-        plot_case(case, images / f"{case.name}.png")
+        with images.writing(_picture(entry)) as path:
+            plot_case(case, path)
         console.say("\n".join(summary_lines([case])[:-1]))
         console.say(f"     {case.name}: {time.perf_counter() - start:.1f} s")
     console.progress("validate", len(entries), len(entries), {})
     console.say(summary_lines(cases)[-1])
     if not (args.case or args.topic):
         command = "python -m sarmitsuba validate" + (" --quick" if args.quick else "")
-        write(args.output / "validation.md", report(cases, command, _facts(), "images/validation"))
-        console.say(f"page: {args.output / 'validation.md'}")
+        with folder.writing(PAGE) as path:
+            write(path, report(cases, command, _facts(), PICTURES))
+        console.say(f"page: {path}")
     return 0 if all(case.passed for case in cases) else 1
 
 

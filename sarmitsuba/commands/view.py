@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.commands.console import Console
-from sarmitsuba.commands.output import OutputFolder
+from sarmitsuba.io.output import OutputFile, OutputFolder
 
 if TYPE_CHECKING:
     from sarmitsuba.page.payload import Value
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", help="page to write (default: page.html in the first OUT)"
     )
+    parser.add_argument("--force", action="store_true", help="replace FILE where it exists")
     parser.add_argument(
         "--allow-outside",
         action="store_true",
@@ -41,8 +42,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     """Write the page."""
     folders = [Path(folder) for folder in args.folders]
     if args.output:
-        target = Path(args.output)
-        _write(target, _payload(folders, args.channel, console, args.allow_outside))
+        file = OutputFile(args.output, force=args.force)
+        payload = _payload(folders, args.channel, console, args.allow_outside)
+        with file.writing() as target:
+            _write(target, payload)
     else:
         target = view_folder(
             OutputFolder(folders[0]), console, folders[1:], args.channel, allow_outside=args.allow_outside
@@ -60,6 +63,7 @@ def view_folder(
     allow_outside: bool = False,
 ) -> Path:
     """Write the page of a folder of results into it. Return the page's path."""
+    folder.check_names((PAGE,))
     payload = _payload([folder.path, *others], channel, console, allow_outside)
     with folder.writing(PAGE) as target:
         _write(target, payload)

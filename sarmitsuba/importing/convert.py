@@ -1,7 +1,9 @@
 """A source on disk to a scene file with its meshes beside it."""
 
+import os
 import re
-import shutil
+from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
@@ -11,8 +13,12 @@ from sarmitsuba.errors import OutputError
 from sarmitsuba.importing.model import Model, make_model
 from sarmitsuba.importing.options import ImportOptions
 from sarmitsuba.importing.source import find_source
-from sarmitsuba.io.atomic import atomic_path, make_folder
+from sarmitsuba.io.atomic import atomic_path, process_of_part
+from sarmitsuba.io.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.mesh.ply import write_ply
+from sarmitsuba.parameters import one_line, printable
+from sarmitsuba.regular_files import is_inside
+from sarmitsuba.unfinished import removed_if_stopped
 
 _SCENE = """<!--
 {title}
@@ -53,6 +59,8 @@ _SURFACES: dict[str, tuple[float, str, float]] = {
     "very_dry_ground": (0.02, "constant_gamma", -13.0),
     "wet_ground": (0.02, "constant_gamma", -9.0),
 }
+# names of meshes
+_MESHES = re.compile(r"\d{2,}_[A-Za-z0-9_]+\.ply")
 _OTHER = (0.003, "lambert", -13.0)
 
 
@@ -75,48 +83,118 @@ def import_scene(
     Raises
     ------
     SceneError : the source cannot be read or used
-    OutputError : the scene is there already, or cannot be written
+    OutputError : the scene is there already; it or its meshes would take the place of what the program did not
+        write; or it cannot be written
     """
     source, output = Path(source), Path(output)
     if output.suffix.lower() != ".xml":
         raise OutputError(f"{output}: a scene file ends in .xml; name it so")
-    if output.exists() and not force:
-        raise OutputError(f"{output}: already exists; choose another name, or --force replaces it")
+    if not output.stem.isprintable():
+        raise OutputError(f"{output}: a name without control characters is needed; choose another -o")
+    file, folder = OutputFile(output, force=force), output.with_name(f"{output.stem}_meshes")
     options = options or ImportOptions()
+    for given in (source, options.dem):
+        _check_apart(given, output, folder)
+    if os.path.lexists(folder):
+        _check_folder(folder, force)
     model = make_model(find_source(source).read(source, options), options)
-    _write(model, output)
+    with output_folder(folder, _MESHES) as meshes, file.writing() as path:
+        _check_folder(folder, force)
+        _write(model, path, meshes)
     return model
 
 
-def _write(model: Model, output: Path) -> None:
-    folder = output.with_name(f"{output.stem}_meshes")
-    make_folder(output.parent)
-    fresh = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(fresh, ignore_errors=True)
-    make_folder(fresh)
-    try:
-        files = []
-        for number, (part, material, vertices, faces) in enumerate(model.parts):
-            word = re.sub(r"\W+", "_", part, flags=re.ASCII).strip("_")[:40] or "part"
-            name = f"{number:02d}_{word}.ply"
-            with atomic_path(fresh / name) as temporary:
-                write_ply(temporary, vertices, faces)
-            files.append((part, material, name))
-        text = _text(model, folder.name, files)
-        with atomic_path(output) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-            shutil.rmtree(folder, ignore_errors=True)
-            fresh.rename(folder)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+def _check_apart(source: Path | None, output: Path, folder: Path) -> None:
+    """Raise an OutputError where the scene or its meshes would take the place of what they are made from."""
+    if source is None:
+        return
+    if os.path.realpath(source) == os.path.realpath(output):
+        raise OutputError(f"{output}: this is the source itself; choose another -o")
+    if is_inside(os.path.abspath(source), folder):
+        raise OutputError(
+            f"{folder}: the meshes go into this folder, and {one_line(source)} lies in it; choose another -o"
+        )
+
+
+def _check_folder(folder: Path, force: bool) -> None:
+    """Raise an OutputError where a folder for meshes is not one that the program made, or its meshes may be in use."""
+    if not os.path.isdir(folder) or os.path.islink(folder):
+        raise OutputError(f"{folder}: the meshes go into a folder of this name, and this is none; move it")
+    meshes = OutputFolder(folder, _MESHES)
+    if not meshes.listed and any(process_of_part(name) is None for name in os.listdir(folder)):
+        raise OutputError(
+            f"{folder}: the meshes go into a folder of this name, and the program did not make this one; move it, or "
+            "choose another -o"
+        )
+    if meshes.names and meshes.mark and not force:
+        raise OutputError(
+            f"{folder}: holds the meshes of a scene that was imported before; choose another -o, or --force replaces "
+            "them"
+        )
+
+
+def _write(model: Model, output: Path, meshes: OutputFolder) -> None:
+    """Write new meshes beside old ones, then the scene in place of the old one, then remove the old meshes.
+
+    Whatever ends it leaves either scene whole; meshes that no scene refers to are removed by the next import.
+    """
+    parts = tuple(model.parts)
+    names = _free_names(meshes.path, [part for part, *_ in parts])
+    old = [name for name in meshes.listed if name not in names]
+    made: os.stat_result | None = None
+
+    def undo() -> None:
+        try:
+            in_place = made is not None and os.path.samestat(output.lstat(), made)
+        except OSError:
+            in_place = False
+        if not in_place:
+            meshes.drop(names)
+
+    with removed_if_stopped(undo):
+        try:
+            meshes.announce(*names)
+            for name, (_, _, vertices, faces) in zip(names, parts, strict=True):
+                with atomic_path(meshes.path / name) as temporary:
+                    write_ply(temporary, vertices, faces)
+            files = [(part, material, name) for name, (part, material, *_) in zip(names, parts, strict=True)]
+            with atomic_path(output, within=meshes.path) as temporary:
+                temporary.write_text(_text(model, meshes.path.name, files), encoding="utf-8")
+                made = temporary.lstat()
+        finally:
+            undo()
+    meshes.mark = output.name
+    meshes.enter(*names)
+    meshes.drop(old)
+
+
+def _free_names(folder: Path, parts: Sequence[str]) -> list[str]:
+    """Names of the meshes of these parts, none of which the folder has."""
+    words = [re.sub(r"\W+", "_", part, flags=re.ASCII).strip("_")[:40] or "part" for part in parts]
+    for time in count(1):
+        suffix = f"_{time}" if time > 1 else ""
+        names = [f"{number:02d}_{word}{suffix}.ply" for number, word in enumerate(words)]
+        if not any(os.path.lexists(folder / name) for name in names):
+            break
+    return names
+
+
+def _attribute(text: str) -> str:
+    """A value of an attribute, in quotes: for Mitsuba ``$`` begins the name of a parameter where it is not escaped."""
+    return quoteattr(text.replace("$", r"\$"))
+
+
+def _comment(text: str) -> str:
+    """Text of a comment, which no two hyphens may stand in."""
+    return re.sub("-(?=-)", "- ", escape(text))
 
 
 def _text(model: Model, folder: str, files: list[tuple[str, str, str]]) -> str:
     """The scene file."""
     bsdfs = "".join(_bsdf(material) for material in dict.fromkeys(material for _, material, _ in files))
     shapes = "".join(
-        f'    <shape type="ply" id={quoteattr(f"{part} {number}")}>\n'
-        f'        <string name="filename" value="{folder}/{name}"/>\n'
+        f'    <shape type="ply" id={_attribute(printable(f"{part} {number}"))}>\n'
+        f'        <string name="filename" value={_attribute(f"{folder}/{name}")}/>\n'
         f'        <ref id="{material}"/>\n    </shape>\n'
         for number, (part, material, name) in enumerate(files)
     )
@@ -128,8 +206,8 @@ def _text(model: Model, folder: str, files: list[tuple[str, str, str]]) -> str:
             "height": model.anchor.height,
         }
         anchor = "".join(f'        <float name="{k}" value="{float(v):.13g}"/>\n' for k, v in values.items())
-    comment = escape("\n".join(model.notes)).replace("--", "- -")
-    title = escape(model.name).replace("--", "- -")
+    comment = _comment("\n".join(printable(note, 900) for note in model.notes))
+    title = _comment(printable(model.name))
     return _SCENE.format(
         title=title, comment=comment, place=place, anchor=anchor, materials=bsdfs, shapes=shapes
     )

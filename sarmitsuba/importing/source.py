@@ -1,5 +1,6 @@
 """What a source of a city holds, before it has a place in the scene; and the formats that are known."""
 
+import os
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -142,7 +143,7 @@ def find_source(path: Path) -> SourceFormat:
     SceneError : it is not there, or its suffix tells nothing
     """
     try:
-        there, folder = path.exists(), path.is_dir()
+        there, folder = os.path.exists(path), os.path.isdir(path)
         suffixes = {p.suffix.lower() for p in path.iterdir()} if folder else {path.suffix.lower()}
     except OSError as error:
         raise SceneError(

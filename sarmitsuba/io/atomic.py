@@ -1,10 +1,12 @@
 """Files appear whole or not at all: write beside the target, then rename."""
 
 import errno
+import itertools
 import os
+import re
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -14,14 +16,33 @@ from sarmitsuba.unfinished import removed_if_stopped
 
 # no link is followed and no pipe waited for, where the system knows how
 _UNLINKED = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+# names of files on their way: nobody else's look like these
+_PART = re.compile(r"\.sarmitsuba-part-(\d+)-\d+(\..*)?")
+_count = itertools.count()
+
+
+def part_name(suffix: str = "") -> str:
+    """A new name for a file of this process that is on its way."""
+    return f".sarmitsuba-part-{os.getpid()}-{next(_count)}{suffix}"
+
+
+def process_of_part(name: str) -> int | None:
+    """Number of the process that gave a file on its way this name; None for all other names."""
+    match = _PART.fullmatch(name)
+    return int(match[1]) if match else None
 
 
 @contextmanager
-def atomic_path(target: Path | str) -> Iterator[Path]:
-    """Yield a temporary path in the target's folder; rename it to ``target`` when the block ends well.
+def atomic_path(target: Path | str, within: Path | None = None) -> Iterator[Path]:
+    """Yield a temporary path; rename it to ``target`` when the block ends well.
 
     Whatever ends the block otherwise (Ctrl-C included) removes the temporary file and leaves an older
     ``target`` as it was.
+
+    Parameters
+    ----------
+    target : file to write
+    within : folder of the temporary file, on the same disk (default: the target's)
 
     Raises
     ------
@@ -30,7 +51,7 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     """
     target = Path(target)
     # the suffix stays: some writers choose the format by it
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
+    temporary = (within or target.parent) / part_name(target.suffix)
     try:
         # whoever could write into the folder might have laid a link there, and writers would follow it
         temporary.unlink(missing_ok=True)
@@ -40,7 +61,8 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     except OSError as error:
         raise OutputError(f"{target}: cannot write: {reason_of(error)}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def open_own(path: Path) -> BinaryIO:
@@ -75,7 +97,9 @@ def reason_of(error: OSError) -> str:
         return "no space left on the disk; free some or choose another output folder"
     if error.errno == errno.EFBIG or "errno = 27" in str(error):
         return "the file is larger than this system or user may write"
+    if error.errno == errno.ENAMETOOLONG:
+        return "the name is longer than this system takes; choose a shorter one"
     return " ".join(text.split())
 
 
-__all__ = ["atomic_path", "make_folder", "open_own", "reason_of"]
+__all__ = ["atomic_path", "make_folder", "open_own", "part_name", "process_of_part", "reason_of"]

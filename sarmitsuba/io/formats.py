@@ -73,7 +73,7 @@ def find_format(path: Path, content: Content, name: str | None = None) -> FileFo
     """
     known = [entry for entry in FORMATS if entry.holds(content)]
     suffixes = {path.suffix.lower()}
-    if content == "raw" and path.is_dir():
+    if content == "raw" and os.path.isdir(path):
         known = [entry for entry in known if entry.folders]
         suffixes = {member.suffix.lower() for member in path.iterdir()}
         if name is None and not any(suffixes & set(entry.suffixes) for entry in known):

@@ -6,7 +6,9 @@ journal: it and what follows are dropped, everything before it holds.
 """
 
 import json
+import os
 import struct
+import sys
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io.atomic import open_own, reason_of
 from sarmitsuba.io.encoding import json_value
+from sarmitsuba.regular_files import open_regular
 
 MAGIC = b"sarmitsuba journal 1\n"
 _RECORD = b"rec\n"
@@ -158,4 +161,17 @@ class Journal:
             raise OutputError(f"{self.path}: cannot write: {reason_of(error)}") from error
 
 
-__all__ = ["MAGIC", "Journal"]
+def remove_journal(path: Path) -> None:
+    """Delete a journal; a file that is none, and whatever is no plain file, stays."""
+    try:
+        if path.is_symlink():
+            return
+        with os.fdopen(open_regular(path, sys.maxsize), "rb") as file:
+            head = file.read(len(MAGIC))
+    except OSError:
+        return
+    if head == MAGIC[: len(head)]:
+        path.unlink(missing_ok=True)
+
+
+__all__ = ["MAGIC", "Journal", "remove_journal"]

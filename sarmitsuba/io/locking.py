@@ -2,20 +2,17 @@
 
 import errno
 import os
-import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sarmitsuba.errors import OutputError
+from sarmitsuba.io.atomic import process_of_part
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
-
-# names that atomic_path gives to files on their way
-_PART = re.compile(r"\..+\.(\d+)\.part(\.[^.]+)?")
 
 
 @contextmanager
@@ -53,9 +50,10 @@ def sole_writer(folder: Path) -> Iterator[None]:
 
 def _sweep(folder: Path) -> None:
     for path in folder.iterdir():
-        match = _PART.fullmatch(path.name)
-        if match and not _alive(int(match[1])):
-            path.unlink(missing_ok=True)
+        process = process_of_part(path.name)
+        if process is not None and not _alive(process):
+            with suppress(OSError):  # a folder is none of ours; what cannot be removed is in nobody's way
+                path.unlink()
 
 
 def _alive(process: int) -> bool:

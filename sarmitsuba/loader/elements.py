@@ -84,12 +84,4 @@ def plain_value(value: object) -> Property:
     return Opaque("colour" if "Color" in kind else kind.lower())
 
 
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; none has a name longer than the system takes."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
-__all__ = ["Element", "Opaque", "Property", "is_file", "plain_value", "walk"]
+__all__ = ["Element", "Opaque", "Property", "plain_value", "walk"]

@@ -1,5 +1,6 @@
 """The scenes and radars that come with the program, found by bare name wherever it is installed."""
 
+import os
 import re
 import warnings
 from dataclasses import dataclass
@@ -34,8 +35,8 @@ def scenes_dir() -> Path:
     package = Path(__file__).resolve().parents[1]
     inside = package / "_scenes"
     beside = package.parent / "scenes"
-    folder = inside if inside.is_dir() else beside
-    if not folder.is_dir():
+    folder = inside if os.path.isdir(inside) else beside
+    if not os.path.isdir(folder):
         raise SceneError(f"{beside}: the shipped scenes are missing; install the package again")
     return folder
 
@@ -85,14 +86,14 @@ def _entries(folder: Path) -> tuple[LibraryEntry, ...]:
 
 def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
     path = Path(name_or_path)
-    if path.is_file():
+    if os.path.isfile(path):
         return path
     text = str(name_or_path)
     bare = path.name == text and path.suffix in ("", ".xml")
     shipped = folder / f"{path.stem}.xml"
-    there = bare and bool(path.stem) and shipped.is_file()
+    there = bare and bool(path.stem) and os.path.isfile(shipped)
     own = path.with_name(f"{path.name}.xml") if path.name and not path.suffix else path
-    if own.is_file():
+    if os.path.isfile(own):
         if there:
             warnings.warn(
                 f"{text}: the file {own} in this folder is taken, not the shipped {what} of that name",
@@ -102,7 +103,7 @@ def _resolve(name_or_path: str | Path, folder: Path, what: str) -> Path:
         return own
     if there:
         return shipped
-    if path.is_dir():
+    if os.path.isdir(path):
         raise SceneError(f"{text}: a folder, not a {what} file; name the XML file in it")
     if bare:
         names = sorted(p.stem for p in folder.glob("*.xml"))

@@ -1,5 +1,6 @@
 """Maps on materials as a scene file has them: bitmaps and attributes of the mesh, nested in a BSDF."""
 
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
 from sarmitsuba.errors import DataError, SceneError
-from sarmitsuba.loader.elements import Element, is_file
+from sarmitsuba.loader.elements import Element
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
@@ -295,7 +296,7 @@ def _file(texture: Element) -> Path:
     path = map_file(texture)
     if path is None:
         raise SceneError(f'{texture.where}: no bitmap is named; give <string name="filename" value=.../>')
-    if not is_file(path):
+    if not os.path.isfile(path):
         raise SceneError(
             f'{texture.where}: bitmap "{one_line(path.name)}" not found in {texture.folder}; check filename'
         )

@@ -1,6 +1,7 @@
 """Register the Mitsuba plugins, which lie beside the package in a checkout and inside it when installed."""
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -30,8 +31,8 @@ def plugins_dir() -> Path:
     """
     package = Path(__file__).resolve().parents[1]
     inside, beside = package / "_plugins", package.parent / "plugins"
-    folder = inside if inside.is_dir() else beside
-    if not folder.is_dir():
+    folder = inside if os.path.isdir(inside) else beside
+    if not os.path.isdir(folder):
         raise SceneError(f"{beside}: the Mitsuba plugins are missing; install the package again")
     return folder
 

@@ -1,5 +1,6 @@
 """Shapes of a scene file as triangles in float64: mesh files read with trimesh, the others tessellated."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.attributes import corner_values
-from sarmitsuba.loader.elements import Element, Opaque, Property, is_file
+from sarmitsuba.loader.elements import Element, Opaque, Property
 from sarmitsuba.loader.mesh_files import read_mesh, read_shape
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
@@ -207,7 +208,7 @@ def mesh_path(element: Element) -> Path:
     if not isinstance(name, str) or not name:
         raise SceneError(f'{element.where}: no mesh file is named; give <string name="filename" value=.../>')
     path = element.folder / name
-    if not is_file(path):
+    if not os.path.isfile(path):
         raise SceneError(
             f'{element.where}: mesh file "{one_line(name)}" not found in {element.folder}; check filename'
         )

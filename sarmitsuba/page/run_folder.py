@@ -1,5 +1,6 @@
 """A folder that ``render`` or ``focus`` wrote, read back: its image, its raw data and the scene they are of."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,9 +72,9 @@ def read_run(path: Path, *, allow_outside: bool = False) -> RunFolder:
     if record.get("command") == "focus":
         raw_path = Path(str(record.get("raw_file", "")))
         beside = raw_path.parent / RECORD
-        scene_record = _record(raw_path.parent) if beside.is_file() else {}
+        scene_record = _record(raw_path.parent) if os.path.isfile(beside) else {}
     raw = None
-    if raw_path is None or not raw_path.exists():
+    if raw_path is None or not os.path.exists(raw_path):
         notes.append(f"{path}: no raw data; the page has no pulses to show and no image to build up")
     else:
         # as the image's own data were, so that the page makes the same image of them
@@ -103,7 +104,7 @@ def _result(folder: Path, stem: str) -> Path | None:
     for entry in sorted(FORMATS, key=lambda entry: entry.name != "hdf5"):
         if entry.read_image if stem == "image" else entry.read_raw:
             for suffix in entry.suffixes:
-                if (folder / f"{stem}{suffix}").is_file():
+                if os.path.isfile(folder / f"{stem}{suffix}"):
                     return folder / f"{stem}{suffix}"
     return None
 
@@ -117,7 +118,7 @@ def _scene(record: dict[str, Json], allow_outside: bool) -> Scene | None:
     source, given = record.get("scene"), record.get("definitions")
     if not isinstance(source, str):
         return None
-    if not Path(source).exists():
+    if not os.path.exists(source):
         raise DataError(f"{source}: the scene of these results is not there any more; render it again")
     definitions = {str(k): str(v) for k, v in given.items()} if isinstance(given, dict) else {}
     radar, mesh = record.get("radar_file"), record.get("mesh")

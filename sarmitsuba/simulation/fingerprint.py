@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import importlib.metadata
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -57,7 +58,7 @@ def fingerprint(scene: Scene, extensions: Sequence[str] = ()) -> str:
     feed((_program(), [importlib.metadata.version(name) for name in _PACKAGES]))
     for extension in extensions:
         path = Path(extension)
-        feed(path.read_bytes() if path.is_file() else extension)
+        feed(path.read_bytes() if os.path.isfile(path) else extension)
     return digest.hexdigest()
 
 

@@ -5,6 +5,7 @@ image to the bit.
 """
 
 import dataclasses
+import os
 import shlex
 import time
 import xml.etree.ElementTree as ET
@@ -178,7 +179,7 @@ def command(path: Path) -> str:
 def save(state: BenchState, folder: Path, stem: str = "bench") -> Path:
     """Write the state's scene file under the next free name in a folder; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    number = next(n for n in range(1, 1_000_000) if not (folder / f"{stem}_{n}.xml").exists())
+    number = next(n for n in range(1, 1_000_000) if not os.path.lexists(folder / f"{stem}_{n}.xml"))
     path = folder / f"{stem}_{number}.xml"
     _write(path, scene_xml(state))
     return path

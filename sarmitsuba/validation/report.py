@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sarmitsuba.io.atomic import atomic_path, make_folder
+from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.validation.comparison import TOPICS, Case, Comparison, summarise
 
 LIMITS = """## What the closed forms leave out, and so does the simulator
@@ -126,7 +126,6 @@ def summary_lines(cases: Sequence[Case]) -> list[str]:
 
 def write(path: Path, text: str) -> None:
     """Write the page in one step."""
-    make_folder(path.parent)
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -60,6 +60,20 @@ def test_no_bare_or_blanket_except(house: Any) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_no_path_is_asked_in_a_way_that_raises(house: Any) -> None:
+    """``Path.exists()`` and its like raise on names that are too long, which may come from anybody; os.path's never."""
+    wrong = [
+        f"{module.where}:{node.lineno}"
+        for module in house
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in {"exists", "is_dir", "is_file"}
+        and ast.unparse(node.func.value) != "os.path"
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_only_results_reach_up_by_name(house: Any) -> None:
     """``late`` is for the methods that save, draw or change a result, and names modules that are there."""
     wrong, named = [], set()

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.commands.output import MANIFEST
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.io import FORMATS, FileFormat, read_image, read_raw
 from sarmitsuba.io.journal import Journal
+from sarmitsuba.io.output import MANIFEST
 from sarmitsuba.scene.scene import Scene
 
 
@@ -366,7 +366,8 @@ def test_nothing_is_written_through_a_link(
     (out / MANIFEST).write_text(json.dumps({"mark": "", "files": {name: -1}}))
     status = render(out, "--force")
     assert (tmp_path / "mine").read_text() == "" and not (tmp_path / "nowhere").exists()
-    assert status == 2 or not (out / name).is_symlink()
+    # a link is no list of finished blocks, and stays
+    assert status == 2 or name == "raw.blocks" or not (out / name).is_symlink()
 
 
 def test_a_list_that_is_a_pipe_or_too_long_is_one_line(
@@ -377,7 +378,7 @@ def test_a_list_that_is_a_pipe_or_too_long_is_one_line(
     os.mkfifo(out / MANIFEST)
     assert render(out) == 2
     (out / MANIFEST).unlink()
-    (out / MANIFEST).write_text(" " * 2_000_000)
+    (out / MANIFEST).write_text(" " * 10_000_000)
     assert render(out) == 2
     for line in capsys.readouterr().err.splitlines():
         assert "the list of written files cannot be read" in line

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from sarmitsuba import cli
-from sarmitsuba.commands.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.echo.raw import RawData
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import OutputError
 from sarmitsuba.io import read_image, read_raw
+from sarmitsuba.io.output import MANIFEST, OutputFolder, output_folder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation import blocks, tracing
@@ -283,9 +283,9 @@ def test_a_kill_between_a_file_and_the_list_of_files(
     def replaced(source: Any, target: Any) -> None:
         if Path(target).name != name:
             return inner(source, target)
-        Path(source).with_name(f".half.{2**22 + 1}.part.h5").write_bytes(b"half")
+        Path(source).with_name(f".sarmitsuba-part-{2**22 + 1}-0.h5").write_bytes(b"half")
         inner(source, target)
-        monkeypatch.setattr(OutputFolder, "enter", lambda self, name: None)
+        monkeypatch.setattr(OutputFolder, "enter", lambda self, *names: None)
         raise Killed
 
     with monkeypatch.context() as patch:

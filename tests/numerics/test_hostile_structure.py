@@ -13,10 +13,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba.commands.output import OutputFolder
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.io.journal import Journal
+from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.page.run_folder import read_run
 from sarmitsuba.simulation.refinement.state import Passes, PassLayout

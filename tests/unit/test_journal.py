@@ -75,12 +75,15 @@ def test_a_file_of_another_kind_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_folder_has_one_writer_and_no_litter_of_the_dead(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
-    alive, dead = tmp_path / ".raw.1.part.h5", tmp_path / f".raw.{2**22 + 1}.part.h5"  # above Linux's highest
-    other = tmp_path / ".raw.part.h5"
-    for path in (alive, dead, other):
+    nobody = 2**22 + 1  # above Linux's highest
+    alive, dead = (tmp_path / f".sarmitsuba-part-{process}-0.h5" for process in (1, nobody))
+    others = [tmp_path / name for name in (f".raw.{nobody}.part.h5", f".notes.{nobody}.part.txt", "raw.part")]
+    for path in (alive, dead, *others):
         path.touch()
+    folder = tmp_path / f".sarmitsuba-part-{nobody}-1"
+    folder.mkdir()
     with sole_writer(tmp_path):
-        assert alive.exists() and other.exists() and not dead.exists()
+        assert alive.exists() and all(path.exists() for path in (*others, folder)) and not dead.exists()
         with (
             pytest.raises(OutputError, match="another run is writing into this folder"),
             sole_writer(tmp_path),

@@ -1,5 +1,6 @@
 """Mesh files, one or a folder of them: glTF, obj, ply, stl, off."""
 
+import os
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
@@ -18,7 +19,9 @@ def read_meshes(path: Path, options: ImportOptions) -> Source:
     ------
     SceneError : a file cannot be read, or the coordinates cannot be metres
     """
-    files = sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES) if path.is_dir() else [path]
+    files = (
+        sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES) if os.path.isdir(path) else [path]
+    )
     parts: list[MeshPart] = []
     for file in files:
         for part in read_parts(file, file.name):

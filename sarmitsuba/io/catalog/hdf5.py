@@ -11,6 +11,7 @@ object in memory is made of; the sums are written beside them and not read back.
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -240,7 +241,7 @@ def _write(path: Path | str, content: str, fill: Callable[[h5py.File], None]) ->
 def _read(path: Path | str, content: str, wanted: str, load: Callable[[h5py.File, bool], T]) -> T:
     """What ``load`` makes of the file, with its planes; without them, in a process apart, it comes first."""
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DataError(f"{path}: no such file; give the {wanted} file that `sarmitsuba render` wrote")
 
     def read(planes: bool) -> T:

@@ -4,6 +4,7 @@ A struct ``data`` holds, per file (one degree of azimuth there), ``fp`` (frequen
 ``x``, ``y``, ``z`` and the motion-compensation range ``r0`` per pulse.
 """
 
+import os
 import re
 import warnings
 import zlib
@@ -41,7 +42,7 @@ def read_raw(path: Path) -> RawData:
     DataError
         A file is damaged, or a field is missing or does not fit the others.
     """
-    files = sorted(path.glob("*.mat"), key=_natural) if path.is_dir() else [path]
+    files = sorted(path.glob("*.mat"), key=_natural) if os.path.isdir(path) else [path]
     if not files:
         raise DataError(f"{path}: there is no .mat file in this folder")
     parts: dict[str, list[PhaseHistory]] = {}
@@ -53,7 +54,7 @@ def read_raw(path: Path) -> RawData:
 
 def read_history(path: Path) -> PhaseHistory:
     """The phase history of one file."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DataError(f"{path}: no such file; give a MATLAB file with phase histories, or a folder of them")
     try:
         survive(path, lambda: _history(path))

@@ -180,7 +180,7 @@ class Passes:
         DataError
             The file belongs to another scene or other settings, cannot be read, or holds what no run writes.
         """
-        if not path.exists():
+        if not os.path.exists(path):
             return Passes(fingerprint)
         try:
             # opened here: of a damaged file NumPy leaves its own open

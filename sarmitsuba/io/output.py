@@ -1,4 +1,4 @@
-"""The output folder of ``render`` and ``focus``: what the program wrote there is replaced, nothing else is touched."""
+"""Where results go: what the program wrote there is replaced, nothing else is touched."""
 
 import os
 import re
@@ -6,28 +6,30 @@ import shutil
 import stat
 import warnings
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
 from sarmitsuba.io import parameters
-from sarmitsuba.io.atomic import make_folder
+from sarmitsuba.io.atomic import make_folder, part_name
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import read_text
+from sarmitsuba.unfinished import removed_if_stopped
 
 MANIFEST = ".sarmitsuba.json"
 _ON_THE_WAY = (
     -1
 )  # bytes in the list of a file that is being written: it may be the old one, the new one or none
 # files that commands write: no list, whoever made it, can call another one the program's own
-_WRITTEN = re.compile(
-    r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|"
+RESULTS = re.compile(
+    r"(raw|image|second_on_first|quicklook|focusers|page|parameters|passes|quality|interferogram|heights|rcs|cost|"
     r"polarimetry|pauli|h_a_alpha|h_alpha_plane|m_chi|m_delta)"
     r"(_[A-Za-z0-9]+)*(\.[A-Za-z0-9]+)+"
 )
-_LARGEST_LIST = 1_000_000  # bytes
+_LARGEST_LIST = 1 << 23  # bytes; an import of ten thousand meshes takes less than one
 
 
 class OutputFolder:
@@ -40,15 +42,17 @@ class OutputFolder:
     Parameters
     ----------
     path : the folder, which exists
+    written : names that commands write into such a folder
 
     Attributes
     ----------
     mark : of the scene and settings whose results lie here or, where there are none, come here
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, written: re.Pattern[str] = RESULTS) -> None:
         self.path = path
         self.mark = ""
+        self._written = written
         self._bytes: dict[str, int] = {}
         try:
             if (path / MANIFEST).is_symlink():
@@ -63,7 +67,7 @@ class OutputFolder:
                 f"{path / MANIFEST}: the list of written files cannot be read; remove it, or choose another -o"
             ) from error
         else:
-            self._bytes = {name: size for name, size in listed.items() if _WRITTEN.fullmatch(name)}
+            self._bytes = {name: size for name, size in listed.items() if self._written.fullmatch(name)}
             strange = [one_line(name) for name in listed if name not in self._bytes]
             if strange:
                 others = f" and {len(strange) - 1} more" if len(strange) > 1 else ""
@@ -77,6 +81,29 @@ class OutputFolder:
         """Whether the program wrote that file, as it is now."""
         path = self.path / name
         return _is_plain(path) and self._bytes.get(name) in (_ON_THE_WAY, path.stat().st_size)
+
+    @property
+    def listed(self) -> tuple[str, ...]:
+        """Every name in the list, also of files that are not there or have changed since."""
+        return tuple(self._bytes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Files that the program wrote, as they are now."""
+        return tuple(name for name in self._bytes if self.owns(name))
+
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise an OutputError where a file of the user's own has one of the names."""
+        for name in names:
+            if os.path.lexists(self.path / name) and not self.owns(name):
+                raise OutputError(
+                    f"{self.path / name}: this file is not one that the program wrote here, and would be lost; move "
+                    "it, or choose another -o"
+                )
+
+    def adopt(self, names: Iterable[str]) -> None:
+        """Take plain files of these names for the program's own, whoever wrote them, where the user says so."""
+        self.enter(*(name for name in names if _is_plain(self.path / name)))
 
     def check(self, mark: str, names: Iterable[str], *, force: bool) -> None:
         """Ask whether results may be written, before any work goes into them.
@@ -92,10 +119,8 @@ class OutputFolder:
         OutputError
             The folder holds results of something else and ``force`` is off, or a file of the user's own is in the way.
         """
-        for name in names:
-            self._check_own(name)
-        results = any(self.owns(name) for name in self._bytes)
-        if not results:
+        self.check_names(names)
+        if not self.names:
             self.mark = mark
         if mark != self.mark and not force:
             raise OutputError(
@@ -106,7 +131,7 @@ class OutputFolder:
     def check_space(self, needed: float) -> None:
         """Raise an OutputError where so many bytes do not fit, what they replace left aside."""
         free = shutil.disk_usage(self.path).free + sum(
-            (self.path / name).stat().st_size for name in self._bytes if self.owns(name)
+            (self.path / name).stat().st_size for name in self.names
         )
         if needed > free:
             raise OutputError(
@@ -122,31 +147,41 @@ class OutputFolder:
         mark : of the scene and settings whose results come now
         keep : files that stay
         """
-        kept = [path for path in keep if path.exists()]
-        for name in tuple(self._bytes):
-            path = self.path / name
-            if self.owns(name) and any(path.samefile(other) for other in kept):
-                continue
-            if self.owns(name):
-                path.unlink()
-            del self._bytes[name]
+        kept = [path for path in keep if os.path.exists(path)]
+        stay = [name for name in self.names if any((self.path / name).samefile(other) for other in kept)]
         self.mark = mark
+        self.drop([name for name in self._bytes if name not in stay])
+
+    def enter(self, *names: str) -> None:
+        """List files that the program wrote, as they are now; one that is not there is left out."""
+        for name in names:
+            if _is_plain(self.path / name):
+                self._bytes[name] = (self.path / name).stat().st_size
+            else:
+                self._bytes.pop(name, None)
         self._save()
 
-    def enter(self, name: str) -> None:
-        """List a file that the program wrote, as it is now; one that is not there is left out."""
-        path = self.path / name
-        if _is_plain(path):
-            self._bytes[name] = path.stat().st_size
-            self._save()
-        elif self._bytes.pop(name, None) is not None:
-            self._save()
+    def announce(self, *names: str) -> None:
+        """List files that will be written, so that they are the program's own whenever the process is killed.
 
-    def announce(self, name: str) -> None:
-        """List a file that will be written, so that it is the program's own whenever the process is killed."""
-        if not _WRITTEN.fullmatch(name):
-            raise ValueError(f"{name}: no name of a result")
-        self._bytes[name] = _ON_THE_WAY
+        Raises
+        ------
+        OutputError
+            A file of the user's own has that name.
+        """
+        self.check_names(names)
+        for name in names:
+            if not self._written.fullmatch(name):
+                raise ValueError(f"{name}: no name of a result")
+        self._bytes |= dict.fromkeys(names, _ON_THE_WAY)
+        self._save()
+
+    def drop(self, names: Iterable[str]) -> None:
+        """Remove files that the program wrote, and take them off the list; others of these names stay."""
+        for name in names:
+            if self.owns(name):
+                (self.path / name).unlink()
+            self._bytes.pop(name, None)
         self._save()
 
     @contextmanager
@@ -158,20 +193,12 @@ class OutputFolder:
         OutputError
             A file of the user's own has that name.
         """
-        self._check_own(name)
         path = self.path / name
         self.announce(name)
         try:
             yield path
         finally:
             self.enter(name)
-
-    def _check_own(self, name: str) -> None:
-        if os.path.lexists(self.path / name) and not self.owns(name):
-            raise OutputError(
-                f"{self.path / name}: this file is not one that the program wrote here, and would be lost; move it, "
-                "or choose another -o"
-            )
 
     def _save(self) -> None:
         if not self._bytes:
@@ -189,8 +216,13 @@ def _is_plain(path: Path) -> bool:
 
 
 @contextmanager
-def output_folder(path: str) -> Iterator[OutputFolder]:
+def output_folder(path: Path | str, written: re.Pattern[str] = RESULTS) -> Iterator[OutputFolder]:
     """Yield the folder. It is made if needed, and removed again if nothing was put into it.
+
+    Parameters
+    ----------
+    path : of the folder
+    written : names that commands write into such a folder
 
     Raises
     ------
@@ -198,25 +230,71 @@ def output_folder(path: str) -> Iterator[OutputFolder]:
         It is a file, it cannot be made or written to, or another run is writing into it.
     """
     folder = Path(path)
-    if folder.exists() and not folder.is_dir():
+    existed = os.path.isdir(folder)
+    if os.path.lexists(folder) and not existed:
         raise OutputError(f"{folder}: this is a file, not a folder; choose another -o")
-    existed = folder.is_dir()
     make_folder(folder)
-    probe = folder / ".sarmitsuba.part"
+    probe = folder / part_name()
     try:
-        probe.unlink(missing_ok=True)
-        probe.touch(exist_ok=False)  # never through a link
-        probe.unlink()
+        with removed_if_stopped(partial(probe.unlink, missing_ok=True)):
+            probe.touch(exist_ok=False)  # never through a link
+            probe.unlink()
     except OSError as error:
         raise OutputError(
             f"{folder}: cannot write into this folder: {error.strerror}; choose another -o"
         ) from error
-    try:
-        with sole_writer(folder):
-            yield OutputFolder(folder)
-    finally:
-        if not existed and not any(folder.iterdir()):
-            folder.rmdir()
+
+    def remove_empty() -> None:
+        if not existed:
+            with suppress(OSError):  # something is in it
+                folder.rmdir()
+
+    with removed_if_stopped(remove_empty):
+        try:
+            with sole_writer(folder):
+                yield OutputFolder(folder, written)
+        finally:
+            remove_empty()
 
 
-__all__ = ["MANIFEST", "OutputFolder", "output_folder"]
+class OutputFile:
+    """A file that the user named to be written: nothing that stands there is replaced without being told to.
+
+    One that the list of its folder knows is a result as any other, and stays in that list.
+
+    Parameters
+    ----------
+    path : of the file
+    force : replace what stands there
+
+    Raises
+    ------
+    OutputError
+        The program did not write what stands there, and ``force`` is off; or it is a folder.
+    """
+
+    def __init__(self, path: Path | str, *, force: bool = False) -> None:
+        self.path = Path(path)
+        folder, name = self.path.parent, self.path.name
+        is_result = RESULTS.fullmatch(name) and os.path.lexists(folder / MANIFEST)
+        self._folder = OutputFolder(folder) if is_result else None
+        self._others = os.path.lexists(self.path) and not (self._folder and self._folder.owns(name))
+        if os.path.isdir(self.path):
+            raise OutputError(f"{self.path}: this is a folder, not a file; choose another -o")
+        if self._others and not force:
+            raise OutputError(f"{self.path}: already exists; choose another -o, or --force replaces it")
+
+    @contextmanager
+    def writing(self) -> Iterator[Path]:
+        """Path of the file, which the block writes whole or not at all."""
+        if self._folder is None:
+            yield self.path
+        elif self._others:
+            yield self.path
+            self._folder.enter(self.path.name)
+        else:
+            with self._folder.writing(self.path.name) as path:
+                yield path
+
+
+__all__ = ["MANIFEST", "RESULTS", "OutputFile", "OutputFolder", "output_folder"]
