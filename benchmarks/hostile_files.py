@@ -2,6 +2,8 @@
 
 import json
 import random
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +93,9 @@ INSERTIONS = (
 )
 
 
+PASSES_SHAPE = (12, 16)  # pulses and samples of the passes among the samples
+
+
 def mutate_text(rng: random.Random, data: bytes) -> bytes:
     """One to six changes: values, lines, characters, cuts and insertions."""
     text = data.decode("utf-8", "surrogateescape")
@@ -169,11 +174,12 @@ def make_samples(folder: Path) -> None:
     import scipy.io
     import trimesh
 
+    from sarmitsuba.echo.raw import Layer
     from sarmitsuba.focusing import focus
     from sarmitsuba.io import write_image, write_raw
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.raw import simulate
-    from sarmitsuba.simulation.refinement.passes import Passes
+    from sarmitsuba.simulation.refinement.state import Passes
 
     folder.mkdir(parents=True, exist_ok=True)
     box = trimesh.creation.box()
@@ -191,14 +197,16 @@ def make_samples(folder: Path) -> None:
     angle = np.linspace(0.0, 0.05, 24)
     place = 7000.0 * np.stack([np.cos(angle), np.sin(angle), np.ones(24)])
     frequency = 9.6e9 + 1e6 * np.arange(32.0)
-    data = {
+    fields = {
         "fp": np.ones((32, 24), np.complex64),
         "freq": frequency[:, None],
         "r0": np.linalg.norm(place, axis=0),
     }
-    data |= dict(zip("xyz", place[:, None], strict=True))
-    scipy.io.savemat(folder / "raw.mat", {"data": data})
-    passes = Passes("made here", 1, 1.0, raw.data)
+    fields |= dict(zip("xyz", place[:, None], strict=True))
+    scipy.io.savemat(folder / "raw.mat", {"data": fields})
+    data = np.ones((1, *PASSES_SHAPE), np.complex64)
+    history, levels = [(1.0, -20.0)], [0]
+    passes = Passes("made here", 1, 1.0, data, (Layer("VV"),), history, dict(raw.metadata), levels, 1.0, 5)
     passes.save(folder / "passes.npz")
     track = [f"{i * 0.01},{i * 1.0},-5000,4000" for i in range(24)]
     (folder / "track.csv").write_text("time_s,x_m,y_m,z_m\n" + "\n".join(track), encoding="utf-8")
@@ -281,12 +289,31 @@ def _make_maps(folder: Path) -> None:
 
 def _make_scene_with_files(folder: Path) -> None:
     """A scene that names a file in every way there is."""
+    import OpenEXR
+    import trimesh
     from PIL import Image
 
     (folder / "reflectance.spd").write_text("400 0.5\n500 0.5\n700 0.6\n", encoding="utf-8")
     Image.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save(folder / "grey.png")
     (folder / "part.xml").write_text('<scene version="3.0.0"><shape type="cube"/></scene>', encoding="utf-8")
     (folder / "files.xml").write_text(SCENE_WITH_FILES, encoding="utf-8")
+    mapped = SCENE_WITH_FILES.replace("grey.png", "map.exr")
+    (folder / "mapped.xml").write_text(mapped, encoding="utf-8")
+    plane = np.linspace(0.0, 1.0, 64, dtype=np.float32).reshape(8, 8)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"Y": plane}).write(str(folder / "map.exr"))
+    (folder / "graph.json").write_text(
+        json.dumps(
+            {"s.xml": SCENE.replace("ply", "cube").replace('<string name="filename" value="mesh.cube"/>', "")}
+        ),
+        encoding="utf-8",
+    )
+    box = trimesh.creation.box()
+    counts = struct.pack("<QQ", len(box.vertices), len(box.faces))
+    body = struct.pack("<I", 0x1000) + b"box\0" + counts + box.vertices.astype("<f4").tobytes()
+    packed = zlib.compress(body + box.faces.astype("<u4").tobytes())
+    whole = struct.pack("<HH", 0x041C, 4) + packed + struct.pack("<QI", 0, 1)
+    (folder / "mesh.serialized").write_bytes(whole)
 
 
 def _make_run(folder: Path) -> None:

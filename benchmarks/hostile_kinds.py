@@ -1,16 +1,19 @@
 """Kinds of drawn files: the undamaged one, how it is damaged, and who reads it."""
 
+import json
 import os
 import random
 import shutil
+import tempfile
 from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 
+import hostile_bombs as bombs
 import hostile_structure as structure
-from hostile_files import mutate_bytes, mutate_text
+from hostile_files import PASSES_SHAPE, mutate_bytes, mutate_text
 
 
 @dataclass(frozen=True)
@@ -76,10 +79,41 @@ def _image(path: Path) -> object:
 
 
 def _mesh(path: Path) -> object:
-    from sarmitsuba.loader.mesh_files import read_mesh, read_parts
+    from sarmitsuba.loader.mesh_files import read_mesh, read_parts, read_shape
 
+    if path.suffix == ".serialized":
+        return read_shape(path, 0, path.name)
     read = read_parts if path.suffix == ".glb" else read_mesh
     return read(path, path.name)
+
+
+def _parts(path: Path) -> object:
+    """A scene of a mesh alone, by its own materials."""
+    from sarmitsuba.loader.load import load_scene
+
+    return load_scene(path, radar="airborne_x")
+
+
+def _graph(path: Path) -> object:
+    """A scene of several files, which are laid out first, in a folder of the case's own."""
+    from sarmitsuba.commands.scenes import copy_scene
+
+    folder = Path(tempfile.mkdtemp(dir=path.parent))
+    for name, text in json.loads(path.read_bytes()).items():
+        place = folder / name.removeprefix("@link ")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if name.startswith("@link "):
+            if not place.exists():
+                place.symlink_to(text)
+        else:
+            place.write_text(text, encoding="utf-8")
+    scene = _scene(folder / "s.xml")
+    copy_scene(folder / "s.xml", folder / "copy")
+    return scene
+
+
+def _mapped(path: Path) -> object:
+    return _scene(path.parent / "mapped.xml")
 
 
 def _track(path: Path) -> object:
@@ -102,9 +136,17 @@ def _pattern(path: Path) -> object:
 
 
 def _passes(path: Path) -> object:
-    from sarmitsuba.simulation.refinement.passes import Passes
+    """Passes, which must be as the run of the samples writes them."""
+    import numpy as np
 
-    return Passes.load(path, "made here")
+    from sarmitsuba.echo.raw import Layer
+    from sarmitsuba.simulation.refinement.state import Passes, PassLayout
+
+    layout = PassLayout((Layer("VV"),), *PASSES_SHAPE, 10.0)
+    found = Passes.load(path, "made here", layout)
+    if found.data is None or found.data.shape != layout.shape(1) or not (np.abs(found.data) <= 10.0).all():
+        raise AssertionError("passes that no run writes")
+    return found
 
 
 def _import(path: Path) -> object:
@@ -186,6 +228,15 @@ KINDS = {
     "matlab-fields": Kind("raw.mat", structure.matlab, _raw),
     "passes": Kind("passes.npz", mutate_bytes, _passes),
     "passes-arrays": Kind("passes.npz", structure.npz, _passes),
+    "passes-bombs": Kind("passes.npz", bombs.npz, _passes),
+    "scene-graph": Kind("graph.json", bombs.scene_graph, _graph),
+    "hdf5-raw-bombs": Kind("raw.h5", bombs.hdf5, _raw),
+    "hdf5-image-bombs": Kind("image.h5", bombs.hdf5, _image),
+    "exr": Kind("map.exr", bombs.openexr, _mapped, "map.exr"),
+    "exr-bytes": Kind("map.exr", mutate_bytes, _mapped, "map.exr"),
+    "serialized": Kind("mesh.serialized", bombs.serialized, _mesh),
+    "serialized-bytes": Kind("mesh.serialized", mutate_bytes, _mesh),
+    "obj-parts": Kind("mesh.obj", bombs.obj, _parts),
     "ply": Kind("mesh.ply", mutate_bytes, _mesh),
     "ply-text": Kind("text.ply", mutate_text, _mesh),
     "stl": Kind("mesh.stl", mutate_bytes, _mesh),

@@ -9,14 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.regular_files import most_unpacked
 
 # s of CPU time: a hundred times what any sound file needs, and the share of a large one
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
-# bytes of memory beyond what the process has: what a reader's modules take, and of every byte of the file. Complex
-# numbers in text, or compressed tenfold, read in several copies, take 60
-_LEAST_MEMORY = 1 << 28
-_MEMORY_PER_BYTE = 60
 _OUT_OF_MEMORY = 3
 
 
@@ -40,7 +37,7 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     if sys.platform == "win32":
         return
     size = path.stat().st_size
-    limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), _LEAST_MEMORY + _MEMORY_PER_BYTE * size
+    limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), most_unpacked(size)
     with warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)

@@ -5,8 +5,14 @@ import os
 import stat
 from pathlib import Path
 
+from sarmitsuba.errors import DataError
+
 # a city of a million buildings; what is larger is cut first
 LARGEST = 1 << 30
+# bytes that a file may unpack to: what any reader's modules and an empty picture take, and of every byte of the file.
+# Complex numbers in text, or compressed tenfold, read in several copies, take 60
+_LEAST_UNPACKED = 1 << 28
+_UNPACKED_PER_BYTE = 60
 
 
 def open_regular(path: Path | str, most: int = LARGEST) -> int:
@@ -76,6 +82,33 @@ def read_text(path: Path | str, *, errors: str = "replace", most: int = LARGEST)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def most_unpacked(size: int) -> int:
+    """Bytes that a file of ``size`` bytes may take in memory, with whatever is compressed in it unpacked."""
+    return _LEAST_UNPACKED + _UNPACKED_PER_BYTE * size
+
+
+def check_unpacked(claimed: int, size: int, most: int | None = None) -> None:
+    """Compare what a file's headers claim with its size, before any of it is unpacked.
+
+    Parameters
+    ----------
+    claimed : bytes that it unpacks to
+    size : bytes of the file
+    most : bytes that are taken; default :func:`most_unpacked`
+
+    Raises
+    ------
+    DataError
+        It claims more.
+    """
+    most = most_unpacked(size) if most is None else most
+    if claimed > most:
+        raise DataError(
+            f"the file of {size} bytes claims to unpack to {claimed / 1e6:.6g} MB, at most {most / 1e6:.4g} MB are "
+            "taken; it is damaged or a trap"
+        )
+
+
 def is_inside(name: str | Path, folder: Path) -> bool:
     """Whether a path, relative to the folder or absolute, ends in it after all links are followed."""
     try:
@@ -85,4 +118,13 @@ def is_inside(name: str | Path, folder: Path) -> bool:
     return Path(place).is_relative_to(os.path.realpath(folder))
 
 
-__all__ = ["LARGEST", "check_regular", "is_inside", "open_regular", "read_bytes", "read_text"]
+__all__ = [
+    "LARGEST",
+    "check_regular",
+    "check_unpacked",
+    "is_inside",
+    "most_unpacked",
+    "open_regular",
+    "read_bytes",
+    "read_text",
+]

@@ -3,8 +3,6 @@
 import argparse
 import os
 import shutil
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
 from sarmitsuba.commands.console import Console
@@ -56,11 +54,10 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
     from sarmitsuba.loader.references import check_document
     from sarmitsuba.regular_files import is_inside
 
-    root = scene.parent
-    check_document(scene)
-    sources = list(dict.fromkeys(_with_references(scene)))
+    root = Path(os.path.realpath(scene.parent))
+    sources = check_document(scene, strict=True)
     for source in sources:
-        if not is_inside(source.relative_to(root) if source.is_relative_to(root) else source, root):
+        if not source.is_relative_to(root) or ".." in source.parts or not is_inside(source, root):
             raise SceneError(f"{scene}: refers to {source}, outside its own folder; copy that one by hand")
         if not os.path.isfile(source):
             raise SceneError(
@@ -76,32 +73,6 @@ def copy_scene(scene: Path, target: Path) -> list[Path]:
             shutil.copyfile(source, temporary)
         written.append(path)
     return written
-
-
-def _with_references(scene: Path, above: tuple[Path, ...] = ()) -> Iterator[Path]:
-    """Yield the file itself, its meshes and tracks, and included scenes with theirs."""
-    if scene in above:
-        raise SceneError(f"{scene}: includes itself; take the include out")
-    yield scene
-    try:
-        elements = list(ET.parse(scene).iter()) if os.path.isfile(scene) else []
-    except ET.ParseError as error:
-        raise SceneError(f"{scene}: malformed XML: {error}; check that every element is closed") from error
-    for element in elements:
-        name = element.get("filename") if element.tag == "include" else None
-        if element.tag == "string" and element.get("name") in (
-            "filename",
-            "track_file",
-            "recorded_track_file",
-        ):
-            name = element.get("value")
-        if not name:
-            continue
-        path = scene.parent / name
-        if path.suffix == ".xml":
-            yield from _with_references(path, (*above, scene))
-        else:
-            yield path
 
 
 __all__ = ["HELP", "NAME", "add_arguments", "copy_scene", "run"]

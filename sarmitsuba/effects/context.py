@@ -1,6 +1,6 @@
 """What effects are decided from: context of the scene and the radar, and what a pilot trace measured."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -197,6 +197,11 @@ class SceneContext:
         """Materials that rays can hit, those of maps included."""
         used = np.unique(self.scene.geometry.face_material)
         return with_parts([m for m in (self.scene.materials[i] for i in used) if not m.invisible])
+
+    @cached_property
+    def unlike_materials(self) -> tuple[Material, ...]:
+        """Of the materials that differ in name alone the first: a mesh may name thousands that are alike."""
+        return tuple({replace(m, name=""): m for m in reversed(self.materials)}.values())[::-1]
 
     @cached_property
     def shape(self) -> ShapeAnalysis:

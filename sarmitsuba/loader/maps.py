@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import mi
-from sarmitsuba.errors import SceneError
+from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.materials.material import ClassMap, Material, SurfaceMaps
 from sarmitsuba.materials.parts import varied
 from sarmitsuba.materials.texture import ATTRIBUTE_TEXELS, Bitmap, Placement, in_plan, on_mesh
 from sarmitsuba.parameters import Value, did_you_mean, one_line, string_value
-from sarmitsuba.regular_files import check_regular
+from sarmitsuba.regular_files import check_regular, check_unpacked
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]
@@ -39,6 +39,7 @@ _TEXTURES = {
 # a bitmap takes about 20 bytes a pixel while it is read: 1.3 GB
 MOST_PIXELS = 1 << 26
 _EXR = b"\x76\x2f\x31\x01"
+_EXR_CHANNEL = 4  # bytes of a number; halves are unpacked to such
 _NUMBER, _COLOUR = "class_", "color_"
 
 
@@ -323,19 +324,18 @@ def _check_size(path: Path, where: str) -> None:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        check_regular(path)
+        size = check_regular(path)
         with path.open("rb") as file:
             exr = file.read(len(_EXR)) == _EXR
         if exr:
-            import OpenEXR
-
-            low, high = OpenEXR.File(str(path), header_only=True).header()["dataWindow"]
-            width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+            width, height, unpacked = _exr_size(path)
         else:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", Image.DecompressionBombWarning)
                 with Image.open(path) as picture:
                     width, height = picture.size
+                    number = 2 if "16" in picture.mode or picture.mode == "I" else 1
+                    unpacked = width * height * len(picture.getbands()) * number
     except OSError as error:
         what = "unknown format" if isinstance(error, UnidentifiedImageError) else error.strerror or error
         raise SceneError(
@@ -348,7 +348,7 @@ def _check_size(path: Path, where: str) -> None:
     except (
         RuntimeError,
         ValueError,
-        KeyError,
+        LookupError,
         TypeError,
         SyntaxError,
     ) as error:
@@ -359,6 +359,23 @@ def _check_size(path: Path, where: str) -> None:
         raise SceneError(
             f"{where}: bitmap {path.name} has {width} x {height} pixels; at most {MOST_PIXELS} are taken, resample it"
         )
+    try:
+        check_unpacked(unpacked, size)
+    except DataError as error:
+        raise SceneError(f"{where}: bitmap {path.name}: {error}") from None
+
+
+def _exr_size(path: Path) -> tuple[int, int, int]:
+    """Columns and rows of an OpenEXR file, and bytes that all channels of all its parts unpack to."""
+    import OpenEXR
+
+    sizes, unpacked = [], 0
+    for part in OpenEXR.File(str(path), header_only=True).parts:
+        low, high = part.header["dataWindow"]
+        width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+        sizes.append((width, height))
+        unpacked += max(width * height, 0) * _EXR_CHANNEL * len(part.header["channels"])
+    return *sizes[0], unpacked
 
 
 def _code(key: str, where: str) -> int:

@@ -57,6 +57,7 @@ class MaterialBook:
     materials: list[Material] = field(default_factory=list)
     _index: dict[int, int] = field(default_factory=dict)
     _named: dict[str, int] = field(default_factory=dict)
+    _taken: set[str] = field(default_factory=set)  # names of the materials
     _kept: list[Element] = field(
         default_factory=list
     )  # an element that is gone would leave its id to another
@@ -78,6 +79,7 @@ class MaterialBook:
         for part in {(m.name, m.diffuse_law, m.pec): m for m in with_parts([material])}.values():
             self._check_law(part, label)
         self.materials.append(material)
+        self._taken.add(material.name)
         return len(self.materials) - 1
 
     def named(self, name: str, kind: str, label: str) -> int:
@@ -90,8 +92,7 @@ class MaterialBook:
         label : start of every warning
         """
         if name not in self._named:
-            taken = {material.name for material in self.materials}
-            free = name if name not in taken else f"{name}_{len(taken) + 1}"
+            free = name if name not in self._taken else f"{name}_{len(self._taken) + 1}"
             material, note = named_material(free, kind, self.frequency, rough(self.rms_height))
             if note:
                 warn_once(self.notes, f"{label}: {note}")

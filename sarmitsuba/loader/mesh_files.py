@@ -2,6 +2,7 @@
 
 import errno
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.backend import mi
 from sarmitsuba.errors import DataError, SceneError
 from sarmitsuba.isolated import survive
+from sarmitsuba.mesh.obj import ObjMesh, read_obj
 from sarmitsuba.mesh.ply import read_ply
+from sarmitsuba.mesh.serialized import read_serialized
 from sarmitsuba.parameters import one_line
 from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
 
@@ -60,17 +62,6 @@ class _Beside:
     get = __getitem__
 
 
-class _Names:
-    """Stands for the folder of an obj file: whatever is asked for is a list of names of materials."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text.encode()
-
-    def __getitem__(self, name: str) -> bytes:
-        """The list."""
-        return self._text
-
-
 # of files whose parts have names of their own
 _NAMED_PARTS = (".glb", ".gltf")
 
@@ -99,19 +90,18 @@ def read_mesh(path: Path, where: str) -> tuple[F64, I32]:
         check_regular(path)
         if path.suffix.lower() == ".ply" and (read := read_ply(path)) is not None:
             return read[0], _checked(*read, path, where)
+        if path.suffix.lower() == ".obj":
+            mesh = read_obj(path)
+            return mesh.vertices, _checked(mesh.vertices, mesh.faces, path, where)
         import trimesh
 
-        if path.suffix.lower() == ".obj":
-            options = {"file_type": "obj", "skip_materials": True, "maintain_order": True}
-            loaded = trimesh.load_scene(BytesIO(_obj_geometry(path)), process=False, **options)
-        else:
-            loaded = _load(path)
+        loaded = _load(path)
         parts = list(loaded.geometry.values())
         # these formats place nothing: an only mesh is taken as it is, without the copies that joining parts makes
         alone = len(parts) == 1 and isinstance(parts[0], trimesh.Trimesh)
-        mesh = parts[0] if alone else loaded.to_mesh()
-        vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64)  # points alone have none
+        joined = parts[0] if alone else loaded.to_mesh()
+        vertices = np.array(joined.vertices, dtype=np.float64)
+        faces = np.array(getattr(joined, "faces", np.zeros((0, 3))), dtype=np.int64)  # points alone have none
     return vertices, _checked(vertices, faces, path, where)
 
 
@@ -122,35 +112,47 @@ def read_parts(path: Path, where: str) -> list[MeshPart]:
     ------
     SceneError : the file cannot be read, or holds no faces
     """
-    import trimesh
-
     with _reading(path, where):
-        if path.suffix.lower() == ".obj":
-            # names are all that matters: the .mtl file may be missing, and its textures are not read
-            names = obj_materials(path)
-            loaded = trimesh.load_scene(
-                BytesIO(b"mtllib names\n" + _obj_geometry(path)),
-                file_type="obj",
-                resolver=_Names("".join(f"newmtl {name}\n" for name in names)),
-                process=False,
-            )
-        else:
-            loaded = _load(path)
-        parts = []
-        for node in sorted(loaded.graph.nodes_geometry):
-            matrix, key = loaded.graph[node]
-            mesh = loaded.geometry[key]
-            if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-                continue  # lines and points
-            corners = np.array(mesh.vertices, dtype=np.float64)
-            vertices = corners @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
-            faces = _checked(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
-            material = getattr(getattr(mesh.visual, "material", None), "name", None)
-            if not material and path.suffix.lower() in _NAMED_PARTS:
-                material = node
-            parts.append(MeshPart(str(node), str(material or ""), vertices, faces))
+        parts = _obj_parts(read_obj(path)) if path.suffix.lower() == ".obj" else _placed_parts(path, where)
     if not parts:
         raise SceneError(f"{where}: mesh file {path.name} holds no faces; a radar needs surfaces, not points")
+    return parts
+
+
+def _obj_parts(mesh: ObjMesh) -> list[MeshPart]:
+    """The faces of every material, each with the vertices that they use, in order of the parts' names."""
+    order = np.argsort(mesh.group, kind="stable")
+    used, starts = np.unique(mesh.group[order], return_index=True)
+    parts, taken = [], Counter[str]()
+    for group, rows in zip(used, np.split(order, starts[1:]), strict=True):
+        corners, faces = np.unique(mesh.faces[rows], return_inverse=True)
+        material = mesh.materials[group] if group >= 0 else ""
+        name = (material if len(mesh.materials) > 1 else "") or mesh.objects[group] or "geometry"
+        taken[name] += 1
+        name = f"{name}_{taken[name] - 1}" if taken[name] > 1 else name
+        vertices, rest = mesh.vertices[corners], faces.reshape(-1, 3).astype(np.int32)
+        parts.append(MeshPart(name, material, vertices, rest))
+    return sorted(parts, key=lambda part: part.name)
+
+
+def _placed_parts(path: Path, where: str) -> list[MeshPart]:
+    """Parts of a file whose nodes place meshes."""
+    import trimesh
+
+    loaded = _load(path)
+    parts = []
+    for node in sorted(loaded.graph.nodes_geometry):
+        matrix, key = loaded.graph[node]
+        mesh = loaded.geometry[key]
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            continue  # lines and points
+        corners = np.array(mesh.vertices, dtype=np.float64)
+        vertices = corners @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
+        faces = _checked(vertices, np.array(mesh.faces, dtype=np.int64), path, where)
+        material = getattr(getattr(mesh.visual, "material", None), "name", None)
+        if not material and path.suffix.lower() in _NAMED_PARTS:
+            material = node
+        parts.append(MeshPart(str(node), str(material or ""), vertices, faces))
     return parts
 
 
@@ -159,24 +161,6 @@ def obj_materials(path: Path) -> tuple[str, ...]:
     rows = (row.split() for row in read_bytes(path).split(b"\n") if b"usemtl" in row)
     found = (b" ".join(words[1:]) for words in rows if words and words[0] == b"usemtl" and len(words) > 1)
     return tuple(dict.fromkeys(name.decode("utf-8", "replace") for name in found))
-
-
-def _obj_geometry(path: Path) -> bytes:
-    """Text of an obj file without what would split its vertices: texture coordinates, normals; and without mtllib.
-
-    Blanks are joined, so that names of materials are those of :func:`obj_materials`, and no row costs more than its
-    length.
-    """
-    rows = []
-    for row in read_bytes(path).split(b"\n"):
-        words = row.split()
-        if not words or words[0] in (b"mtllib", b"vt", b"vn"):
-            continue
-        if words[0] == b"f":
-            words[1:] = [word.partition(b"/")[0] for word in words[1:]]
-        rows.append(b" ".join(words))
-    rows.append(b"")
-    return b"\n".join(rows)
 
 
 def _load(path: Path) -> "trimesh.Scene":
@@ -221,20 +205,11 @@ def _checked(vertices: F64, faces: NDArray[np.int64], path: Path, where: str) ->
     return faces.astype(np.int32)
 
 
-def read_serialized(path: Path, index: int, where: str) -> tuple[F64, I32]:
-    """Triangles of Mitsuba's own binary format, through Mitsuba (float32 vertices)."""
-    try:
-        check_regular(path)
-        mesh = mi.load_dict({"type": "serialized", "filename": str(path), "shape_index": index})
-        parameters = mi.traverse(mesh)
-        vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-        faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3).astype(np.int32)
-    except OSError as error:
-        raise SceneError(f"{where}: cannot read mesh file {path.name}: {error.strerror}") from error
-    except (RuntimeError, KeyError, ValueError) as error:
-        what = one_line(str(error).rpartition(f'{path.name}": ')[2] or "unreadable", 120)
-        raise SceneError(f"{where}: cannot read mesh file {path.name}: {what}; export it as ply") from None
-    return vertices, faces
+def read_shape(path: Path, index: int, where: str) -> tuple[F64, I32]:
+    """Triangles of one shape of a file of Mitsuba's own binary format."""
+    with _reading(path, where):
+        vertices, faces = read_serialized(path, index)
+        return vertices, _checked(vertices, faces, path, where)
 
 
-__all__ = ["MeshPart", "obj_materials", "read_mesh", "read_parts", "read_serialized"]
+__all__ = ["MeshPart", "obj_materials", "read_mesh", "read_parts", "read_shape"]

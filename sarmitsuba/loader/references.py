@@ -1,71 +1,181 @@
 """What a scene file refers to: nothing outside its own folder, unless that is allowed, and no document type."""
 
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from xml.parsers import expat
 
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.library import scenes_dir
 from sarmitsuba.loader.maps import MAP_NAMES, map_file
+from sarmitsuba.loader.scene_text import LARGEST_SCENE, SceneText, read_scene_text, substituted_length
 from sarmitsuba.parameters import one_line
-from sarmitsuba.regular_files import check_regular, is_inside, read_bytes
+from sarmitsuba.regular_files import check_regular, is_inside
 
 _REMEDY = "move it there, or allow it: --allow-outside (allow_outside=True)"
 _MAX_INCLUDES = 1000
-# tags that name a file or folder in an attribute "value" or "filename"
-_PLACES = ("include", "path")
-_FILE_ATTRIBUTE = re.compile(rb"\bfilename\s*=")
-# elements within each other: scenes have four or five; Mitsuba's parser calls itself for each, and the stack ends
-_DEEPEST = 200
-# bytes of a scene file, and of a spectrum that one names
-_LARGEST_SCENE = 1 << 28
+# tags that bring in other files, or folders to search
+_FOLLOWED = ("include", "path")
+# files that include each other in a row, as Mitsuba's parser has it
+_MAX_DEPTH = 15
+_MOST_LOOKUPS = 1_000_000
+# elements that are read more often than once, and bytes beyond the files' own, when all is written out
+_MOST_REPEATED, _MOST_EXPANDED = 100_000, 1 << 24
+# bytes of a spectrum that a scene names
 _LARGEST_SPECTRUM = 1 << 20
 
 
-def check_document(path: Path, *, allow_outside: bool = False) -> None:
+def check_document(path: Path, *, allow_outside: bool = False, strict: bool = False) -> list[Path]:
     """Look at a scene file and what it includes before the parser opens any of it.
 
     Parameters
     ----------
     path : of the scene file, which exists
     allow_outside : files may lie outside its folder
+    strict : malformed files are refused, not left to the parser
+
+    Returns
+    -------
+    the file, what it includes and every file that any of them names, once each, by the scene's folder with its links
+    followed; files that ``<string>`` elements name may be missing
 
     Raises
     ------
     SceneError
-        A file has a document type, names what is not there or no ordinary file, or, unless allowed, includes or
-        searches outside the folder of the scene.
+        A file is not in UTF-8, has a document type, names what is not there or no ordinary file, or, unless allowed,
+        includes or searches outside the folder of the scene; or the files come to far more than they are when every
+        include and parameter is written out.
+
+    Notes
+    -----
+    Which of several files of one name the parser takes depends on the ``<path>`` elements and the folders of the
+    including files so far: all of them are checked and counted. Includes whose name holds a parameter are not followed.
     """
-    seen: set[Path] = set()
-    waiting = [path]
-    folders = [path.parent]  # that the parser searches; never the one that the program runs in
-    while waiting:
-        file = waiting.pop()
-        if file in seen:
-            continue
-        seen.add(file)
-        if len(seen) > _MAX_INCLUDES:
-            raise SceneError(f"{path.name}: more than {_MAX_INCLUDES} files are included; join some")
-        for tag, name in _references(file):
-            what = f'{file.name}: <{tag}> of "{one_line(name)}"'
-            if not allow_outside and "$" in name:
-                raise SceneError(
-                    f"{what}: a parameter could stand for any place; write the name out, or allow it: --allow-outside "
-                    "(allow_outside=True)"
-                )
-            places = [place for folder in folders if _exists(place := folder / name)]
-            if not allow_outside and not all(is_inside(one, path.parent) for one in [Path(name), *places]):
-                raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
-            if tag == "path":
-                folders.append(path.parent / name)
-            elif places:
-                _check_named(places, what, _LARGEST_SCENE if tag == "include" else _LARGEST_SPECTRUM)
-                waiting += places if tag == "include" else []
-            elif "$" not in name:
+    included = _Included(path, allow_outside, strict)
+    named = included.check_named()
+    included.check_expanded()
+    return named
+
+
+class _Included:
+    """A scene file and everything that it may include, by places with all links followed.
+
+    Parameters
+    ----------
+    path : of the scene file
+    allow_outside : files may lie outside its folder
+    strict : malformed files are refused
+    """
+
+    def __init__(self, path: Path, allow_outside: bool, strict: bool) -> None:
+        self.root, self.name, self.folder = _real(path), path.name, _real(path.parent)
+        self.allow_outside, self.strict = allow_outside, strict
+        self.texts = {self.root: read_scene_text(path, strict=strict)}
+        self.found: dict[str, list[Path]] = {}  # where the names in includes lead
+        self.below: dict[Path, list[Path]] = {}  # what every file includes, as often as it does
+        self._lookups = 0
+        # that the parser searches, in any order; never the one that the program runs in
+        self.folders = {self.folder: None}
+        known = (0, 0)
+        while known != (known := (len(self.texts), len(self.folders))):
+            for text in list(self.texts.values()):
+                for tag, name in dict.fromkeys(text.references):
+                    if tag in _FOLLOWED:
+                        self._follow(tag, self.checked(text, tag, name))
+
+    def _follow(self, tag: str, places: Sequence[Path]) -> None:
+        for place in places:
+            self.folders[_real(place if tag == "path" else place.parent)] = None
+            file = _real(place)
+            if tag == "include" and file not in self.texts:
+                self.texts[file] = read_scene_text(place, strict=self.strict)
+            if max(len(self.texts), len(self.folders)) > _MAX_INCLUDES + 1:
+                raise SceneError(f"{self.name}: more than {_MAX_INCLUDES} files are included; join some")
+
+    def places(self, name: str) -> list[Path]:
+        """Where a name may lead."""
+        self._lookups += len(self.folders)
+        if self._lookups > _MOST_LOOKUPS:
+            raise SceneError(f"{self.name}: names too many files in too many folders; use fewer folders")
+        # the parser takes the bytes of the name, whatever the system's encoding is
+        native = os.fsdecode(name.encode("utf-8")) if os.name == "posix" else name
+        return [place for folder in self.folders if _exists(place := folder / native)]
+
+    def checked(self, text: SceneText, tag: str, name: str) -> list[Path]:
+        """Where a name of a file may lead; raise a SceneError where that is not allowed."""
+        what = f'{text.path.name}: <{tag}> of "{one_line(name)}"'
+        if not self.allow_outside and "$" in name:
+            raise SceneError(
+                f"{what}: a parameter could stand for any place; write the name out, or allow it: --allow-outside "
+                "(allow_outside=True)"
+            )
+        places = self.places(name)
+        if not self.allow_outside and not all(is_inside(one, self.folder) for one in places or [Path(name)]):
+            raise SceneError(f"{what} lies outside the folder of the scene; {_REMEDY}")
+        if tag != "path":
+            if not places and "$" not in name:
                 raise SceneError(f"{what}: there is no such file beside the scene; check the name")
+            _check_named(places, what, LARGEST_SCENE if tag == "include" else _LARGEST_SPECTRUM)
+        return places
+
+    def check_named(self) -> list[Path]:
+        """Files that are read or named; raise a SceneError where one that the parser opens is not allowed."""
+        found = [self.folder / self.name, *[text.path for text in self.texts.values()][1:]]
+        for text in self.texts.values():
+            for tag, name in dict.fromkeys(text.references):
+                places = self.checked(text, tag, name)
+                found += places if tag not in _FOLLOWED else []
+                if tag == "include":
+                    self.found[name] = list(map(_real, places))
+            found += [self.folder / name for name in text.strings if name]
+        return list(dict.fromkeys(found))
+
+    def check_expanded(self) -> None:
+        """Raise a SceneError where includes and parameters come to far more than the files.
+
+        How often each file is read is the sum over those that include it, along the graph of includes; nothing is
+        expanded.
+        """
+        order: list[Path] = []  # every file after those that it includes
+        lengths: dict[str, int] = {}
+        self._walk(self.root, [], order, lengths)
+        times = dict.fromkeys(self.texts, 0)
+        times[self.root] = 1
+        for file in reversed(order):
+            for place in self.below[file]:
+                times[place] += times[file]
+        inclusions = sum(times.values()) - 1
+        if inclusions > _MAX_INCLUDES:
+            raise SceneError(
+                f"{self.name}: its includes come to {_many(inclusions)} files, at most {_MAX_INCLUDES} are taken; join "
+                "some"
+            )
+        texts = self.texts
+        elements = sum((times[file] - 1) * texts[file].elements for file in order)
+        size = sum(times[file] * texts[file].expanded(lengths) - texts[file].size for file in order)
+        if elements > _MOST_REPEATED or size > _MOST_EXPANDED:
+            raise SceneError(
+                f"{self.name}: its includes and $ parameters written out come to {_many(elements)} more elements and "
+                f"{_many(size)} more bytes than the files have; at most {_MOST_REPEATED} and {_MOST_EXPANDED} are taken"
+            )
+
+    def _walk(self, file: Path, above: list[Path], order: list[Path], lengths: dict[str, int]) -> None:
+        """List the files in order, the included ones first, and the lengths of their parameters."""
+        if file in above or len(above) >= _MAX_DEPTH:
+            what = "includes itself" if file in above else f"more than {_MAX_DEPTH} files include each other"
+            raise SceneError(f"{self.texts[file].path.name}: {what}; take the include out")
+        if file in order:
+            return
+        below = []
+        for name, value in self.texts[file].steps:
+            if name is not None:  # a default; of several of a name the longest is counted
+                lengths[name] = max(lengths.get(name, 0), substituted_length(value, lengths))
+                continue
+            for place in self.found[value]:
+                below.append(place)
+                self._walk(place, [*above, file], order, lengths)
+        order.append(file)
+        self.below[file] = below
 
 
 def check_files(label: str, files: Iterable[str], folder: Path) -> None:
@@ -119,62 +229,12 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _references(path: Path) -> Sequence[tuple[str, str]]:
-    """Tag and name of every element that names a file or a folder in its attributes.
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))
 
-    These are ``include``, ``path``, ``spectrum`` and whatever else has an attribute ``filename``, which Mitsuba's
-    parser opens while it reads; files that a ``<string>`` names are checked later, by their use.
 
-    What is not well-formed is left to the parser, whose messages are better, as long as it cannot refer to a file: that
-    one is lenient, and might see references where a strict one stops.
-    """
-    try:
-        data = read_bytes(path, _LARGEST_SCENE)
-    except OSError as error:
-        raise SceneError(f"{path}: cannot read the scene file: {error.strerror}") from error
-    found: list[tuple[str, str]] = []
-    has_type: list[str] = []
-    depth = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _DEEPEST:
-            raise SceneError(
-                f"{path.name} (line {parser.CurrentLineNumber}): more than {_DEEPEST} elements within each other; "
-                "close them"
-            )
-        named = attributes.get("filename") or (attributes.get("value") if tag in _PLACES else None)
-        if named or tag in _PLACES:
-            found.append((tag, named or ""))
-
-    def end(_: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    def document_type(name: str, *_: object) -> None:
-        has_type.append(name)
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.StartDoctypeDeclHandler = document_type
-    # entities are neither read nor expanded
-    parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
-    broken = ""
-    try:
-        parser.Parse(data, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        broken = one_line(error, 100)
-    if has_type or b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise SceneError(
-            f"{path.name}: holds a document type or entities (<!DOCTYPE, <!ENTITY), which a scene needs not and which "
-            "can hide what it is made of; remove them"
-        )
-    if broken and (
-        b"\x00" in data or b"<include" in data or b"<path" in data or _FILE_ATTRIBUTE.search(data)
-    ):
-        raise SceneError(f"{path.name}: malformed XML: {broken}; check that every element is closed")
-    return found
+def _many(number: int) -> str:
+    return str(number) if number < 10**9 else f"1e{len(str(number)) - 1}"
 
 
 __all__ = ["check_document", "check_files", "check_meshes"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.attributes import corner_values
 from sarmitsuba.loader.elements import Element, Opaque, Property
-from sarmitsuba.loader.mesh_files import read_mesh, read_serialized
+from sarmitsuba.loader.mesh_files import read_mesh, read_shape
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.parameters import did_you_mean, one_line
 from sarmitsuba.scene.motion import STILL, Motion
@@ -160,7 +160,7 @@ class MeshReader:
         key = (path, int(index) if isinstance(index, int) else 0)
         if key not in self._files:
             if element.plugin == "serialized":
-                self._files[key] = read_serialized(path, key[1], element.where)
+                self._files[key] = read_shape(path, key[1], element.where)
             else:
                 self._files[key] = read_mesh(path, element.where)
         return self._files[key]

@@ -5,8 +5,10 @@ between two directions is in :attr:`sarmitsuba.materials.diffuse_law.DiffuseLaw.
 have a second table for that.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +19,7 @@ from sarmitsuba.materials.diffuse_law import LAWS, Sigma0, WindWaves, permittivi
 from sarmitsuba.materials.material import Material
 
 F64 = NDArray[np.float64]
+T = TypeVar("T")
 
 # amplitudes of h and v that differ by less than this share are one, -60 dB
 _SAME_AMPLITUDE = 1e-3
@@ -79,8 +82,7 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
     if not _returns(material):
         sigma0 = Sigma0.none(theta)
     else:
-        sigma0 = LAWS[material.diffuse_law].sigma0(material, wavelength, theta)
-        _check(material.diffuse_law, sigma0, theta)
+        sigma0 = _sigma0(material, wavelength, n_angles)
     label = f'material "{material.name}": diffuse_law = {material.diffuse_law}: '
     return DiffuseTable(
         theta=theta,
@@ -90,6 +92,33 @@ def diffuse_tables(material: Material, wavelength: float, n_angles: int = 256) -
         valid_to=max(sigma0.valid_from, sigma0.valid_to),
         notes=tuple(label + note for note in sigma0.notes),
     )
+
+
+def _alike(make: Callable[..., T]) -> Callable[..., T]:
+    """A function of a material's law, made once for all that differ in name alone: a mesh may have thousands."""
+
+    @lru_cache(maxsize=64)
+    def made(_law: int, material: Material, *args: float) -> T:
+        return make(material, *args)
+
+    @wraps(make)
+    def asked(material: Material, *args: float) -> T:
+        if material.maps is None:
+            try:
+                return made(id(LAWS[material.diffuse_law]), replace(material, name=""), *args)
+            except SceneError:
+                pass  # said below, with the name
+        return make(material, *args)
+
+    return asked
+
+
+@_alike
+def _sigma0(material: Material, wavelength: float, n_angles: int) -> Sigma0:
+    theta = np.linspace(0.0, np.pi / 2, n_angles)
+    sigma0 = LAWS[material.diffuse_law].sigma0(material, wavelength, theta)
+    _check(material.diffuse_law, sigma0, theta)
+    return sigma0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +141,7 @@ class SpectrumTable:
         return not np.allclose(self.correction, 1.0, rtol=0.0, atol=_SAME_AMPLITUDE)
 
 
+@_alike
 def spectrum_table(
     material: Material, wavelength: float, n_cosine: int, n_sine: int, n_angles: int
 ) -> SpectrumTable:

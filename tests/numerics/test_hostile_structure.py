@@ -13,12 +13,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError, OutputError
 from sarmitsuba.io.journal import Journal
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.page.run_folder import read_run
-from sarmitsuba.simulation.refinement.passes import Passes
+from sarmitsuba.simulation.refinement.state import Passes, PassLayout
 
 pytestmark = pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 
@@ -38,6 +39,7 @@ KINDS = (
     "results",
 )
 DEEP = "[" * 100_000 + "]" * 100_000
+LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +112,7 @@ def test_records_nested_too_deep_are_refused(tmp_path: Path) -> None:
             record=np.frombuffer(record.encode(), np.uint8),
         )
         with pytest.raises(DataError, match="cannot read the passes"):
-            Passes.load(tmp_path / "passes.npz", "x")
+            Passes.load(tmp_path / "passes.npz", "x", LAYOUT)
 
 
 def test_headers_of_arrays_that_do_not_end_are_refused(tmp_path: Path) -> None:
@@ -118,14 +120,14 @@ def test_headers_of_arrays_that_do_not_end_are_refused(tmp_path: Path) -> None:
     whole = (tmp_path / "passes.npz").read_bytes()
     (tmp_path / "passes.npz").write_bytes(whole.replace(b"(3,), }", b"(3,), ("))
     with pytest.raises(DataError, match="cannot read the passes"):
-        Passes.load(tmp_path / "passes.npz", "x")
+        Passes.load(tmp_path / "passes.npz", "x", LAYOUT)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")
 def test_passes_that_are_a_pipe_hold_nobody_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "passes.npz")
     with pytest.raises(DataError, match="no ordinary file"):
-        Passes.load(tmp_path / "passes.npz", "x")
+        Passes.load(tmp_path / "passes.npz", "x", LAYOUT)
 
 
 def test_a_journal_ends_where_a_label_is_none(tmp_path: Path) -> None:

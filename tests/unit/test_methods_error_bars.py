@@ -18,7 +18,7 @@ from sarmitsuba.simulation.refinement.error_bars import (
     has_subsets,
     with_error_bars,
 )
-from sarmitsuba.simulation.refinement.passes import Passes
+from sarmitsuba.simulation.refinement.state import Passes
 
 
 def subsets(error: float, seed: int = 0) -> tuple[np.ndarray, tuple[Layer, ...], np.ndarray]:

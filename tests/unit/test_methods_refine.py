@@ -1,5 +1,6 @@
 """Passes: state on disk, resuming, and what stops them."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.raw import echoes
-from sarmitsuba.simulation.refinement.passes import Passes, refine
+from sarmitsuba.simulation.refinement.passes import refine
+from sarmitsuba.simulation.refinement.state import Passes, PassLayout
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.piece import crop
 
@@ -109,16 +111,72 @@ def test_damaged_states_are_one_line(tmp_path: Path) -> None:
     state = tmp_path / "passes.npz"
     data, layers = np.ones((1, 20, 20), np.complex64), (Layer("VV"),)
     Passes("x", 1, 1.0, data, layers, [(1.0, -20.0)], {}, [0], 1.0, 5).save(state)
-    whole, rng = state.read_bytes(), np.random.default_rng(3)
-    np.testing.assert_array_equal(Passes.load(state, "x").data, data)
+    whole, rng, layout = state.read_bytes(), np.random.default_rng(3), PassLayout(layers, 20, 20, 10.0)
+    np.testing.assert_array_equal(Passes.load(state, "x", layout).data, data)
     for k in range(200):
         damaged = bytearray(whole[: rng.integers(len(whole))] if k % 2 else whole)
         for _ in range(10):
             damaged[-int(rng.integers(1, min(len(damaged), 600) + 1))] = int(rng.integers(256))
         state.write_bytes(bytes(damaged))
         with pytest.raises(DataError, match=r"remove (it|the file)") as caught:
-            Passes.load(state, "x")
+            Passes.load(state, "x", layout)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize(
+    ("record", "arrays"),
+    [
+        ({}, {"data": np.ones((2, 5, 7), np.complex64)}),
+        ({}, {"data": np.full((2, 5, 6), np.nan, np.complex64)}),
+        ({}, {"data": np.full((2, 5, 6), 1e30, np.complex64)}),
+        ({}, {"data": np.ones((2, 5, 6), np.int64)}),
+        ({}, {"data": np.full((2, 5, 6), "a")}),
+        ({}, {"change": np.ones((1, 5, 3), np.complex64)}),
+        ({}, {"change": np.full((1, 5, 6), np.inf, np.complex64)}),
+        ({}, {"more": np.ones(3)}),
+        *(({"count": value}, {}) for value in (-1, 0, 3, 10**30, 1.5, True, "1", None, float("inf"))),
+        *(({"layers": value}, {}) for value in ([["VV", 0, 1]], [["VV", 0, 2], ["VV", 0, 1]], 1, [1])),
+        *(({"levels": value}, {}) for value in ([], [0, 5], [-1], [1000], "ab", [None, None])),
+        *(({"weight": value}, {}) for value in (0.0, 7.0, float("nan"), 1e308)),
+        *(({"history": value}, {}) for value in ([], [[1.0]], [[float("inf"), 0.0]] * 2, [["a", "b"]] * 2)),
+        ({"share": 0.25}, {}),
+        ({"rays": -1}, {}),
+        ({"seconds": float("nan")}, {}),
+        ({"source": "hope"}, {}),
+        ({"metadata": []}, {}),
+        ({"fingerprint": "y"}, {}),
+    ],
+)
+def test_states_that_no_run_writes_are_refused(
+    tmp_path: Path, count: int, record: dict[str, object], arrays: dict[str, np.ndarray]
+) -> None:
+    """Arrays and records of the right fingerprint, but of another shape, type, size or count than the run's."""
+    state, layers = tmp_path / "passes.npz", (Layer("VV", 0, 1), Layer("VV", 0, 2))
+    layout, data = PassLayout(layers, 5, 6, 10.0), np.ones((2, 5, 6), np.complex64)
+    change = data[:1] if count == 2 else None
+    history, levels = [(1.0, -20.0), (2.0, -25.0)][:count], [0, 1][:count]
+    weight = sum(2.0**level for level in levels)
+    own = {"change": change, "share": 2.0 ** levels[-1] / weight}
+    Passes("x", count, 2.0, data, layers, history, {}, levels, weight, 5, **own).save(state)
+    assert Passes.load(state, "x", layout).count == count
+    with np.load(state) as file:
+        found = dict(file)
+    changed = json.loads(found["record"].tobytes()) | record
+    found |= {"record": np.frombuffer(json.dumps(changed).encode(), np.uint8)} | arrays
+    np.savez(state, **found)
+    with pytest.raises(DataError, match=r"cannot read the passes of an earlier run: .*; remove the file"):
+        Passes.load(state, "x", layout)
+
+
+def test_states_that_unpack_are_refused(tmp_path: Path) -> None:
+    state, layers = tmp_path / "passes.npz", (Layer("VV"),)
+    data = np.zeros((1, 500, 600), np.complex64)
+    Passes("x", 1, 1.0, data, layers, [(1.0, -20.0)], {}, [0], 1.0, 5).save(state)
+    with np.load(state) as file:
+        np.savez_compressed(state, **dict(file))
+    with pytest.raises(DataError, match="uncompressed"):
+        Passes.load(state, "x", PassLayout(layers, 500, 600, 10.0))
 
 
 def test_fingerprint_sees_what_matters(scene: Scene) -> None:

@@ -155,7 +155,7 @@ def test_missing_mesh_names_folder_and_file(tmp_path: Path) -> None:
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "mesh file a.obj"),
         ("a.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "1 of 3 vertices are NaN or infinite"),
         ("a.stl", b"solid\nfacet\n", "mesh file a.stl"),
-        ("a.serialized", b"\x00\x01", "cannot read mesh file a.serialized"),
+        ("a.serialized", b"\x00\x01", "mesh file a.serialized is malformed"),
     ],
 )
 def test_broken_mesh_files(tmp_path: Path, name: str, content: bytes, message: str) -> None:

@@ -153,7 +153,7 @@ def _clutter(context: SceneContext) -> float:
     """RCS of a cell of the roughest material at 45 degrees, m^2."""
     assert context.sampling is not None
     wavelength, best = context.scene.radar.waveform.wavelength, 0.0
-    for material in context.materials:
+    for material in context.unlike_materials:
         if material.scatters:
             table = diffuse_tables(material, wavelength, 3)
             best = max(best, float(table.amplitude_h[1]) ** 2, float(table.amplitude_v[1]) ** 2)

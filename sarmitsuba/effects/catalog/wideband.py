@@ -153,7 +153,7 @@ def _laws(frequency: F64, context: SceneContext, decided: Mapping[str, Decision]
                 turning = relative * np.exp(1j * reach * (relative - 1.0))
                 yield _Law("the phase over a part of a facet", turning, share, decides=False)
     mirrors = decided["coherent"].on or decided["max_depth"].on or context.scene.has_sources
-    for material in context.materials:
+    for material in context.unlike_materials:
         if decided["fresnel"].on and mirrors and not material.pec:
             yield from _reflection(material, frequency, context, slab=decided["slabs"].on)
         if decided["roughness"].on and mirrors and material.rms_height > 0.0:

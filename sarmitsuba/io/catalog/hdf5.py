@@ -10,6 +10,7 @@ object in memory is made of; the sums are written beside them and not read back.
 """
 
 import json
+import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -39,6 +40,7 @@ from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
+from sarmitsuba.regular_files import check_unpacked
 from sarmitsuba.version import __version__
 
 FORMAT_VERSION = 3
@@ -342,6 +344,8 @@ def _read_planes(
         paths = [str(name) for name in np.atleast_1d(names)]
     else:
         paths = [f"/{kind.root}/{name}" for name in groups.group_of(file, kind.root)]
+    if len(set(paths)) < len(paths):
+        raise DataError("/layers names a plane twice")
     layers, planes = [], []
     for path in paths:
         match = _PATH.fullmatch(path)
@@ -360,6 +364,7 @@ def _read_planes(
     if not planes or len({plane.shape for plane in planes}) > 1:
         raise DataError("there are no planes, or planes of several shapes")
     shape = (len(planes), *planes[0].shape)
+    check_unpacked(math.prod(shape) * planes[0].dtype.itemsize, file.id.get_filesize())
     if not planes_too:
         for plane in planes:
             if plane.chunks is not None:

@@ -1,14 +1,6 @@
 """Passes of rays until the image is as good as asked for; nothing is thrown away, interrupted runs go on."""
 
-import dataclasses
-import json
-import os
-import struct
 import time
-import tokenize
-import zipfile
-import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData, channels_of, sum_of_channel
+from sarmitsuba.echo.raw import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
-from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.encoding import json_value, to_json
 from sarmitsuba.progress import Progress, silent
-from sarmitsuba.regular_files import open_regular
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Crew
 from sarmitsuba.simulation.fingerprint import fingerprint
@@ -39,153 +28,15 @@ from sarmitsuba.simulation.refinement.error_bars import (
     estimate_pass_error,
     with_error_bars,
 )
+from sarmitsuba.simulation.refinement.state import Passes, PassLayout, by_channel
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
 STATE_FILE = "passes.npz"
-# how NumPy, zip and JSON report a damaged file
-_DAMAGE = (
-    ArithmeticError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    struct.error,
-    tokenize.TokenError,  # NumPy's, of a header
-    zipfile.BadZipFile,
-    zlib.error,
-)
 # error energy falls as the rays to this power: 2.5 dB where they double (benchmarks/error_bars.py)
 ORDER = 0.83
 # most rays of one lattice; denser passes are repeated instead
 MAX_RAYS = 16_000_000
-
-
-@dataclass
-class Passes:
-    """Running mean of the passes so far.
-
-    Parameters
-    ----------
-    fingerprint : of the scene and settings that the passes belong to
-    count : passes done
-    seconds : spent on them, over all runs
-    data : (n_layers, n_pulses, n_samples) complex64, mean over the passes weighted by their rays, subsets apart
-    layers : labels
-    history : after every pass: seconds so far, error (dB)
-    metadata : of the last pass's raw data
-    levels : of every pass, how often its rays were doubled
-    weight : of all passes together
-    rays : of one key pulse of the last pass
-    ratio_db : error of the image less that of the raw data, as it was measured last; None where it was not
-    source : of the error that ``ratio_db`` was measured of
-    change : (n_channels, n_pulses, n_samples) complex64, the last pass less the mean of those before it; None of one
-    share : weight of the last pass in the mean
-    """
-
-    fingerprint: str
-    count: int = 0
-    seconds: float = 0.0
-    data: NDArray[np.complex64] | None = None
-    layers: tuple[Layer, ...] = ()
-    history: list[tuple[float, float]] = field(default_factory=list)
-    metadata: dict[str, object] = field(default_factory=dict)
-    levels: list[int] = field(default_factory=list)
-    weight: float = 0.0
-    rays: int = 0
-    change: NDArray[np.complex64] | None = None
-    share: float = 1.0
-    ratio_db: float | None = None
-    source: Source = SUBSETS
-
-    def add(self, raw: RawData, level: int) -> None:
-        """Take in one more pass, weighted by its rays."""
-        own = 2.0**level
-        self.weight += own
-        self.share = own / self.weight
-        self.count += 1
-        self.levels.append(level)
-        self.layers, self.metadata = raw.layers, dict(raw.metadata)
-        self.rays = raw.metadata["sampling"].get("rays_per_key_pulse", 0)
-        if self.data is None:
-            self.data = raw.data.copy()
-        else:
-            step = raw.data - self.data
-            self.change = _by_channel(step, self.layers)
-            step *= np.float32(self.share)
-            self.data += step
-
-    def save(self, path: Path) -> None:
-        """Write all of it; the file appears whole or not at all."""
-        record = {
-            "fingerprint": self.fingerprint,
-            "count": self.count,
-            "seconds": self.seconds,
-            "history": self.history,
-            "levels": self.levels,
-            "weight": self.weight,
-            "share": self.share,
-            "rays": self.rays,
-            "ratio_db": self.ratio_db,
-            "source": self.source,
-            "layers": [dataclasses.astuple(layer) for layer in self.layers],
-            "metadata": to_json(self.metadata),
-        }
-        none = np.empty((0, 0, 0), np.complex64)
-        with atomic_path(path) as temporary, open(temporary, "wb") as file:
-            np.savez(
-                file,
-                data=np.asarray(self.data),
-                change=none if self.change is None else self.change,
-                record=np.frombuffer(json.dumps(record).encode(), dtype=np.uint8),
-            )
-
-    @staticmethod
-    def load(path: Path, fingerprint: str) -> "Passes":
-        """Read what an earlier run left; start afresh where there is none.
-
-        Raises
-        ------
-        DataError
-            The file belongs to another scene or other settings, or cannot be read.
-        """
-        if not os.path.exists(path):
-            return Passes(fingerprint)
-        try:
-            # opened here: of a damaged file NumPy leaves its own open
-            with os.fdopen(open_regular(path), "rb") as opened, np.load(opened) as file:
-                record = json_value(file["record"].tobytes())
-                data, change = file["data"], file["change"]
-            passes = Passes(
-                fingerprint=str(record["fingerprint"]),
-                count=int(record["count"]),
-                seconds=float(record["seconds"]),
-                data=data,
-                change=change if change.size else None,
-                share=float(record["share"]),
-                layers=tuple(Layer(*row) for row in record["layers"]),
-                history=[(float(a), float(b)) for a, b in record["history"]],
-                metadata=record["metadata"],
-                levels=[int(v) for v in record["levels"]],
-                weight=float(record["weight"]),
-                rays=int(record["rays"]),
-                ratio_db=None if record["ratio_db"] is None else float(record["ratio_db"]),
-                source=PASSES if record["source"] == PASSES else SUBSETS,
-            )
-        except _DAMAGE as error:
-            reason = " ".join(str(error).split())
-            raise DataError(
-                f"{path}: cannot read the passes of an earlier run: {reason}; remove the file"
-            ) from error
-        if passes.fingerprint != fingerprint:
-            raise DataError(
-                f"{path}: holds passes of another scene or of other settings; remove it or choose another output"
-            )
-        return passes
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +124,11 @@ def refine(
     scene = replace(scene, settings=replace(scene.settings, keep_subsets=True, effects=quiet))
     file = Path(state) if state is not None else None
     mark = fingerprint(scene)
-    passes = Passes.load(file, mark) if file else Passes(mark)
+    # noise is added to the sum of all passes
+    noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
+    whole = Run(noiseless, clock=clock, crew=crew)
+    layout = PassLayout.of(whole.scene, whole.layers.layers)
+    passes = Passes.load(file, mark, layout) if file else Passes(mark)
     focuser = _Focuser(
         scene,
         passes,
@@ -281,9 +136,6 @@ def refine(
         range_window,
         azimuth_window,
     )
-    # noise is added to the sum of all passes
-    noiseless = replace(scene, radar=replace(scene.radar, noise_temperature=0.0))
-    whole = Run(noiseless, clock=clock, crew=crew)
     goal = _Goal(target, limit, max_passes, clock)
     took = 0.0  # seconds of the last pass with its check
     while True:
@@ -386,7 +238,7 @@ class _Focuser:
             return estimate_error(image.data, image.layers, pixels=False)
         channels = channels_of(image.layers)
         changed = self.focus(self._raw(change, tuple(Layer(c) for c in channels)))
-        mean = _by_channel(image.data, image.layers)
+        mean = by_channel(image.data, image.layers)
         return estimate_pass_error(changed.data, mean, channels, self.passes.share)
 
     def _raw_error_db(self) -> float:
@@ -395,7 +247,7 @@ class _Focuser:
         assert passes.data is not None
         if passes.change is None:
             return max(estimate_error(passes.data, passes.layers, pixels=False).error_db)
-        mean = _by_channel(passes.data, passes.layers)
+        mean = by_channel(passes.data, passes.layers)
         channels = channels_of(passes.layers)
         return max(estimate_pass_error(passes.change, mean, channels, passes.share).error_db)
 
@@ -417,11 +269,6 @@ class _Focuser:
 def blocks_of(state: Path) -> Path:
     """File beside the state file that keeps the finished blocks of the pass in work."""
     return state.with_suffix(".blocks")
-
-
-def _by_channel(data: NDArray[np.complex64], layers: Sequence[Layer]) -> NDArray[np.complex64]:
-    """Sum of the layers of every channel, (n_channels, ...)."""
-    return np.stack([sum_of_channel(data, layers, c, "passes") for c in channels_of(layers)])
 
 
 def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
