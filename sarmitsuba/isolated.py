@@ -14,6 +14,8 @@ from sarmitsuba.regular_files import most_unpacked
 # s of CPU time: a hundred times what any sound file needs, and the share of a large one
 _LEAST_LIMIT = 5
 _BYTES_PER_SECOND = 5e6
+# s of time passed for a second of CPU time allowed: a reader that waits for ever uses none
+_PATIENCE = 20
 _OUT_OF_MEMORY = 3
 
 
@@ -32,7 +34,8 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     Raises
     ------
     DataError
-        The process was ended by a signal, or took more CPU time or memory than any sound file of that size.
+        The process was ended by a signal, waited for ever, or took more CPU time or memory than any sound file of that
+        size.
     """
     if sys.platform == "win32":
         return
@@ -59,7 +62,11 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     if not os.WIFSIGNALED(status):
         return
     number = os.WTERMSIG(status)
-    what = "never ends" if number == signal.SIGXCPU else f"crashes ({signal.Signals(number).name})"
+    what = (
+        "never ends"
+        if number in (signal.SIGXCPU, signal.SIGALRM)
+        else f"crashes ({signal.Signals(number).name})"
+    )
     raise DataError(f"the file is damaged: its reader {what}; copy or make it again")
 
 
@@ -71,6 +78,7 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
         faulthandler.disable()
         for number in (
             signal.SIGXCPU,
+            signal.SIGALRM,
             signal.SIGSEGV,
             signal.SIGBUS,
             signal.SIGABRT,
@@ -80,6 +88,7 @@ def _try(read: Callable[[], object], limit: int, memory: int) -> None:
             signal.signal(number, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+        signal.setitimer(signal.ITIMER_REAL, _PATIENCE * limit)
         # not the address space, of which every thread's arena reserves a lot that it never writes to
         most = _writable_bytes() + memory
         resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))

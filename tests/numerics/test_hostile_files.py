@@ -198,7 +198,7 @@ def test_the_state_of_passes_is_never_unpickled(tmp_path: Path) -> None:
     assert not marker.exists()
 
 
-def test_readers_that_die_are_refused(tmp_path: Path) -> None:
+def test_readers_that_die_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path, "", "file")
     survive(path, lambda: None)
     survive(path, lambda: 1 / 0)  # its errors are the caller's to word
@@ -206,6 +206,9 @@ def test_readers_that_die_are_refused(tmp_path: Path) -> None:
         survive(path, lambda: os.kill(os.getpid(), signal.SIGSEGV))
     with pytest.raises(DataError, match="never ends"):
         survive(path, lambda: os.kill(os.getpid(), signal.SIGXCPU))
+    monkeypatch.setattr("sarmitsuba.isolated._PATIENCE", 0.02)
+    with pytest.raises(DataError, match="never ends"):
+        survive(path, signal.pause)
 
 
 def test_kernels_go_elsewhere_where_the_home_cannot_be_written(
