@@ -16,7 +16,12 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import FocusTask, parse_focuser
 from sarmitsuba.focusing.focusers.backprojection import backproject
 from sarmitsuba.focusing.ideal import ideal_echoes, ideal_radar
-from sarmitsuba.focusing.motion import LARGEST_RESIDUAL, compensate_motion, plan_straightening, residual_phase
+from sarmitsuba.focusing.motion import (
+    LARGEST_RESIDUAL,
+    compensate_motion,
+    compensation_residual,
+    plan_straightening,
+)
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db
 from sarmitsuba.image.sar_image import ImageGrid
@@ -156,7 +161,7 @@ def track_curves(quick: bool) -> dict[str, list[tuple[float, float, bool]]]:
             "unknown, backprojection": (backproject(replace(raw, radar=radar), part)[0], False),
             "known, compensated, omega_k": (
                 focused("omega_k", compensate_motion(raw, plan), grid)[rows, columns],
-                residual_phase(plan, grid) > LARGEST_RESIDUAL,
+                compensation_residual(plan, grid).phase > LARGEST_RESIDUAL,
             ),
             "known, polar_format": (
                 focused("polar_format", raw, grid)[rows, columns],

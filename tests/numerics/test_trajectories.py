@@ -99,7 +99,8 @@ def test_point_comes_out_in_its_place(row, tmp_path: Path, kind: str) -> None:
         track = raw.radar.track
         ends = track.position[[0, -1]]
         line = ends[0] + np.linspace(0.0, 1.0, track.n_pulses)[:, None] * (ends[1] - ends[0])
-        straight = replace(raw, radar=replace(raw.radar, track=replace(track, position=line)))
+        flown = replace(track, position=line, velocity=np.gradient(line, track.time, axis=0))
+        straight = replace(raw, radar=replace(raw.radar, track=flown))
         naive = abs(10 * np.log10(np.abs(focus(straight, grid=image.grid).total()).max() ** 2))
     row(
         f"{kind} track: level of a point",
