@@ -41,19 +41,19 @@ def interrupted(folder: Path, number: int, delay: float) -> Ended:
     out = Path(tempfile.mkdtemp(dir=folder)) / "out"
     command = [sys.executable, "-m", "sarmitsuba", "render", "point", "-o", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        wait_until_it_listens(process.pid)
+        wait_until_it_listens(process)
         time.sleep(delay)
         process.send_signal(number)
         _, errors = process.communicate(timeout=120)
     return Ended(process.returncode, judged(process.returncode, number, errors, out))
 
 
-def wait_until_it_listens(pid: int) -> None:
-    """Return when the process handles both signals itself, as /proc tells."""
+def wait_until_it_listens(process: subprocess.Popen[str]) -> None:
+    """Return when the process handles both signals itself, as /proc tells, or has ended."""
     both = (1 << (signal.SIGINT - 1)) | (1 << (signal.SIGTERM - 1))
-    while True:
+    while process.poll() is None:
         try:
-            text = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+            text = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
         except OSError:
             return
         caught = re.search(r"SigCgt:\s*([0-9a-f]+)", text)
@@ -84,6 +84,8 @@ def main() -> int:
         "--longest", type=float, default=0.0, help="s; 0 (default): those of a run left alone"
     )
     options = parser.parse_args()
+    # a shell that starts this in the background has it ignored, and so would the runs
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rng = random.Random(SEED)
     ends: collections.Counter[str] = collections.Counter()
     with tempfile.TemporaryDirectory() as name:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from sarmitsuba.errors import DataError
+from sarmitsuba.exclusive import backend_lock
 from sarmitsuba.regular_files import most_unpacked
 
 # s of CPU time: a hundred times what any sound file needs, and the share of a large one
@@ -44,9 +45,11 @@ def survive(path: Path, read: Callable[[], object]) -> None:
     with warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
-    if child == 0:
-        _try(read, limit, memory)
+        # forking stops the threads of linear algebra, and waits for ever for what another thread computes with them
+        with backend_lock():
+            child = os.fork()
+            if child == 0:
+                _try(read, limit, memory)
     status = None
     try:
         _, status = os.waitpid(child, 0)
