@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sarmitsuba import cli
+from sarmitsuba import cli, exclusive
 from sarmitsuba.commands.scenes import copy_scene
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.errors import DataError, RadarError, SarmitsubaError, SceneError
@@ -209,6 +209,19 @@ def test_readers_that_die_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr("sarmitsuba.isolated._PATIENCE", 0.02)
     with pytest.raises(DataError, match="never ends"):
         survive(path, signal.pause)
+
+
+def test_trials_fork_while_no_other_thread_computes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenBLAS stops its threads before a fork, and waits for ever where one of ours is in the midst of a product."""
+    fork, held = os.fork, []
+
+    def watched() -> int:
+        held.append(exclusive._lock._is_owned())
+        return fork()
+
+    monkeypatch.setattr(os, "fork", watched)
+    survive(write(tmp_path, "", "file"), lambda: None)
+    assert held == [True]
 
 
 def test_kernels_go_elsewhere_where_the_home_cannot_be_written(
