@@ -42,14 +42,14 @@ def survive(path: Path, read: Callable[[], object]) -> None:
         return
     size = path.stat().st_size
     limit, memory = int(_LEAST_LIMIT + size / _BYTES_PER_SECOND), most_unpacked(size)
-    with warnings.catch_warnings():
+    # forking stops the threads of linear algebra, and waits for ever for what another thread computes with them; and
+    # filters of warnings are all threads' own
+    with backend_lock(), warnings.catch_warnings():
         # Python 3.12 warns of forking beside threads: the child uses none, and takes no lock of theirs
         warnings.simplefilter("ignore", DeprecationWarning)
-        # forking stops the threads of linear algebra, and waits for ever for what another thread computes with them
-        with backend_lock():
-            child = os.fork()
-            if child == 0:
-                _try(read, limit, memory)
+        child = os.fork()
+        if child == 0:
+            _try(read, limit, memory)
     status = None
     try:
         _, status = os.waitpid(child, 0)

@@ -18,7 +18,7 @@ from sarmitsuba.focusing.cells import azimuth_cells
 from sarmitsuba.focusing.dim_rows import dim_rows_warning
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, parse_focuser
 from sarmitsuba.focusing.grid import default_grid
-from sarmitsuba.focusing.motion import compensate_motion, compensation_residual, needs_compensation
+from sarmitsuba.focusing.motion import compensate_motion, needs_compensation
 from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
@@ -100,15 +100,15 @@ def focus(
     method = parse_autofocus(autofocus)
     if method is not None and raw.radar.receiver is not None:
         raise DataError("autofocus: it moves one antenna, and these data have two; leave it out")
-    plan = needs_compensation(focuser, raw.radar, grid, motion_compensation)
+    compensation = needs_compensation(focuser, raw.radar, grid, motion_compensation)
     focuser, chosen = focuser.resolved(raw.radar, grid)
     n_layers = len(raw.layers)
     check_image_fits(grid, n_layers, focuser.making_bytes(raw.radar, grid, n_layers))
     corrections: dict[str, object] = {}
     left_db = -np.inf
-    if plan is not None:
+    if compensation is not None:
+        plan, residual = compensation
         raw = compensate_motion(raw, plan)
-        residual = compensation_residual(plan, grid)
         left_db = residual.error_db
         corrections["motion_compensation"] = {
             "largest_displacement": plan.largest_displacement,

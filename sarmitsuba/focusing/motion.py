@@ -350,8 +350,10 @@ def _along(data: C64, place: F64) -> C64:
     return out
 
 
-def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: str) -> Straightening | None:
-    """The straightening that a focuser needs before it can take a radar's data; None where it needs none.
+def needs_compensation(
+    focuser: Focuser, radar: Radar, grid: ImageGrid, option: str
+) -> tuple[Straightening, Residual] | None:
+    """The straightening that a focuser needs before it can take a radar's data, and what it leaves; None for none.
 
     ``auto`` compensates where the focuser refuses the recorded track and would take the straight one in its place.
 
@@ -375,14 +377,14 @@ def needs_compensation(focuser: Focuser, radar: Radar, grid: ImageGrid, option: 
             f"focuser {focuser.name}: motion compensation: {error}; take focuser backprojection"
         ) from None
     check_focuser(focuser, plan.straight, grid)
-    residual = compensation_residual(plan, grid).phase
-    if residual > LARGEST_RESIDUAL:
+    residual = compensation_residual(plan, grid)
+    if residual.phase > LARGEST_RESIDUAL:
         raise DataError(
             f"focuser {focuser.name}: motion compensation over {plan.largest_displacement:.3g} m would leave "
-            f"{residual:.3g} rad at the image's edges (bound {LARGEST_RESIDUAL:.2g} rad), because the excess range "
-            "varies over the beam; shrink the image or take focuser backprojection"
+            f"{residual.phase:.3g} rad at the image's edges (bound {LARGEST_RESIDUAL:.2g} rad), because the excess "
+            "range varies over the beam; shrink the image or take focuser backprojection"
         )
-    return plan
+    return plan, residual
 
 
 __all__ = [

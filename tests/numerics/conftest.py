@@ -66,3 +66,11 @@ def hostile() -> ModuleType:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
         return importlib.import_module("hostile")
+
+
+@pytest.fixture(scope="session")
+def samples(hostile: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of sound files of every kind that hostile ones are drawn from; no test changes them."""
+    folder = tmp_path_factory.mktemp("samples")
+    hostile.make_samples(folder)
+    return folder

@@ -48,13 +48,6 @@ SCENE = """<scene version="3.0.0"><sensor type="sar_antenna"><integer name="n_pu
 <film type="range_film"/></sensor>{}<shape type="cube"/></scene>"""
 
 
-@pytest.fixture(scope="module")
-def samples(hostile: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("samples")
-    hostile.make_samples(folder)
-    return folder
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_drawn_damage_is_read_or_refused_in_one_line(
     hostile: ModuleType, samples: Path, tmp_path: Path, name: str

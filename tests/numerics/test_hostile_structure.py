@@ -43,12 +43,10 @@ LAYOUT = PassLayout((Layer("VV"),), 3, 3, 10.0)
 
 
 @pytest.fixture(scope="module")
-def samples(hostile: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def samples(samples: Path) -> Path:
     pytest.importorskip("rasterio", reason="in the importing extra")
     pytest.importorskip("shapely", minversion="2.1", reason="in the importing extra")
-    folder = tmp_path_factory.mktemp("samples")
-    hostile.make_samples(folder)
-    return folder
+    return samples
 
 
 @pytest.mark.parametrize("name", KINDS)
