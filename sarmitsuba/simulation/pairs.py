@@ -18,6 +18,7 @@ from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.trace.diffuse_pairs import DiffusePairs
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
@@ -105,9 +106,8 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
     seed = sampling.scene.settings.seed
     samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
     samples = replace(samples, face=rows[samples.face])
-    pairs = find_pairs(
-        trace_scene, samples, _views(sampling), cell, box, seed=seed, visibility=sampling.flags.visibility
-    )
+    around = Surroundings.of(trace_scene, sampling.flags, sampling.scene.radar.waveform.wavelength)
+    pairs = find_pairs(around, samples, _views(sampling), cell, box, seed=seed, scatters=usable)
     keep = usable[pairs.face[:, 1]]
     return replace(
         pairs,

@@ -341,12 +341,15 @@ class _PatchAccumulator:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def visit(self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit) -> None:
+    def visit(
+        self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit
+    ) -> tuple[tuple[mi.UInt32, ...], mi.UInt32 | None]:
         """Power of the rays that are followed no farther; see :class:`sarmitsuba.trace.kernel.Follower`."""
         last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
         power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
         share = power / (len(ray.fields) * SIDE**2)
         dr.scatter_add(self.going_on, share, state[0] // SIDE**2, last)
+        return state, ray.trail
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""

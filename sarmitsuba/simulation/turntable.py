@@ -25,13 +25,11 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
-from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
-from sarmitsuba.simulation.points import off_surfaces, visible
+from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
 from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
@@ -355,26 +353,14 @@ def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects
     trace_scene = None
     if scene.points and scene.geometry.n_faces:
         trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
-    hindered = in_the_way(trace_scene, flags)
     far = max(FAR * radius, 1.0)
     for point in scene.points:
         phase = 4.0 * np.pi / wavelength * (look @ (point.position - center)) + point.phase
-        seen = np.ones(look.shape[0])
-        if trace_scene is not None:
-            leg = point.position - (center + far * look)
-            through = panes_pass(trace_scene, flags)
-            distance = np.linalg.norm(leg, axis=1)
-            seen = visible(trace_scene, point.position, leg, distance, through_panes=through)
-        value = np.sqrt(point.rcs) * seen * np.exp(1j * phase)
-        if hindered is None:
-            total += value[:, None] * [isotropic_response(channel) for channel in channels]
-            continue
         for pick, up in _uprights(aspects):
             here = np.broadcast_to(point.position, (pick.size, 3))
-            start = off_surfaces(hindered, here, look[pick])
-            way = PointWay.of(hindered, flags, wavelength, start, center + far * look[pick], up)
-            value[pick] *= np.exp(-4j * np.pi / wavelength * way.extra)
-            total[pick] += value[pick, None] * np.stack([way.channel(way, c) for c in channels], axis=1)
+            legs = PointLegs.of(trace_scene, flags, wavelength, here, center + far * look[pick], up)
+            value = np.sqrt(point.rcs) * np.exp(1j * (phase[pick] - 4.0 * np.pi / wavelength * legs.delay))
+            total[pick] += value[:, None] * np.stack([legs.channel(legs, c) for c in channels], axis=1)
     return total
 
 

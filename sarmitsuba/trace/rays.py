@@ -15,7 +15,7 @@ from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.moving import Rim
-from sarmitsuba.trace.panes import blocked, slab_factors
+from sarmitsuba.trace.panes import slab_factors
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
@@ -201,8 +201,7 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         # the antenna that a ray comes from sees its first hit; no farther than the antenna, which may hang within
         # the scene
         lit = mi.Bool(False) if kernel.bistatic else first
-        hidden = blocked(kernel, departure, to_antenna, mi.Float(length_back), sees & ~lit)
-        sees &= lit | ~hidden
+        sees &= lit | kernel.surroundings.free(departure, to_antenna, mi.Float(length_back), sees & ~lit)
     bits = info.x
     if kernel.flags.texture:
         bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), known)

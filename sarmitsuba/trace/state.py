@@ -9,6 +9,7 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
+from sarmitsuba.trace.leg import Surroundings, lets_through
 from sarmitsuba.trace.moving import Rim  # as the next
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
@@ -26,6 +27,8 @@ COHERENT, DIFFUSE, RETRO = range(3)
 # a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
 # point's
 REVERSED, SCATTERER = 4, 5
+# number of a hit that is none
+NO_HIT = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
@@ -132,9 +135,20 @@ class Kernel:
     @property
     def transmits(self) -> bool:
         """True where paths go through panes, which takes the loop and the panes' own coefficients."""
-        flags, slabs = self.flags, self.scene.slabs
-        wanted = flags.transmission and flags.slabs and flags.multi_bounce
-        return wanted and slabs is not None and slabs.passes
+        return self.flags.multi_bounce and lets_through(self.scene, self.flags)
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What legs to an antenna run through."""
+        constants = self.constants
+        return Surroundings(
+            scene=self.scene,
+            wavenumber=constants.wavenumber,
+            clearance=constants.clearance,
+            up=constants.up,
+            visibility=self.flags.visibility,
+            transmits=self.transmits,
+        )
 
     @property
     def bistatic(self) -> bool:
@@ -239,6 +253,7 @@ class RayState:
     contributions : so far
     crossed : panes that the path went through; None where nothing lets waves through
     mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
+    trail : number that a follower gave the last hit, ``NO_HIT`` before the first; None where nothing follows
     """
 
     active: mi.Bool
@@ -258,6 +273,7 @@ class RayState:
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
     mirror: Mirror | None = None
+    trail: mi.UInt32 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,6 +405,7 @@ class Contribution:
 __all__ = [
     "COHERENT",
     "DIFFUSE",
+    "NO_HIT",
     "RETRO",
     "REVERSED",
     "SCATTERER",

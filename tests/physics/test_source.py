@@ -15,7 +15,8 @@ from sarmitsuba.simulation import run, tracing
 from sarmitsuba.simulation.batches import built
 from sarmitsuba.trace import field
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.source import PointSource, Scatterers, Sight, Source
+from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.source import PointSource, Scatterers, Source
 from sarmitsuba.trace.state import Kernel
 
 GROUND = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
@@ -36,8 +37,8 @@ class Isotropic(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
