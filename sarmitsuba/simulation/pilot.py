@@ -24,9 +24,10 @@ from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pairs import pair_level
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
@@ -124,7 +125,8 @@ def examine(
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
         )
-        known = replace(known, pairs=pair_level(sampling.obeying(scene, draft.flags), trace_scene))
+        site = RunSite(sampling.obeying(scene, draft.flags), None, trace_scene)
+        known = replace(known, pairs=pair_level(site))
     if not traced:
         return known
     result, orders = None, ORDERS

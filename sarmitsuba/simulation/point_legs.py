@@ -14,7 +14,8 @@ from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_p
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.off_surface import off_surfaces
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.leg import Surroundings, antenna_basis, lets_through, straight_leg
+from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
+from sarmitsuba.trace.slabs import lets_waves_through
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -131,7 +132,9 @@ class PointLegs:
 
 def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
     """Whether anything in a scene takes a part of the waves on straight legs."""
-    return trace_scene is not None and (bool(trace_scene.passages) or lets_through(trace_scene, flags))
+    return trace_scene is not None and (
+        bool(trace_scene.passages) or lets_waves_through(trace_scene.slabs, flags)
+    )
 
 
 def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
-from sarmitsuba.trace.corners import corner_share
-from sarmitsuba.trace.leg import antenna_basis
+from sarmitsuba.trace.corners import both_chains, corner_share
+from sarmitsuba.trace.leg import Surroundings, antenna_basis
 from sarmitsuba.trace.state import (
     COHERENT,
     Contribution,
@@ -41,7 +41,7 @@ class Receiver:
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
     """How the antenna receives what comes from a hit; lane and hit are adjusted for the delay in panes."""
-    around = kernel.surroundings
+    around = Surroundings.within(kernel)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
     if around.clear:
         h, v = field.polarisation_basis(-hit.to_antenna, around.up)
@@ -94,8 +94,13 @@ def close_coherent(
     n, s = hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    turned = None
     if ray.mirror is not None:
-        factor *= corner_share(kernel, ray.mirror, hit)
+        share, corner = corner_share(kernel, ray.mirror, hit)
+        if ray.virtual_receiver is None:
+            factor *= share
+        else:
+            turned = both_chains(kernel, lane, ray, hit, share, corner)
     slant_range, point = _mean_leg(kernel, hit), hit.p
     # of antenna and virtual antenna, as the lit patch sees them
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
@@ -142,7 +147,8 @@ def close_coherent(
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        amplitudes.append(c * factor * filled)
+        value = c * factor * filled
+        amplitudes.append(value if turned is None else value * turned)
     return Contribution(
         kind=mi.UInt32(COHERENT),
         order=hit.order,

@@ -33,7 +33,7 @@ from sarmitsuba.trace.beam import fade
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.incoherent import mixed
 from sarmitsuba.trace.kernel import TraceCounts
-from sarmitsuba.trace.leg import Leg, pattern_gain, straight_leg
+from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
 from sarmitsuba.trace.pair_search import FACING, Pairs, off_surface
 from sarmitsuba.trace.rays import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
@@ -208,7 +208,7 @@ class DiffusePairs:
             e = out.sent(letter)
             zu, zv = (mixed(first.between(q, e), a.random) for q in (u, v))
             field_b = field.add(field.scale(zu, u), field.scale(zv, v))
-            around = kernel.surroundings
+            around = Surroundings.within(kernel)
             (between[letter],), shift = around.passed(arrival, -s, r, out.seen, (field_b,))
         if shift is not None:  # the delay in panes between the two
             length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
@@ -244,7 +244,7 @@ def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Li
     def departure(to: mi.Vector3f) -> tuple[mi.Vector3f, mi.Bool]:
         return off_surface(end.point, end.normal, to, clearance), dr.dot(to, end.normal) > FACING
 
-    leg = straight_leg(kernel.surroundings, end.point, departure, position, velocity)
+    leg = straight_leg(Surroundings.within(kernel), end.point, departure, position, velocity)
     return _Lit(leg, _window(kernel, pulse, position, -leg.to_antenna64))
 
 

@@ -18,6 +18,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.beam import BeamPattern
 from sarmitsuba.trace.panes import along
 from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.slabs import lets_waves_through
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -58,7 +59,7 @@ class Surroundings:
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     ) -> Surroundings:
         """Surroundings outside of a kernel, at a wavelength, m."""
-        transmits = lets_through(scene, flags)
+        transmits = lets_waves_through(scene.slabs, flags)
         if transmits and scene.slabs is not None:
             scene.slabs.prepare()
         return Surroundings(
@@ -68,6 +69,19 @@ class Surroundings:
             up=mi.Vector3f(*(dr.opaque(mi.Float, x) for x in up)),
             visibility=flags.visibility,
             transmits=transmits,
+        )
+
+    @staticmethod
+    def within(kernel: Kernel) -> Surroundings:
+        """Surroundings of the legs of a kernel."""
+        constants = kernel.constants
+        return Surroundings(
+            scene=kernel.scene,
+            wavenumber=constants.wavenumber,
+            clearance=constants.clearance,
+            up=constants.up,
+            visibility=kernel.flags.visibility,
+            transmits=kernel.transmits,
         )
 
     @property
@@ -117,11 +131,6 @@ class Surroundings:
             return vectors, None
         panes = active if behind_panes is None else behind_panes
         return along(self.scene, self.wavenumber, self.clearance, start, direction, distance, panes, vectors)
-
-
-def lets_through(scene: TraceScene, flags: KernelFlags) -> bool:
-    """Whether waves go through any pane of a scene."""
-    return flags.transmission and flags.slabs and scene.slabs is not None and scene.slabs.passes
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,4 +222,4 @@ def pattern_gain(
     return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
 
 
-__all__ = ["Leg", "Surroundings", "antenna_basis", "lets_through", "pattern_gain", "straight_leg"]
+__all__ = ["Leg", "Surroundings", "antenna_basis", "pattern_gain", "straight_leg"]

@@ -17,7 +17,7 @@ from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import selected
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
-from sarmitsuba.trace.leg import Leg, antenna_basis, pattern_gain, straight_leg
+from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 
@@ -193,7 +193,7 @@ class PointSource:
             start = self.scatterers.departure(index, here, to, kernel.constants.clearance)
             return start, mi.Bool(True)
 
-        legs = [straight_leg(kernel.surroundings, point, departure, position, velocity)]
+        legs = [straight_leg(Surroundings.within(kernel), point, departure, position, velocity)]
         if self.max_order > 1:
             legs.append(self._over_ground(kernel, index, point, position, velocity))
         return legs
@@ -237,7 +237,7 @@ class PointSource:
         to_antenna = mi.Vector3f(leg_out / way)
         n = mi.Vector3f(n64)
         departure = mi.Vector3f(there) + (n + to_antenna) * clearance
-        around = kernel.surroundings
+        around = Surroundings.within(kernel)
         seen &= around.free(departure, to_antenna, mi.Float(way), mi.Bool(True))
         basis = antenna_basis(around, to_antenna)
         fields, first = around.passed(departure, to_antenna, mi.Float(way), seen, basis)

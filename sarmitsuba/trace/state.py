@@ -9,8 +9,8 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.leg import Surroundings, lets_through
 from sarmitsuba.trace.moving import Rim  # as the next
+from sarmitsuba.trace.slabs import lets_waves_through
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
@@ -135,20 +135,7 @@ class Kernel:
     @property
     def transmits(self) -> bool:
         """True where paths go through panes, which takes the loop and the panes' own coefficients."""
-        return self.flags.multi_bounce and lets_through(self.scene, self.flags)
-
-    @property
-    def surroundings(self) -> Surroundings:
-        """What legs to an antenna run through."""
-        constants = self.constants
-        return Surroundings(
-            scene=self.scene,
-            wavenumber=constants.wavenumber,
-            clearance=constants.clearance,
-            up=constants.up,
-            visibility=self.flags.visibility,
-            transmits=self.transmits,
-        )
+        return self.flags.multi_bounce and lets_waves_through(self.scene.slabs, self.flags)
 
     @property
     def bistatic(self) -> bool:
@@ -157,8 +144,8 @@ class Kernel:
 
     @property
     def reversible(self) -> bool:
-        """True where a coherent path and the reversed one return the same."""
-        return self.flags.coherent and self.flags.multi_bounce and not self.bistatic
+        """True where a coherent path and the reversed one are estimates of one return."""
+        return self.flags.coherent and self.flags.multi_bounce
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +231,7 @@ class RayState:
     virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
         mirrors may move
     virtual_receiver, virtual_receiver_velocity : another antenna that receives, likewise; None where there is none, or
-        no path goes back through a chain
+        no path goes through a chain the other way round
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend

@@ -19,7 +19,6 @@ from sarmitsuba import (
     theory,
 )
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.image.metrics import point_target_in
@@ -28,6 +27,7 @@ from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import tracing
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.slabs import slab
@@ -326,9 +326,7 @@ def test_scatterers_that_no_ray_finds_are_seen_through_panes(monkeypatch: pytest
         found = []
         for sources in ((), (PointSource(Isotropic(place)),)):
 
-            def given(
-                scene: Scene, flags: KernelFlags, s: tuple[Source, ...] = sources
-            ) -> tuple[Source, ...]:
+            def given(site: Site, s: tuple[Source, ...] = sources) -> tuple[Source, ...]:
                 return s
 
             with monkeypatch.context() as patch:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import run, tracing
 from sarmitsuba.simulation.batches import built
+from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.leg import Leg
@@ -68,7 +68,7 @@ def scene_of(
 
 
 def raw(scene: Scene, monkeypatch: pytest.MonkeyPatch, *sources: Source) -> NDArray[np.complex64]:
-    def given(scene: Scene, flags: KernelFlags) -> tuple[Source, ...]:
+    def given(site: Site) -> tuple[Source, ...]:
         return sources
 
     with monkeypatch.context() as patch:

@@ -166,7 +166,9 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     aspects = Aspects(np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(directions[:, 2]))
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sarmitsuba.simulation.turntable.cut", lambda lines, longest: cut(lines, 0.05))
+        patch.setattr(
+            "sarmitsuba.simulation.sources.catalog.wires.cut", lambda lines, longest: cut(lines, 0.05)
+        )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums
 

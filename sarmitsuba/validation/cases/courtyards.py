@@ -8,7 +8,7 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.pairs import pair_echo
+from sarmitsuba.simulation.sources.pairs import pair_echo
 from sarmitsuba.trace.geometry import build_trace_scene
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import find_pairs
