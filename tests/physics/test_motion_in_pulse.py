@@ -322,4 +322,4 @@ def test_corners_of_unlike_facets_are_those_of_an_antenna_that_stands_still(
     if slant_range < 1e5:  # from orbit echoes turn in phase from pulse to pulse
         moving = moving * np.exp(-1j * np.angle(np.vdot(still, moving)))
         for other in (moving, apart):
-            assert np.linalg.norm(other - still) < 0.003 * np.linalg.norm(still)  # tol: another aspect
+            assert np.linalg.norm(other - still) < 0.01 * np.linalg.norm(still)  # tol: another aspect, -44 dB
