@@ -1,9 +1,10 @@
 """What the plan of effects states against what happens: every effect of shipped and drawn scenes the other way.
 
-``python benchmarks/stated_effects.py [SCENE ...] [--draws N] [--drawn] [--blocks N] [--changes]``. Truth is the focused image of the whole
-simulation, with the effect and without it, all else equal: energy of the change over that of the image, worst channel.
-Every scene is made small (coarse resolution, a piece of the image), so that a scene takes seconds; stated figures are
-those of ``explain`` for the same small scene. Costs are processor seconds of simulating, least of two rounds in turn.
+``python benchmarks/stated_effects.py [SCENE ...] [--draws N] [--drawn] [--blocks N] [--changes]``. Truth is the
+focused image of the whole simulation, with the effect and without it, with the same blocks of pulses: energy of the
+change over that of the image, worst channel. Every scene is made small (coarse resolution, a piece of the image), so
+that a scene takes seconds; stated figures are those of ``explain`` for the same small scene, or (``--blocks``) what so
+few blocks of pulses tell. Costs are processor seconds of simulating what is planned, least of a few rounds in turn.
 """
 
 import tempfile

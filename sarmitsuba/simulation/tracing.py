@@ -36,6 +36,8 @@ F64 = NDArray[np.float64]
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
+# rad; an antenna that moves on within a pulse is seen along the same direction: 5e-5 from orbit
+SAME_DIRECTION = 1e-3
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
 # traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
 # cancel is so at the traced frequencies only. In a block of pulses edges and corners keep the amplitude of its key
@@ -386,7 +388,11 @@ def pulse_batch(
         )
 
     batch = of((position, velocity), radar.pointing)
-    return batch if receiver is None else replace(batch, receiver=of(receiver, radar.pointings[-1]))
+    if receiver is None:
+        return batch
+    apart = np.linalg.norm(receiver[0] - position, axis=-1).max()
+    near = apart <= SAME_DIRECTION * radar.slant_range(radar.aim_point).min()
+    return replace(batch, receiver=of(receiver, radar.pointings[-1]), same_direction=bool(near))
 
 
 def receiver_state(radar: Radar, pick: slice) -> State | None:

@@ -63,8 +63,9 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
 
     Notes
     -----
-    Ignores ends of the facets along the fold, and other objects that end their light. Not used where another antenna
-    receives: there the reversed path is not traced, and each path closes where it hits last.
+    Ignores ends of the facets along the fold, and other objects that end their light. Not used where an antenna
+    receives that is seen along another direction: there the reversed path is another one, and each closes where it hits
+    last.
     """
     d, s, n_a, n_b = hit.direction, hit.to_antenna, mirror.normal, hit.normal
     cosine = dr.dot(n_a, n_b)

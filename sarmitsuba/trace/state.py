@@ -144,7 +144,8 @@ class Kernel:
     @property
     def reversible(self) -> bool:
         """True where a coherent path and the reversed one return the same."""
-        return self.flags.coherent and self.flags.multi_bounce and not self.bistatic
+        one = not self.bistatic or self.pulses.same_direction
+        return self.flags.coherent and self.flags.multi_bounce and one
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,8 +90,8 @@ class Explanation:
         )
         if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(
-                "cost: share of the simulation's processor time that the effect takes, or would take; timed, to a tenth "
-                "or so, on the same pulses"
+                "cost: share of the simulation's processor time that the effect takes, or would take; timed, to a "
+                "tenth or so, on the same pulses"
             )
         idle = [
             f"{d.name} ({_cost(d.cost)})"
