@@ -43,7 +43,7 @@ MOST_RAYS = 100_000_000
 MOST_PIXEL_PULSES = 5e8
 # rounds of the timing with an effect and without it, in turn; the least of each counts. More where they are short:
 # until so many seconds were timed
-ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 4, 0.4
+ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 3, 0.4
 # blocks in the middle that are timed
 TIMED = 2
 # a change that blocks tell no better than this is stated as a bound, dB
