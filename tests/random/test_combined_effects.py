@@ -335,6 +335,7 @@ def changes(item: object) -> list[object]:
     return out
 
 
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_edges_by_way_of_the_ground_are_not_left_out(seed: int) -> None:
