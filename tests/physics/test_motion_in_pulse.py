@@ -307,7 +307,9 @@ def test_a_corner_returns_what_it_does_to_an_antenna_at_rest() -> None:
                 targets.wall_and_ground(4.0, 4.0, 4.0),
                 (Material("pec", pec=True),) * 2,
                 given,
-                settings=TraceSettings(effects={"motion_in_pulse": switch}, max_depth=2, key_pulse_interval=1),
+                settings=TraceSettings(
+                    effects={"motion_in_pulse": switch}, max_depth=2, key_pulse_interval=1
+                ),
             )
         ).data
         for switch in ("on", "off")
