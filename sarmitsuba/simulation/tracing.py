@@ -17,10 +17,10 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.blame import blamed, check_traced
-from sarmitsuba.simulation.pairs import pair_sources
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sources import sources_of
+from sarmitsuba.simulation.sources.kind import sources_of
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
@@ -36,8 +36,6 @@ F64 = NDArray[np.float64]
 State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
-# rad; an antenna that moves on within a pulse is seen along the same direction: 5e-5 from orbit
-SAME_DIRECTION = 1e-3
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
 # traced at several frequencies from every pulse: what is left at edges and corners is right over the band, what is to
 # cancel is so at the traced frequencies only. In a block of pulses edges and corners keep the amplitude of its key
@@ -77,7 +75,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
+        self.sources = sources_of(RunSite(sampling, flags, trace_scene))
         timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
@@ -388,11 +386,7 @@ def pulse_batch(
         )
 
     batch = of((position, velocity), radar.pointing)
-    if receiver is None:
-        return batch
-    apart = np.linalg.norm(receiver[0] - position, axis=-1).max()
-    near = apart <= SAME_DIRECTION * radar.slant_range(radar.aim_point).min()
-    return replace(batch, receiver=of(receiver, radar.pointings[-1]), same_direction=bool(near))
+    return batch if receiver is None else replace(batch, receiver=of(receiver, radar.pointings[-1]))
 
 
 def receiver_state(radar: Radar, pick: slice) -> State | None:

@@ -232,7 +232,6 @@ class PulseBatch:
     boresight, azimuth_axis, elevation_axis : (n, 3) float64 or None when the antenna is isotropic
     azimuth_later : the azimuth pattern is left to the synthesis of a block, at the mean of a path's two legs
     receiver : state of another antenna that receives; None: the one that transmits does
-    same_direction : the other antenna is seen along the same direction, as one is that moves on within a pulse
     time : (n,) float64, s, where something in the kernel goes by it; None: all is as at time zero
     """
 
@@ -244,7 +243,6 @@ class PulseBatch:
     elevation_axis: F64 | None = None
     azimuth_later: bool = False
     receiver: "PulseBatch | None" = None
-    same_direction: bool = False
     time: F64 | None = None
 
     @property
