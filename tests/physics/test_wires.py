@@ -24,7 +24,7 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.lines import LineTarget
-from sarmitsuba.simulation import sources
+from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
@@ -184,7 +184,7 @@ def test_the_automatic_cut_is_fine_enough(
     scene = wire_scene(LineTarget("wire", -5.0 * axis, 5.0 * axis, 0.005), slant_range=slant_range)
     automatic = simulate(scene, seed=1).data
     usual = sources.longest_step
-    monkeypatch.setattr(sources, "longest_step", lambda *given: usual(*given) / 8.0)
+    monkeypatch.setattr(site, "longest_step", lambda *given: usual(*given) / 8.0)
     finer = simulate(scene, seed=1).data
     # tol: 0.05 dB asked for, of the strongest pulse
     assert np.abs(automatic - finer).max() < 10 ** (0.05 / 20) * np.abs(finer).max() - np.abs(finer).max()
