@@ -57,6 +57,7 @@ class PairLevel:
     pairs : drawn ones that return something
     draw_error : energy of the error that the draw of the run's pairs makes in the image, over that of the clutter
     cell : m, of the points that the run's pairs are drawn from
+    cross : their cross-polar power over that of diffuse scatterers alone; 0 where the radar records none
     """
 
     share: float
@@ -66,6 +67,7 @@ class PairLevel:
     pairs: int
     draw_error: float
     cell: float
+    cross: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

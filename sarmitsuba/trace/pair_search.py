@@ -49,7 +49,7 @@ class Pairs:
     face : (n, 2) rows of the scene's tables
     weight : (n,) float64, of the product of the ends' roots of sigma0, m^2
     key : (n,) uint32, hash
-    clutter : m^2, backscatter of the points alone, as the middle view sees them
+    clutter, cross : m^2, co-polar and cross-polar backscatter of the points alone, as the middle view sees them
     """
 
     point: F64
@@ -58,6 +58,7 @@ class Pairs:
     weight: F64
     key: NDArray[np.uint32]
     clutter: float
+    cross: float = 0.0
 
     @property
     def n(self) -> int:
@@ -158,7 +159,8 @@ def _search(
     cosine = f32(dr.dot(dr.normalize(middle - a), n_a64))
     backscatter = diffuse_lookup(scene.diffuse_table, word & MATERIAL_MASK, cosine)
     clutter = dr.select(seen, 0.5 * dr.squared_norm(backscatter * factor) / f32(density), 0.0)
-    dr.eval(b, n_b64, weight, kept, face_b, clutter)
+    cross = clutter * dr.gather(mi.Vector4f, scene.material_table, word & MATERIAL_MASK).w
+    dr.eval(b, n_b64, weight, kept, face_b, clutter, cross)
     lanes = dr.compress(kept)
     pick = lanes.numpy()
     # each component alone: the kernel that would bring three together has their number compiled in
@@ -171,6 +173,7 @@ def _search(
         weight=weight.astype(np.float64),
         key=key[pick],
         clutter=float(clutter.numpy().sum(dtype=np.float64)),
+        cross=float(cross.numpy().sum(dtype=np.float64)),
     )
 
 

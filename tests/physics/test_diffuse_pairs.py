@@ -293,3 +293,14 @@ def test_the_plan_leaves_out_what_hardly_changes_a_level() -> None:
     assert not city.on and city.source == "pilot" and -27.0 < city.error_db < -22.0 and "left out" in city.why
     assert decided("urban_block", tolerance_db=-50.0).on
     assert not decided("courtyard", diffuse_pairs="off").on
+
+
+def test_a_cross_polar_channel_has_a_limit_of_its_own() -> None:
+    """Ground that does not depolarise returns nothing in HV but by pairs: they stay where that is recorded."""
+    scene = load_scene("tower")
+    one, both = (
+        plan_scene(scene.replace(polarisation=channels)).decision("diffuse_pairs")
+        for channels in ("VV", "VV,HV")
+    )
+    assert one is not None and both is not None
+    assert not one.on and both.on and "all that is cross-polar" in both.why

@@ -59,17 +59,24 @@ class DiffusePairs(Effect):
 def _measured(level: PairLevel, tolerance_db: float) -> Assessment:
     share, square = (10.0 * float(np.log10(x)) for x in (level.share + 2.0 * level.error, level.strongest))
     mean = 10.0 * float(np.log10(level.share))
-    on = share > tolerance_db + WHOLE_DB or square > tolerance_db + SQUARE_DB
+    cross = 10.0 * float(np.log10(max(level.cross, 1e-30)))
+    on = max(share, cross) > tolerance_db + WHOLE_DB or square > tolerance_db + SQUARE_DB
     found = (
         f"pilot: {level.pairs} pairs return {mean:.1f} dB of the clutter (+- "
         f"{100.0 * level.error / level.share:.0f} %), {square:.0f} dB in the strongest {length(level.square)} square"
     )
+    if level.cross > 0.0:
+        found += (
+            f", {cross:.0f} dB of the cross-polar clutter"
+            if np.isfinite(cross)
+            else ", all that is cross-polar"
+        )
     if on:
         why = f"{found}; error of the run's draw {10.0 * np.log10(level.draw_error):.0f} dB"
     else:
         limits = f"{tolerance_db + WHOLE_DB:.0f} and {tolerance_db + SQUARE_DB:.0f} dB"
         why = f"{found}; left out below {limits}, where they hardly change a level"
-    return Assessment(on, why, mean, measured=True)
+    return Assessment(on, why, min(max(mean, cross), 0.0), measured=True)
 
 
 EFFECTS.register(DiffusePairs())

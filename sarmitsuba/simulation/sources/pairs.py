@@ -47,11 +47,13 @@ class PairEstimate:
     cell : m, of the points that they were drawn from
     pairs : those that were drawn
     power : (n,) float64, m^2, mean of HH and VV of each
+    cross : m^2, HV of all; 0 where the radar records no cross-polar channel
     """
 
     cell: float
     pairs: Pairs
     power: F64
+    cross: float = 0.0
 
 
 def run_pairs(site: Site, pilot: PairEstimate) -> Pairs:
@@ -85,7 +87,15 @@ def pair_level(site: Site) -> PairLevel:
         pairs=count,
         draw_error=min(share, _draw_error(site, pilot) * finer**2),
         cell=cell,
+        cross=_over(pilot.cross, pilot.pairs.cross),
     )
+
+
+def _over(power: float, clutter: float) -> float:
+    """A power over the clutter's; infinite where there is no clutter."""
+    if power == 0.0:
+        return 0.0
+    return power / clutter if clutter > 0.0 else float("inf")
 
 
 def scene_pairs(site: Site, cell: float) -> Pairs:
@@ -217,17 +227,23 @@ def estimate_pairs(site: Site, cell: float) -> PairEstimate:
     pairs = scene_pairs(site, cell)
     if not pairs.n:
         return PairEstimate(cell, pairs, np.zeros(0))
-    flags = replace(site.flags, channels=("HH", "VV"), depolarisation=False)
-    echo = pair_echo(
-        pairs,
-        _geometry(site),
-        site.views[len(site.views) // 2],
-        site.center,
-        flags,
-        wavelength=site.wavelength,
-        seed=site.scene.settings.seed,
-    )
-    return PairEstimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
+
+    def power(channels: tuple[str, ...], *, depolarised: bool) -> F64:
+        echo = pair_echo(
+            pairs,
+            _geometry(site),
+            site.views[len(site.views) // 2],
+            site.center,
+            replace(site.flags, channels=channels, depolarisation=depolarised),
+            wavelength=site.wavelength,
+            seed=site.scene.settings.seed,
+        )
+        return np.asarray(np.square(np.abs(echo.amplitude)).mean(axis=1))
+
+    cross = 0.0
+    if any(channel[0] != channel[1] for channel in site.scene.radar.channels):
+        cross = float(power(("HV",), depolarised=site.flags.depolarisation).sum())
+    return PairEstimate(cell, pairs, power(("HH", "VV"), depolarised=False), cross)
 
 
 @dataclass(frozen=True, eq=False)
