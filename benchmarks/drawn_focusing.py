@@ -1,4 +1,4 @@
-"""Echoes of drawn radars and points, and the focused image of them as a direct sum that shares no code with focusers."""
+"""Echoes of drawn radars and points, and their image by a direct sum that shares no code with the focusers."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -100,9 +100,15 @@ def _draw(rng: np.random.Generator) -> DrawnEchoes | None:
     scene = build_scene(points=aim, radar=radar, film=film)
     if _chance(rng, 0.3):
         prf = (scene.radar.track.n_pulses - 1) / float(np.ptp(scene.radar.track.time))
-        scene = build_scene(points=aim, radar=replace(radar, prf=prf * float(rng.uniform(0.8, 1.6))), film=film)
+        scene = build_scene(
+            points=aim, radar=replace(radar, prf=prf * float(rng.uniform(0.8, 1.6))), film=film
+        )
     there, grid = scene.radar, default_grid(scene.radar, scene.image)
-    if np.prod(grid.shape) * there.track.n_pulses > MOST_WORK or there.track.n_pulses < 20 or min(grid.shape) < 40:
+    if (
+        np.prod(grid.shape) * there.track.n_pulses > MOST_WORK
+        or there.track.n_pulses < 20
+        or min(grid.shape) < 40
+    ):
         return None
     wander = 10.0 ** rng.uniform(-3.0, 0.5) if _chance(rng, 0.4) else 0.0
     if wander:
@@ -140,7 +146,8 @@ def _wandering(radar: Radar, wander: float, rng: np.random.Generator) -> Radar:
     track = radar.track
     phase = np.linspace(0.0, 2.0 * np.pi, track.n_pulses)
     sway = sum(
-        rng.normal(size=3) * np.sin(k * phase[:, None] + rng.uniform(0.0, 6.28, 3)) / k for k in (0.5, 1, 2, 3)
+        rng.normal(size=3) * np.sin(k * phase[:, None] + rng.uniform(0.0, 6.28, 3)) / k
+        for k in (0.5, 1, 2, 3)
     )
     position = track.position + wander * sway / np.abs(sway).max()
     return replace(radar, track=Track(track.time, position, np.gradient(position, track.time, axis=0)))
@@ -154,8 +161,8 @@ def _points(grid: ImageGrid, cell: float, rng: np.random.Generator) -> tuple[F64
     if _chance(rng, 0.5):
         places += list(rng.integers(0, n, (80, 2)))
     beyond = _chance(rng, 0.3)
-    if beyond:  # a scene does not end where the image does
-        places += list((rng.uniform(-0.3, 1.3, (40, 2)) * n).astype(int))
+    if beyond:  # a scene does not end where the image does; farther along the track the pulse rate folds it
+        places += list((rng.uniform([-0.1, -0.3], [1.1, 1.3], (40, 2)) * n).astype(int))
     points = []
     height = 20.0 * cell * rng.random() * _chance(rng, 0.4)  # of houses
     for row, column in places:

@@ -25,14 +25,14 @@ OTHERS = (*FORMS, "factorised", "factorised,error=-35", "factorised,error=-65", 
 DIRECT = 6e4
 
 
-def focusers(seed: int) -> Iterator[Row]:
-    """All focusers on one drawn recording."""
+def focusers(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row]:
+    """All focusers, or some and backprojection, on one drawn recording."""
     drawn = draw_echoes(seed)
     raw, grid = drawn.raw, drawn.grid
     windows = {"range_window": drawn.range_window, "azimuth_window": drawn.azimuth_window}
     exact = backproject(raw, grid, **windows, interpolation="kernel:8", oversampling=4)
     case = f"{drawn.label} {drawn.range_window}/{drawn.azimuth_window}"
-    for name in OTHERS:
+    for name in names:
         yield _against(name, seed, case, drawn, exact, windows)
     yield from _backprojections(seed, drawn)
 

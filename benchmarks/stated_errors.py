@@ -84,7 +84,16 @@ def report_of(rows: Sequence[Row]) -> harness.Report:
     )
     report.table(
         "By kind",
-        ["topic", "kind", "cases", "refused", "none stated", "worst: true - stated", f"> {BELOW:g} dB, %", "looseness"],
+        [
+            "topic",
+            "kind",
+            "cases",
+            "refused",
+            "none stated",
+            "worst: true - stated",
+            f"> {BELOW:g} dB, %",
+            "looseness",
+        ],
         table(rows),
     )
     small = sorted((row for row in rows if row.excess > BELOW), key=lambda row: -row.excess)
@@ -104,7 +113,9 @@ def run(quick: bool) -> harness.Report:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kind", nargs="+", choices=list(TOPICS), default=list(TOPICS), help="topics")
     parser.add_argument("--first", type=int, default=FIRST)
     parser.add_argument("--count", type=int, default=COUNT)

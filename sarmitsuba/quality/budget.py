@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.image.sar_image import SarImage
+from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
+# of echoes in complex64, over the profiles of single pulses (benchmarks/stated_errors.py)
+_ROUNDING_DB = -115.0
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Effects left out are added up as energies, as if they had nothing in common; those without a bound are named. What
     physical optics leaves out is not known without another solver, see docs/accuracy.md.
     """
+    if "sampling_error" not in image.metadata:
+        image = with_error_bars(image)
     data = _Read(image.metadata)
     return (
         _rays(data),
@@ -131,7 +136,8 @@ def _gridding(data: _Read) -> ErrorPart:
     if not 1.0 <= width <= 8.0:
         return ErrorPart("gridding", math.nan, UNKNOWN)
     # range, and range rate or azimuth
-    error = spreading_kernel(int(width)).error_db + 10.0 * math.log10(2.0)
+    kernel = 2.0 * 10.0 ** (0.1 * spreading_kernel(int(width)).error_db)
+    error = 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
     return ErrorPart("gridding", error, AT_MOST, f"kernel of {width:g} cells, echoes at all frequencies used")
 
 

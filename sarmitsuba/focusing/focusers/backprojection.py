@@ -17,8 +17,10 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import (
     beam_turn,
+    dimness,
     direction_gain,
     flight,
+    image_places,
     look_directions,
     matched_weights,
 )
@@ -373,9 +375,32 @@ def series_at(spectrum: NDArray[np.complex128], position: NDArray[np.float64]) -
 
 
 _SERIES = 64
-# by taps, at twofold oversampling
-_KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -124.0}
+# by taps, at twofold oversampling; of eight taps what sums in float32 leave
+_KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -115.0}
+# rows and columns of an image at which its places are asked how well they are lit
+_PLACES = (9, 9)
 
+
+def _ends_rounding(radar: Radar) -> float:
+    r"""Power of the error by pulses at the ends of pixels' own apertures, which are found by sines in float32.
+
+    A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
+    :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`
+    pulses two are at an end: :math:`\epsilon^2 / \Delta s_a`.
+    """
+    if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
+        return 0.0
+    forward, _, gap = flight(radar)
+    line = radar.aim_point - radar.track.position
+    distance = np.linalg.norm(line, axis=1)
+    ahead = np.sum(line * forward, axis=1) / distance
+    step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
+    # nothing steps while the antenna stands still
+    return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
+
+
+# of a float32 unit vector along a direction, rms
+_SINE_ROUNDING = 3.5e-8
 
 # most by which the two beams' amplitudes may differ, of the transmitter's at its peak
 _BEAMS_APART = 0.1
@@ -429,11 +454,18 @@ class Backprojection(Focuser):
         return bistatic_refusal(radar)
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Error of the interpolation over range, as benchmarks/focusers.py measures it."""
+        """Error of the interpolation over range and of rounding, against the sum in float64 at exact ranges.
+
+        Powers add up of the interpolation's, as benchmarks/focusers.py measures it, and of the rounding of the ends of
+        pixels' own apertures. Both grow where a place is dim: its pixel is divided by the summed weight of its pulses.
+        """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
-            return -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
-        return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+            error = -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
+        else:
+            error = _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+        power = (10.0 ** (0.1 * error) + _ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
+        return 10.0 * float(np.log10(power))
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included; raw data are held already."""
