@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
 # of echoes in complex64, over the profiles of single pulses (benchmarks/stated_errors.py)
@@ -63,8 +62,6 @@ def error_budget(image: SarImage) -> tuple[ErrorPart, ...]:
     Effects left out are added up as energies, as if they had nothing in common; those without a bound are named. What
     physical optics leaves out is not known without another solver, see docs/accuracy.md.
     """
-    if "sampling_error" not in image.metadata:
-        image = with_error_bars(image)
     data = _Read(image.metadata)
     return (
         _rays(data),
