@@ -19,7 +19,7 @@ import harness
 import numpy as np
 from stated_echoes import focusers
 from stated_row import BELOW, FLOOR, Row
-from stated_traces import block_model, blocks, gridding, passes, rays
+from stated_traces import block_model, blocks, gridding, passes, rays, rcs
 
 TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "focusers": focusers,
@@ -28,6 +28,7 @@ TOPICS: dict[str, Callable[[int], Iterator[Row]]] = {
     "blocks": blocks,
     "block_model": block_model,
     "gridding": gridding,
+    "rcs": rcs,
 }
 # cases of a topic: quick, and of the page
 QUICK, COUNT = 1, 30

@@ -29,16 +29,19 @@ from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.refinement.passes import refine
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
 # rays of a run's first pass over its key pulses; the truth takes many times that
 MOST_RAYS = 3e5
 # and over all pulses, where the truth traces every one
 MOST_EVERY = 1e7
 # times that rays are at most farther apart than the program would have them, to keep within these
-COARSEST = 3.0
+COARSEST = 5.0
 # pulses whose profiles are summed path by path, and how much coarser the rays are then
 PULSES, COARSE = 3, 6.0
 ATTEMPTS = 100
+# directions of a sweep, and most rays of each
+ASPECTS, RCS_RAYS = 12, 100_000
 
 
 def draw(seed: int, most_rays: float, *, every: bool = False) -> tuple[Scene, str]:
@@ -270,4 +273,23 @@ def gridding(seed: int) -> Iterator[Row]:
         )
 
 
-__all__ = ["block_model", "blocks", "gridding", "passes", "rays"]
+# ---------------------------------------------------------------- radar cross sections
+
+
+def rcs(seed: int) -> Iterator[Row]:
+    """Sampling error of a sweep over aspects of a drawn metal body, against rays three times as dense in both axes."""
+    with tempfile.TemporaryDirectory() as folder:
+        body = random_scenes.draw_metal(seed)
+        scene = load_scene(body.write(Path(folder)))
+    # about the radar's own line of sight, which most bodies face: in the nulls of all lobes there is nothing to state
+    sight = -random_scenes.look_direction(body.radar)
+    azimuth = float(np.arctan2(sight[1], sight[0])) + np.linspace(-0.05, 0.05, ASPECTS)
+    aspects = Aspects(azimuth, np.full(ASPECTS, float(np.arcsin(sight[2]))))
+    found = rcs_sweep(scene, aspects, most_rays=RCS_RAYS)
+    dense = harness.with_settings(scene, ray_spacing=found.result.ray_spacing / 3.0)
+    exact = rcs_sweep(dense, aspects, checked=0).result.amplitude.sum(axis=1)[:, 0]
+    true = image_error_db(found.result.amplitude.sum(axis=1)[:, 0], exact)
+    yield Row("rcs", "sweep", seed, f"{body.bodies[0].kind} {body.radar.band}", found.error_db[0], true)
+
+
+__all__ = ["block_model", "blocks", "gridding", "passes", "rays", "rcs"]
