@@ -177,8 +177,10 @@ def block_model(seed: int) -> Iterator[Row]:
     """Prediction of block synthesis, on which the block's length is chosen, against the exact sum of drawn paths."""
     scene, case = draw(seed, MOST_RAYS)
     run, rng = Run(scene), np.random.default_rng([seed, 0xB2])
-    sampling, radar = run.sampling, scene.radar
+    sampling, radar = run.sampling, run.scene.radar
     assert sampling is not None
+    if radar.delay is not None:  # the sum's antenna stands still during a pulse
+        return
     width = int(rng.integers(2, 9))
     n = radar.track.n_pulses
     length = int(rng.integers(min(8, n), min(n, 128) + 1))
@@ -242,6 +244,8 @@ def gridding(seed: int) -> Iterator[Row]:
     for method in ("raw", "hybrid"):
         some = harness.with_settings(scene, method=method, key_pulse_interval=0 if method == "raw" else 16)
         run = Run(some)
+        if run.scene.radar.delay is not None:  # the sum's antenna stands still during a pulse
+            return
         raw = echoes(run)
         if method == "raw":
             pulses = sorted({int(v) for v in rng.integers(0, n, PULSES)})

@@ -296,7 +296,8 @@ class Blocks:
         if self.interval == 1:
             return -np.inf
         seams = [i for i in range(len(self.blocks) - 1) if {i, i + 1} <= self.done]
-        return max(self._errors(seams).values(), default=np.nan) + SEAM_SCATTER_DB / max(len(seams), 1) ** 0.5
+        worst = max(self._errors(seams).values(), default=np.nan)
+        return float(worst + SEAM_SCATTER_DB / max(len(seams), 1) ** 0.5)
 
     def _errors(self, seams: Sequence[int]) -> dict[str, float]:
         """Error of each channel from some of the seams, dB; empty without a seam."""
