@@ -15,9 +15,11 @@ from corrections import block_of
 from effects import load
 
 from sarmitsuba.backend import ensure_backend
-from sarmitsuba.simulation.pairs import PILOT_POINTS, estimate_pairs, pair_level, pair_sources, pilot_cell
 from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sources.kind import SOURCES
+from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
 
@@ -41,8 +43,8 @@ def spread(run: Run) -> tuple[float, float]:
     for seed in range(DRAWS):
         settings = replace(run.scene.settings, seed=seed)
         sampling = replace(run.sampling, scene=replace(run.scene, settings=settings))
-        cell = pilot_cell(sampling, run.trace_scene, PILOT_POINTS)
-        power = estimate_pairs(sampling, run.trace_scene, cell).power
+        site = RunSite(sampling, None, run.trace_scene)
+        power = estimate_pairs(site, pilot_cell(site, PILOT_POINTS)).power
         powers.append(power.sum())
         stated.append(np.sqrt(np.square(power).sum()))
     return float(np.std(powers, ddof=1) / np.mean(powers)), float(np.mean(stated) / np.mean(powers))
@@ -56,7 +58,8 @@ def measured(name: str) -> dict[str, Any]:
     assert sampling is not None and built is not None
     decision = plan_scene(scene).decision("diffuse_pairs")
     assert decision is not None
-    level = pair_level(sampling, built)
+    site = RunSite(sampling, None, built)
+    level = pair_level(site)
     tracer = run.tracer(sampling)
     grids = [g for g in run.lattices(sampling, 0)[0] if g.serves(scene.radar.track.center_index)]
     block = block_of(sampling)
@@ -76,8 +79,8 @@ def measured(name: str) -> dict[str, Any]:
         return tracer.timer.seconds["trace"]
 
     jobs = {
-        "pilot": lambda: seconds(lambda: pair_level(sampling, built)),
-        "draw": lambda: seconds(lambda: pair_sources(sampling, tracer.flags, built)),
+        "pilot": lambda: seconds(lambda: pair_level(site)),
+        "draw": lambda: seconds(lambda: SOURCES["pairs"].made(site)),
         "rays": lambda: key_pulse(rays=True),
         "pairs": lambda: key_pulse(rays=False),
     }

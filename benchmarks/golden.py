@@ -13,7 +13,7 @@ from pathlib import Path
 # -100 dB of the peak: float64 sums in another order, stored as complex64 (2^-24 is -144 dB), and nothing else
 LIMIT_DB = -100.0
 METHODS = ("raw", "hybrid", "image", "raster")
-QUAD_POL = ("-D", "polarisation=HH,HV,VH,VV", "-D", "sar_path.keep_orders=true", "--seed", "3")
+QUAD_POL = ("-D", "sar_antenna.polarisation=HH,HV,VH,VV", "-D", "sar_path.keep_orders=true", "--seed", "3")
 # every pulse of these scenes traced with automatic rays takes many minutes; wider rays take the same way
 WIDE_RAYS = {
     "bridge": 1.0,

@@ -1,9 +1,10 @@
 """What the plan of effects states against what happens: every effect of shipped and drawn scenes the other way.
 
-``python benchmarks/stated_effects.py [SCENE ...] [--draws N] [--drawn]``. Truth is the focused image of the whole
-simulation, with the effect and without it, all else equal: energy of the change over that of the image, worst channel.
-Every scene is made small (coarse resolution, a piece of the image), so that a scene takes seconds; stated figures are
-those of ``explain`` for the same small scene. Costs are processor seconds of simulating, least of two rounds in turn.
+``python benchmarks/stated_effects.py [SCENE ...] [--draws N] [--drawn] [--blocks N] [--changes]``. Truth is the
+focused image of the whole simulation, with the effect and without it, with the same blocks of pulses: energy of the
+change over that of the image, worst channel. Every scene is made small (coarse resolution, a piece of the image), so
+that a scene takes seconds; stated figures are those of ``explain`` for the same small scene, or (``--blocks``) what so
+few blocks of pulses tell. Costs are processor seconds of simulating what is planned, least of a few rounds in turn.
 """
 
 import tempfile
@@ -11,7 +12,7 @@ import time
 import warnings
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import harness
@@ -24,9 +25,15 @@ from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import list_scenes, resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.both_ways import switched
+from sarmitsuba.simulation.prediction.both_ways import (
+    MOST_PLACES,
+    measured_both_ways,
+    share_of,
+    switched,
+)
 from sarmitsuba.simulation.prediction.explanation import explain
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.run import Run
 
 # a shipped scene is made coarser by this, and no wider than so many of its resolution cells
 COARSER, WIDEST = 2.0, 150.0
@@ -37,9 +44,11 @@ WITHIN, PART, UNDERSTATED = 2.0, 0.9, 3.0
 # dB; weaker changes are float rounding, in truth and in what is stated
 FLOOR = -90.0
 # limits above the tolerance of effects that have their own, dB; docs/effects.md
-OWN_LIMITS = {"diffuse_pairs": 20.0}
+OWN_LIMITS = {"diffuse_pairs": 20.0, "wideband": 10.0}
 # shares of the run below which a cost is not compared by its ratio
-LEAST_SHARE = 0.05
+LEAST_SHARE = 0.25
+# of the timing; the least of each counts
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,7 @@ class Row:
             f"{stated} ({d.error_is})",
             f"{self.true_db:.1f}",
             cost,
-            f"{100 * self.true_cost:.0f} %",
+            "" if np.isnan(self.true_cost) else f"{100 * self.true_cost:.0f} %",
             remark,
         ]
 
@@ -121,42 +130,64 @@ def scenes(names: list[str], draws: int) -> Iterator[Scene]:
             yield load_scene(random_scenes.draw_boxes(seed).write(Path(folder)))
 
 
-def image_of(scene: Scene, plan: EffectsPlan | None = None) -> tuple[np.ndarray, float]:
-    """Image (channels, azimuth, range) and processor seconds of simulating, least of two."""
-    taken = np.inf
-    for _ in range(2):
-        before = time.process_time()
-        raw = simulate(scene, plan=plan)
-        taken = min(taken, time.process_time() - before)
+def image_of(scene: Scene, plan: EffectsPlan) -> tuple[np.ndarray, int]:
+    """Image (channels, azimuth, range) of a whole run, and the pulses that shared one tracing."""
+    raw = simulate(scene, plan=plan)
     image = focus(raw)
-    return np.stack([image.total(channel) for channel in image.channels]), taken
+    sampling = raw.metadata.get("sampling") or {}
+    return np.stack([image.total(channel) for channel in image.channels]), int(sampling["key_pulse_interval"])
 
 
-def rows_of(scene: Scene) -> Iterator[Row]:
+def seconds_of(*ways: tuple[Scene, EffectsPlan]) -> list[float]:
+    """Processor seconds of simulating what is planned already, least of a few rounds in turn."""
+    least = [np.inf] * len(ways)
+    for _ in range(ROUNDS):
+        for i, (scene, plan) in enumerate(ways):
+            before = time.process_time()
+            simulate(scene, plan=plan)
+            least[i] = min(least[i], time.process_time() - before)
+    return least
+
+
+def rows_of(scene: Scene, places: int, costs: bool) -> Iterator[Row]:
     """Every effect of a scene that is not proven to change nothing, measured by whole runs."""
-    plan = explain(scene).plan
-    base, seconds = image_of(scene)
+    run = Run(scene)
+    base, interval = image_of(scene, run.plan)
+    if places or not costs:
+        clock = time.process_time if costs else None
+        plan = measured_both_ways(run, scene, interval, clock=clock, most_places=places or MOST_PLACES)
+    else:
+        plan = explain(scene).plan
+
+    def alike(switched: Scene) -> Scene:
+        """With the same blocks of pulses: their length has a line of its own in the plan."""
+        if scene.settings.method == "raw":
+            return switched
+        return replace(switched, settings=replace(switched.settings, key_pulse_interval=interval))
+
     for decision in plan.decisions:
-        if not decision.measured and decision.error_is != "at most":
+        if decision.error_db == -np.inf and not decision.measured:
             continue
         if decision.name in ("key_pulse_interval", "noise"):
             continue
         try:
-            other, otherwise = image_of(switched(scene, decision))
+            other = switched(scene, decision)
+            way = (alike(other), run.otherwise(other).plan)
+            changed, _ = image_of(*way)
         except SarmitsubaError:  # nothing would be left
             continue
-        if other.shape != base.shape:
+        if changed.shape != base.shape:
             continue
-        change = np.square(np.abs(other - base)).sum(axis=(1, 2), dtype=np.float64)
+        change = np.square(np.abs(changed - base)).sum(axis=(1, 2), dtype=np.float64)
         energy = np.square(np.abs(base)).sum(axis=(1, 2), dtype=np.float64)
         true = float(np.max(change / energy))
-        on, off = (seconds, otherwise) if decision.on else (otherwise, seconds)
+        seconds, otherwise = seconds_of((alike(scene), run.plan), way) if costs else (np.nan, np.nan)
         yield Row(
             scene.name,
             decision,
             scene.settings.tolerance_db,
             10.0 * float(np.log10(max(true, 1e-30))),
-            max(0.0, 1.0 - off / on),
+            share_of(decision.on, seconds, otherwise) if costs else np.nan,
         )
 
 
@@ -190,6 +221,11 @@ def claims(rows: list[Row]) -> list[list[str]]:
         ],
         ["upper bounds", f"{len(bounds)}", ""],
         ["on, and changes nothing", named([r for r in rows if r.idle]), "none"],
+        [
+            f"of these, takes {100 * LEAST_SHARE:.0f} % and more",
+            named([r for r in rows if r.idle and r.true_cost >= LEAST_SHARE]),
+            "none",
+        ],
         ["off, and beyond its tolerance", named([r for r in rows if r.missing]), "none"],
         [
             f"cost of {100 * LEAST_SHARE:.0f} % and more within a factor 1.5",
@@ -199,13 +235,13 @@ def claims(rows: list[Row]) -> list[list[str]]:
     ]
 
 
-def study(names: list[str], draws: int) -> harness.Report:
+def study(names: list[str], draws: int, places: int = 0, costs: bool = True) -> harness.Report:
     """All scenes."""
     rows: list[Row] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SarmitsubaWarning)  # of what is switched off
         for scene in scenes(names, draws):
-            for row in rows_of(scene):
+            for row in rows_of(scene, places, costs):
                 print(" | ".join(row.cells()), flush=True)
                 rows.append(row)
     report = harness.Report(
@@ -233,8 +269,11 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", help="names of shipped scenes (default: all)")
     parser.add_argument("--drawn", action="store_true", help="drawn scenes alone")
     parser.add_argument("--draws", type=int, default=DRAWS, help="drawn scenes")
+    parser.add_argument("--blocks", type=int, default=0, help="state from so many blocks of pulses at most")
+    parser.add_argument("--changes", action="store_true", help="costs are not timed")
     args: Namespace = parser.parse_args()
-    print(study(["none"] if args.drawn else args.scenes, args.draws).markdown())
+    names = ["none"] if args.drawn else args.scenes
+    print(study(names, args.draws, args.blocks, not args.changes).markdown())
 
 
 if __name__ == "__main__":

@@ -86,10 +86,12 @@ class EffectsPlan:
         kept = tuple(d for d in self.decisions if d.name != decision.name)
         return replace(self, decisions=(*kept, decision))
 
-    def with_measured(self, name: str, error_db: float, cost: float) -> "EffectsPlan":
-        """The plan with what an effect changes (dB) and takes (share), measured both ways."""
+    def with_measured(
+        self, name: str, error_db: float, cost: float, *, measured: bool = True
+    ) -> "EffectsPlan":
+        """The plan with what an effect changes (dB; at most, unless measured) and takes (share), found both ways."""
         decisions = tuple(
-            replace(d, error_db=error_db, cost=cost, measured=True) if d.name == name else d
+            replace(d, error_db=error_db, cost=cost, measured=measured) if d.name == name else d
             for d in self.decisions
         )
         return replace(self, decisions=decisions)

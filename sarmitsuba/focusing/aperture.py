@@ -10,6 +10,7 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.narrow_beam import beam_over_cell
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 
 F64 = NDArray[np.float64]
@@ -20,7 +21,7 @@ _DARK = 0.01
 _UNLIT = 1e-6
 
 
-def direction_gain(radar: Radar, pulse: int | slice, direction: F64) -> F64:
+def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: Pointing | None = None) -> F64:
     """Relative two-way amplitude of the antenna towards unit vectors, zero behind the aperture.
 
     Parameters
@@ -28,6 +29,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64) -> F64:
     radar : gives the pattern and its pointing
     pulse : a pulse index, or a slice whose length matches the last but one axis of ``direction``
     direction : (..., 3) float64, scene frame, from the antenna
+    pointing : of another antenna than the one that transmits
 
     Returns
     -------
@@ -35,7 +37,7 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64) -> F64:
     """
     if radar.antenna.pattern == "isotropic":
         return np.ones(direction.shape[:-1])
-    p = radar.pointing
+    p = pointing or radar.pointing
     gain = radar.antenna.two_way_amplitude(
         np.sum(direction * p.azimuth_axis[pulse], axis=-1),
         np.sum(direction * p.elevation_axis[pulse], axis=-1),

@@ -8,7 +8,8 @@ from sarmitsuba.page.geometry import drawn, page_mesh
 from sarmitsuba.page.payload import Value, grid_payload, image_payload, nested, scene_payload
 from sarmitsuba.page.profiles import page_grid
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.turntable import RcsSweep, target_middle
+from sarmitsuba.simulation.far_field import target_middle
+from sarmitsuba.simulation.turntable import RcsSweep
 from sarmitsuba.version import __version__
 from sarmitsuba.view.polar import POLAR_FROM
 

@@ -13,7 +13,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
-from sarmitsuba.simulation.sources import passages_of
+from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer

@@ -11,7 +11,8 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.finite import all_finite
 from sarmitsuba.materials.parts import with_parts
-from sarmitsuba.simulation.recording import NO_FACE, Recording
+from sarmitsuba.simulation.recording import Recording
+from sarmitsuba.trace.state import RETRO
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,14 +63,15 @@ def blamed(
     materials : of the geometry
     label : names a pulse of the launch by its number
     """
-    recording = Recording(n_lanes, max_depth, n_channels, ROOM, NotFinite())
+    recording = Recording(n_lanes, n_channels, (ROOM, n_lanes * max_depth), NotFinite())
     launch(recording)
     rows = recording.rows()
     if not len(rows.labels):
         return ""
-    lane, _, order, pulse = (int(v) for v in rows.labels[0])
-    faces = rows.hit_face[: min(order, max_depth), min(lane, n_lanes - 1)]
-    faces = scene.geometry_faces[faces[faces != NO_FACE]]
+    kind, order, pulse = (int(v) for v in rows.labels[0, 1:4])
+    hits = (order + 1) // 2 if kind == RETRO else order
+    faces = rows.chains(np.full(len(rows.labels), hits))[1][0]
+    faces = scene.geometry_faces[faces[faces >= 0]]
     way = f"{label(pulse)}: an echo of {order} bounce{'s' if order > 1 else ''}"
     if not faces.size:
         return f"{way} from a scatterer that no ray finds (rod, edge, crown or pair)"

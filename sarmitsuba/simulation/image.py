@@ -20,16 +20,15 @@ from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.radar.collection import signal_facts
 from sarmitsuba.radar.flight import flight_facts
-from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.metadata import image_metadata
-from sarmitsuba.simulation.point_ways import in_the_way, panes_pass
-from sarmitsuba.simulation.points import over_band, visible, way_through
+from sarmitsuba.simulation.point_legs import PointLegs, over_band, takes_part
+from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.raster import Raster
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.checks import check_small_parts
 from sarmitsuba.simulation.statistics import TraceStatistics
-from sarmitsuba.simulation.tracing import MAX_LANES, Tracer
+from sarmitsuba.simulation.tracing import MAX_LANES, Tracer, polarisation_up
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
@@ -239,17 +238,14 @@ class Imager:
         grid, wave = self.look.grid, self.run.scene.radar.waveform
         shape = (len(layers), grid.n_range, grid.n_azimuth)
         there = self.run.trace_scene and self.run.trace_scene.at(float(self.look.time[0]))
-        hindered = in_the_way(there, self.run.plan.flags)
-        count = 1 if hindered is None else self.run.plan.sub_bands
+        count = self.run.plan.sub_bands if takes_part(there, self.run.plan.flags) else 1
         bands = SubBands(wave.center_frequency, wave.bandwidth, count)
-        standing = (None,) if hindered is None else over_band(self.run.scene, hindered, bands)
+        standing = over_band(self.run.scene, there, bands)
         out = np.zeros(shape, dtype=np.complex64)
         for index, at in enumerate(standing):
             part = np.zeros(shape, dtype=np.complex64)
             for look in range(grid.n_looks):
-                self._add_points(
-                    part, layers, look, there, at, SPEED_OF_LIGHT / float(bands.frequencies[index])
-                )
+                self._add_points(part, layers, look, at, SPEED_OF_LIGHT / float(bands.frequencies[index]))
             out += grid.filtered(part, bands.range_filter(index), wave.wavelength)
         return out
 
@@ -259,45 +255,31 @@ class Imager:
         layers: tuple[Layer, ...],
         look: int,
         there: TraceScene | None,
-        hindered: TraceScene | None,
         wavelength: float,
     ) -> None:
         """Add the ideal points as one look sees them.
 
         Parameters
         ----------
-        there : what can hide them; what moves is seen by one look alone
-        hindered : the same at a frequency, where something takes a part of the waves, else None
+        there : what can stand in the way, at a frequency; what moves is seen by one look alone
         wavelength : m, at that frequency
         """
         radar, grid, flags = self.run.scene.radar, self.look.grid, self.run.plan.flags
         points, time = self.run.scene.points, np.asarray(self.look.time[look])
-        antenna, way = grid.position[look], None
         position = np.array([p.position_at(time) for p in points])
-        velocity = grid.velocity[look] - np.array([p.motion.velocity_at(time) for p in points])
-        leg = position - antenna
-        distance = np.linalg.norm(leg, axis=1)
-        amplitude = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points])
-        amplitude = amplitude * radar.amplitude_constant / distance**2
-        if there is not None:
-            seen = visible(there, position, leg, distance, through_panes=panes_pass(there, flags))
-            amplitude = amplitude * seen
-        if hindered is not None:
-            way = way_through(
-                hindered, flags, radar, position, np.broadcast_to(antenna, position.shape), wavelength
-            )
-            leg = leg - way.shift
-            distance = np.linalg.norm(leg, axis=1)
-        rate = -np.einsum("ni,ni->n", leg, velocity) / distance
-        place = (look, distance, rate)
-        plane = spread_points(grid, *place, amplitude, radar.waveform.wavelength)
+        own = np.array([p.motion.velocity_at(time) for p in points])
+        antenna, velocity = (
+            np.broadcast_to(x, position.shape) for x in (grid.position[look], grid.velocity[look])
+        )
+        up = polarisation_up(radar, position[len(position) // 2], radar.track.center_position)
+        legs = PointLegs.of(there, flags, wavelength, position, antenna, up)
+        root = np.array([np.sqrt(p.rcs) * np.exp(1j * p.phase) for p in points], dtype=np.complex128)
+        amplitude = radar.amplitude_constant * root
+        echo = PointEcho.of([legs], amplitude, position, own, [(antenna, velocity)])
+        place = (look, echo.slant_range, echo.range_rate)
         for i, layer in enumerate(layers):
-            if layer.order not in (0, 1):
-                continue
-            if way is None:
-                out[i] += plane * np.complex64(isotropic_response(layer.channel))
-            else:
-                shown = amplitude * way.channel(way, layer.channel)
+            if layer.order in (0, 1):
+                shown = echo.channel(layer.channel)
                 out[i] += spread_points(grid, *place, shown, radar.waveform.wavelength)
 
     def _add_noise(self, data: C64, layers: tuple[Layer, ...]) -> None:

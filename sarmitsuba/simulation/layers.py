@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.sources import most_bounces
+from sarmitsuba.simulation.sources.kind import most_bounces
 
 
 @dataclass(frozen=True)

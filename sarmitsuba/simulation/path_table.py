@@ -12,15 +12,13 @@ from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.parameters import filled
-from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.point_ways import in_the_way
-from sarmitsuba.simulation.points import point_history, point_returns, sightlines, ways_of
+from sarmitsuba.simulation.points import point_echo, point_history
 from sarmitsuba.simulation.prediction.counting import check_rays
-from sarmitsuba.simulation.recording import NO_FACE, Gate, Recording, Rows
+from sarmitsuba.simulation.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
@@ -68,8 +66,9 @@ class PathTable:
     Notes
     -----
     The other bounces are where the middle of the ray's tube hits, so that the legs of a path behind mirrors add up to
-    its length to second order in the tube's width. Of a path that no ray of a lattice finds, such as a rod's over the
-    ground, every bounce is at its phase centre, on no face.
+    its length to second order in the tube's width. Panes that a path goes through are no bounces, and its length holds
+    their delay. Of a path that no ray of a lattice finds, such as a rod's over the ground, every bounce is at its phase
+    centre, on no face.
     """
 
     channels: tuple[str, ...]
@@ -188,8 +187,7 @@ def trace_paths(
     Notes
     -----
     Ignores what the kernel ignores. One launch per lattice of rays and pulse; a launch that finds more paths than
-    there is room for is run once more. Leaves out paths through panes: a table has one way of a ray. Amplitudes
-    are those at the carrier, of wide bands too.
+    there is room for is run once more. Amplitudes are those at the carrier, of wide bands too.
     """
     table = PathTracer(scene, seed=seed, plan=plan, pass_index=pass_index).trace(
         pulses, near=near, cells=cells
@@ -219,12 +217,6 @@ class PathTracer:
             text = (
                 f"{scene.name}: tables of paths hold the amplitudes at the carrier, and echoes change over the band; "
                 "give wideband=off to the integrator for echoes that keep the carrier's"
-            )
-            warnings.warn(text, SarmitsubaWarning, stacklevel=3)
-        if self._run.plan.flags.transmission:
-            text = (
-                f"{scene.name}: tables of paths leave out paths through panes; "
-                "give transmission=off to the integrator for echoes without them too"
             )
             warnings.warn(text, SarmitsubaWarning, stacklevel=3)
         if self._run.sampling is not None:
@@ -291,14 +283,14 @@ def _of_grid(run: Run, tracer: Tracer, grid: LaunchGrid, pulse: int, gate: Gate 
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
     batch, flags = tracer.prepared(grid, position, velocity, pick, receiver=receiver_state(radar, pick))
-    flags = replace(flags, transmission=False)  # hits are kept by lane: of one path, without branches
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
-    room = LEAST_ROOM if gate is not None else max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
+    hits = max(LEAST_ROOM, ROOM_PER_RAY * grid.n_rays)
+    room = (LEAST_ROOM if gate is not None else hits, hits)
     while True:
-        recording = Recording(grid.n_rays, tracer.kernel.max_depth, len(radar.channels), room, one)
+        recording = Recording(grid.n_rays, len(radar.channels), room, one)
         counts, state = trace(tracer.trace_scene, grid, batch, flags, tracer.kernel, radar.antenna, recording)
         dr.eval(counts.hits, state, recording.memory)
-        if recording.found() <= room:
+        if recording.whole:
             return _table(run, tracer, recording.rows(), pulse)
         room = recording.found()
 
@@ -313,12 +305,12 @@ def _of_part(
     batch, _ = tracer.prepared(part.grid, position, velocity, pick, receiver=receiver_state(radar, pick))
     kernel = tracer.kernel_of(part.grid, batch)
     one = None if gate is None else Gate(*(getattr(gate, f.name)[pick] for f in fields(Gate)))
-    room = max(LEAST_ROOM, ROOM_PER_RAY * part.count)
+    room = (max(LEAST_ROOM, ROOM_PER_RAY * part.count), 0)
     while True:
-        recording = Recording(1, 1, len(radar.channels), room, one)
+        recording = Recording(1, len(radar.channels), room, one)
         _, state = record(kernel, radar.antenna, recording)
         dr.eval(state, recording.memory)
-        if recording.found() <= room:
+        if recording.whole:
             break
         room = recording.found()
     rows = recording.rows()
@@ -343,8 +335,10 @@ def _of_part(
 def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     """Rows of a recording as a table; amplitudes still without the phase of the length."""
     scene = run.scene
-    lane, kind, order = (rows.labels[:, i].astype(np.int64) for i in range(3))
+    kind, order = (rows.labels[:, i].astype(np.int64) for i in (1, 2))
     turn = np.where(kind == RETRO, (order + 1) // 2, order)  # bounce that the path turns round at
+    chain, chain_rows = rows.chains(turn)
+    path = np.arange(kind.size)
     most = int(order.max(initial=1))
     step = np.arange(1, most + 1)
     # back through the chain behind the turn
@@ -352,17 +346,17 @@ def _table(run: Run, tracer: Tracer, rows: Rows, pulse: int) -> PathTable:
     bounce = np.where((kind == REVERSED)[:, None], order[:, None] + 1 - step, bounce)
     there = step <= order[:, None]
     bounce = np.where(there, bounce, 1) - 1
-    points = rows.hit_point[bounce, lane[:, None]]
-    points[np.arange(lane.size), np.where(kind == REVERSED, 0, turn - 1)] = rows.lengths[:, 2:]
+    points = chain[path[:, None], bounce]
+    points[path, np.where(kind == REVERSED, 0, turn - 1)] = rows.lengths[:, 2:]
     points[~there] = np.nan
-    row = rows.hit_face[bounce, lane[:, None]]
-    assert not (there & (row == NO_FACE)).any()
+    row = chain_rows[path[:, None], bounce]
+    assert not (there & (row < 0)).any()
     face = np.where(there, tracer.trace_scene.geometry_faces[np.where(there, row, 0)], -1).astype(np.int32)
     geometry = scene.geometry
     shape = np.searchsorted(geometry.mesh_face_offset, face, side="right") - 1
     return replace(
         _empty(scene),
-        pulse=np.full(lane.size, pulse, dtype=np.int32),
+        pulse=np.full(kind.size, pulse, dtype=np.int32),
         kind=kind.astype(np.uint8),
         order=order.astype(np.int32),
         length=2.0 * rows.lengths[:, 0],
@@ -380,26 +374,18 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
     scene, pick = run.scene, slice(pulse, pulse + 1)
     channels = scene.radar.channels
     flags = run.plan.flags
-    hindered = in_the_way(run.trace_scene, flags)
-    response = np.array([isotropic_response(channel) for channel in channels])
-    sights = sightlines(scene, flags, run.trace_scene, pick) if scene.points else ()
+    wavelength = scene.radar.waveform.wavelength
     rows = []
-    for point, (sees,) in zip(scene.points, sights, strict=True):
-        distance, amplitude = point_returns(scene, flags, point, pick)
-        shown = response
-        ways = ways_of(scene, flags, hindered, point, pick, scene.radar.waveform.wavelength)
-        if ways is not None:
-            distance = distance + 0.5 * (ways[0].extra + ways[1].extra)
-            shown = np.array([ways[0].channel(ways[1], channel)[0] for channel in channels])
-        amplitude = amplitude * sees
-        position = point.position_at(scene.radar.track.time[pulse])
-        rate = float(point_history(scene.radar, point, pick)[1][0])
+    for point in scene.points:
+        echo = point_echo(scene, flags, run.trace_scene, point, pick, wavelength)
+        distance, rate = float(echo.slant_range[0]), float(echo.range_rate[0])
         outside = gate is not None and (
-            abs(distance[0] - gate.slant_range[pulse]) > gate.half_range[pulse]
+            abs(distance - gate.slant_range[pulse]) > gate.half_range[pulse]
             or abs(rate - gate.range_rate[pulse]) > gate.half_rate[pulse]
         )
-        if amplitude[0] > 0.0 and not outside:
-            rows.append((distance[0], rate, amplitude[0] * np.exp(1j * point.phase) * shown, position))
+        if echo.seen[0] and echo.amplitude[0] and not outside:
+            shown = [echo.channel(channel)[0] for channel in channels]
+            rows.append((distance, rate, shown, point.position_at(scene.radar.track.time[pulse])))
     n = len(rows)
     none = np.full((n, 1), -1, dtype=np.int32)
     return replace(
@@ -409,7 +395,7 @@ def _of_points(run: Run, pulse: int, gate: Gate | None) -> PathTable:
         order=np.ones(n, dtype=np.int32),
         length=2.0 * np.array([row[0] for row in rows], dtype=np.float64),
         range_rate=np.array([row[1] for row in rows], dtype=np.float64),
-        amplitude=np.array([row[2] for row in rows], dtype=np.complex128).reshape(n, response.size),
+        amplitude=np.array([row[2] for row in rows], dtype=np.complex128).reshape(n, len(channels)),
         points=np.array([row[3] for row in rows], dtype=np.float64).reshape(n, 1, 3),
         face=none,
         shape=none,

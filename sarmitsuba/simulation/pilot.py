@@ -24,9 +24,10 @@ from sarmitsuba.effects.plan import EffectsPlan, plan_effects
 from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.pairs import pair_level
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
@@ -124,7 +125,8 @@ def examine(
         trace_scene = trace_scene or build_trace_scene(
             scene.geometry, scene.materials, scene.radar.waveform.wavelength
         )
-        known = replace(known, pairs=pair_level(sampling.obeying(scene, draft.flags), trace_scene))
+        site = RunSite(sampling.obeying(scene, draft.flags), None, trace_scene)
+        known = replace(known, pairs=pair_level(site))
     if not traced:
         return known
     result, orders = None, ORDERS
@@ -341,12 +343,15 @@ class _PatchAccumulator:
         """The lane's number."""
         return (dr.arange(mi.UInt32, self.n_lanes),)
 
-    def visit(self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit) -> None:
+    def visit(
+        self, state: tuple[mi.UInt32, ...], ray: RayState, hit: Hit
+    ) -> tuple[tuple[mi.UInt32, ...], mi.UInt32 | None]:
         """Power of the rays that are followed no farther; see :class:`sarmitsuba.trace.kernel.Follower`."""
         last = hit.active & (hit.order == dr.opaque(mi.UInt32, self.orders))
         power = sum(dr.squared_norm(re) + dr.squared_norm(im) for re, im in ray.fields)
         share = power / (len(ray.fields) * SIDE**2)
         dr.scatter_add(self.going_on, share, state[0] // SIDE**2, last)
+        return state, ray.trail
 
     def add(self, state: tuple[Any, ...], contribution: Contribution) -> tuple[Any, ...]:
         """Add to the sum of the lane's patch; see :class:`sarmitsuba.trace.kernel.Accumulator`."""

@@ -29,6 +29,7 @@ from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
+from sarmitsuba.trace.passage import Passage
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Kernel
 
@@ -194,6 +195,7 @@ def monostatic_rcs(
     most_rays: int = FINE_RAYS,
     sources: Sequence[Source] = (),
     places: NDArray[np.float64] | None = None,
+    passages: Sequence[Passage] = (),
     progress: Progress = silent,
 ) -> RcsResult:
     """Trace a target from many directions and return its scattering amplitudes.
@@ -217,7 +219,8 @@ def monostatic_rcs(
     days : since the first pass
     most_rays : of one direction, where their distance is automatic
     sources : what returns echoes beside the surfaces, such as edges and rods
-    places : (n, 3) m, where rods stand; the mesh may then be empty
+    places : (n, 3) m, where wires and volumes stand; the mesh may then be empty
+    passages : what takes a part of the waves that pass, such as volumes
     progress : called after every launch
 
     Raises
@@ -259,7 +262,9 @@ def monostatic_rcs(
     )
     grid = lattice(half[0] + spacing, half[1] + spacing, spacing, seed=seed, draw=draw)
     flags = flags or _flags_of(materials, channels, depth)
-    scene = build_trace_scene(geometry, materials, wavelength, places=places)
+    scene = replace(
+        build_trace_scene(geometry, materials, wavelength, places=places), passages=tuple(passages)
+    )
     settings = KernelSettings(
         wavelength=wavelength,
         max_depth=depth,

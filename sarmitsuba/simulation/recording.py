@@ -1,4 +1,4 @@
-"""Records what the trace kernel adds up: every contribution with its number of the ray, and where each ray hit."""
+"""Records what the trace kernel adds up: every contribution, and the chain of hits behind it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.trace.state import NO_HIT
 
 if TYPE_CHECKING:
     from sarmitsuba.trace.kernel import LaneArrays
     from sarmitsuba.trace.state import Contribution, Hit, RayState
 
 F64 = NDArray[np.float64]
-NO_FACE = 0xFFFFFFFF
 
 
 class Sieve(Protocol):
@@ -53,28 +53,28 @@ class Gate:
 
 
 class Recording:
-    """Writes contributions to a list as they come, and the hits of every lane to a table.
+    """Writes contributions and hits to lists as they come; a hit knows the one before it on its path.
 
     An accumulator and a follower of :func:`sarmitsuba.trace.kernel.trace`. Contributions without power are left out.
 
     Parameters
     ----------
     n_lanes : rays of the launch
-    max_depth : most bounces
     n_channels : amplitudes per contribution
-    capacity : contributions that there is room for; more are counted only
-    gate : what is recorded; None: everything
+    room : contributions and hits that there is room for; more are counted only
+    gate : contributions that are recorded; None: all
     """
 
     def __init__(
-        self, n_lanes: int, max_depth: int, n_channels: int, capacity: int, gate: Sieve | None = None
+        self, n_lanes: int, n_channels: int, room: tuple[int, int], gate: Sieve | None = None
     ) -> None:
-        self.n_lanes, self.max_depth, self.n_channels = n_lanes, max_depth, n_channels
-        self.capacity, self.gate = capacity, gate
-        self.hit_point = dr.zeros(mi.Float64, 3 * max_depth * n_lanes)
-        self.hit_face = dr.full(mi.UInt32, NO_FACE, max_depth * n_lanes)
-        self.count = dr.zeros(mi.UInt32, 1)
-        self.labels = dr.zeros(mi.UInt32, 4 * capacity)  # lane, kind, order and pulse
+        self.n_lanes, self.n_channels = n_lanes, n_channels
+        self.room, self.gate = room, gate
+        capacity, hits = room
+        self.hit_point = dr.zeros(mi.Float64, max(3 * hits, 1))
+        self.hit_labels = dr.zeros(mi.UInt32, max(2 * hits, 1))  # hit before, and face
+        self.hit_count, self.count = dr.zeros(mi.UInt32, 1), dr.zeros(mi.UInt32, 1)
+        self.labels = dr.zeros(mi.UInt32, 5 * capacity)  # lane, kind, order, pulse and last hit
         self.lengths = dr.zeros(mi.Float64, 5 * capacity)  # slant range, range rate and point
         self.amplitudes = dr.zeros(mi.Float, 2 * n_channels * capacity)
         dr.eval(self.memory)
@@ -82,18 +82,24 @@ class Recording:
     @property
     def memory(self) -> list[mi.Float]:
         """Everything that a launch writes to."""
-        return [self.hit_point, self.hit_face, self.count, self.labels, self.lengths, self.amplitudes]
+        hits = [self.hit_point, self.hit_labels, self.hit_count]
+        return [*hits, self.count, self.labels, self.lengths, self.amplitudes]
 
     def begin(self) -> LaneArrays:
-        """Number of this lane."""
-        return (dr.arange(mi.UInt32, self.n_lanes),)
+        """Number of this lane, and of the hit that it is at."""
+        return (dr.arange(mi.UInt32, self.n_lanes), mi.UInt32(NO_HIT))
 
-    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> None:
-        """Store a hit; see :class:`sarmitsuba.trace.kernel.Follower`."""
-        row = (hit.order - 1) * dr.opaque(mi.UInt32, self.n_lanes) + state[0]
-        dr.scatter(self.hit_face, hit.face, row, hit.active)
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
+        """Append a hit, with the one before it; see :class:`sarmitsuba.trace.kernel.Follower`."""
+        assert ray.trail is not None
+        slot = dr.scatter_inc(self.hit_count, mi.UInt32(0), hit.active)
+        kept = hit.active & (slot < dr.opaque(mi.UInt32, self.room[1]))
+        for i, label in enumerate((ray.trail, hit.face)):
+            dr.scatter(self.hit_labels, label, 2 * slot + i, kept)
         for i, x in enumerate((hit.p.x, hit.p.y, hit.p.z)):
-            dr.scatter(self.hit_point, x, 3 * row + i, hit.active)
+            dr.scatter(self.hit_point, x, 3 * slot + i, kept)
+        trail = dr.select(kept, slot, NO_HIT)
+        return (state[0], trail), trail
 
     def add(self, state: LaneArrays, contribution: Contribution) -> LaneArrays:
         """Append; see :class:`sarmitsuba.trace.kernel.Accumulator`."""
@@ -116,9 +122,10 @@ class Recording:
         if self.gate is not None:
             kept &= self.gate.passes(contribution)
         slot = dr.scatter_inc(self.count, mi.UInt32(0), kept)
-        kept &= slot < dr.opaque(mi.UInt32, self.capacity)
-        for i, label in enumerate((state[0], contribution.kind, contribution.order, contribution.pulse)):
-            dr.scatter(self.labels, label, 4 * slot + i, kept)
+        kept &= slot < dr.opaque(mi.UInt32, self.room[0])
+        labels = (state[0], contribution.kind, contribution.order, contribution.pulse, state[1])
+        for i, label in enumerate(labels):
+            dr.scatter(self.labels, label, 5 * slot + i, kept)
         point = contribution.point
         for i, x in enumerate((contribution.slant_range, contribution.range_rate, point.x, point.y, point.z)):
             dr.scatter(self.lengths, x, 5 * slot + i, kept)
@@ -127,23 +134,28 @@ class Recording:
             dr.scatter(self.amplitudes, a.imag, 2 * (self.n_channels * slot + i) + 1, kept)
         return state
 
-    def found(self) -> int:
-        """Contributions of the launch, recorded or not."""
-        return int(self.count[0])
+    def found(self) -> tuple[int, int]:
+        """Contributions and hits of the launch, recorded or not."""
+        return int(self.count[0]), int(self.hit_count[0])
+
+    @property
+    def whole(self) -> bool:
+        """Whether there was room for all; call after the launch."""
+        return all(found <= room for found, room in zip(self.found(), self.room, strict=True))
 
     def rows(self) -> Rows:
         """What was recorded; call after the launch. Sorted: threads append in any order."""
-        n = min(self.found(), self.capacity)
-        labels = self.labels.numpy().reshape(-1, 4)[:n]
+        n, hits = (min(found, room) for found, room in zip(self.found(), self.room, strict=True))
+        labels = self.labels.numpy().reshape(-1, 5)[:n]
         lengths = self.lengths.numpy().reshape(-1, 5)[:n]
         amplitudes = self.amplitudes.numpy().view(np.complex64).reshape(-1, self.n_channels)[:n]
-        order = np.lexsort([*lengths.T, *labels.T[1:], labels.T[0]])
+        order = np.lexsort([*lengths.T, *labels.T[1:4], labels.T[0]])
         return Rows(
             labels=labels[order],
             lengths=lengths[order],
             amplitudes=amplitudes[order],
-            hit_point=self.hit_point.numpy().reshape(self.max_depth, self.n_lanes, 3),
-            hit_face=self.hit_face.numpy().reshape(self.max_depth, self.n_lanes),
+            hit_point=self.hit_point.numpy()[: 3 * hits].reshape(-1, 3),
+            hit_labels=self.hit_labels.numpy()[: 2 * hits].reshape(-1, 2),
         )
 
 
@@ -153,18 +165,37 @@ class Rows:
 
     Parameters
     ----------
-    labels : (n, 4) uint32 lane, kind, order and pulse of the launch
+    labels : (n, 5) uint32 lane, kind, order and pulse of the launch, and the row of its last hit, or ``NO_HIT``
     lengths : (n, 5) float64 slant range (m), range rate (m/s) and phase centre (m)
     amplitudes : (n, n_channels) complex64 without the phase of the slant range
-    hit_point : (max_depth, n_lanes, 3) float64, m
-    hit_face : (max_depth, n_lanes) uint32 rows of the scene's tables; ``NO_FACE`` where there is no such hit
+    hit_point : (n_hits, 3) float64, m
+    hit_labels : (n_hits, 2) uint32 row of the path's hit before, or ``NO_HIT``, and row of the scene's tables
     """
 
     labels: NDArray[np.uint32]
     lengths: F64
     amplitudes: NDArray[np.complex64]
     hit_point: F64
-    hit_face: NDArray[np.uint32]
+    hit_labels: NDArray[np.uint32]
+
+    def chains(self, hits: NDArray[np.intp]) -> tuple[F64, NDArray[np.int64]]:
+        """Hits of every path, first to last: points (n, most, 3) in m, and rows (n, most) of the scene's tables.
+
+        NaN and -1 beyond a path's own.
+
+        Parameters
+        ----------
+        hits : (n,) number of hits of each path
+        """
+        n, most = len(self.labels), int(hits.max(initial=1))
+        points, faces = np.full((n, most, 3), np.nan), np.full((n, most), -1, dtype=np.int64)
+        last = self.labels[:, 4].astype(np.int64)
+        for bounce in range(most - 1, -1, -1):
+            there = np.flatnonzero((hits > bounce) & (last != NO_HIT))
+            at = last[there]
+            points[there, bounce], faces[there, bounce] = self.hit_point[at], self.hit_labels[at, 1]
+            last[there] = self.hit_labels[at, 0]
+        return points, faces
 
 
-__all__ = ["NO_FACE", "Gate", "Recording", "Rows"]
+__all__ = ["Gate", "Recording", "Rows"]

@@ -17,10 +17,10 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.blame import blamed, check_traced
-from sarmitsuba.simulation.pairs import pair_sources
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sources import sources_of
+from sarmitsuba.simulation.sources.kind import sources_of
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
@@ -75,7 +75,7 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.sources = (*sources_of(sampling, flags), *pair_sources(sampling, flags, trace_scene))
+        self.sources = sources_of(RunSite(sampling, flags, trace_scene))
         timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position

@@ -16,7 +16,7 @@ from sarmitsuba.backend import ensure_backend
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import RadarError, SceneError
+from sarmitsuba.errors import RadarError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
 from sarmitsuba.materials.parts import with_parts
@@ -25,20 +25,17 @@ from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
-from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import LineTarget, line_ends
+from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.blame import check_traced
-from sarmitsuba.simulation.point_ways import PointWay, in_the_way, panes_pass
-from sarmitsuba.simulation.points import off_surfaces, visible
+from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
+from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
-from sarmitsuba.simulation.sampling.plan import CELLS_PER_RESOLUTION, FINE_RAYS, RAYS_PER_WAVELENGTH
-from sarmitsuba.simulation.sources import MOST_BOUNCES, most_bounces
-from sarmitsuba.trace.edges import FringeCurrents, edges_of
-from sarmitsuba.trace.geometry import build_trace_scene
-from sarmitsuba.trace.lines import LineScatterers, cut
-from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sources.kind import passages_of, sources_of
+from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.trace.source import Source
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]
@@ -47,8 +44,6 @@ C128 = NDArray[np.complex128]
 STEEP = 1e-3
 # directions that are traced a second time, with other rays, for the error of the sampling
 CHECKED = 24
-# slant range over the radius of the target: curvature of the wave is then focused away and hardly turns aspects
-FAR = 1000.0
 # resolution cells over the target's diameter, and bandwidth over frequency, where no bandwidth is given
 CELLS_ACROSS, WIDEST_BAND = 48.0, 0.4
 # aspects of an image over those that the target's width needs, and the most there are
@@ -63,36 +58,6 @@ LOWEST, HIGHEST = 0.0, float(np.radians(80.0))
 RAISED = 1e-4
 # rad; smallest turn that resolves anything worth a picture
 LEAST_TURN = float(np.radians(1.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Aspects:
-    """Directions from the target to the radar.
-
-    Parameters
-    ----------
-    azimuth, elevation : (n,) float64, rad
-    """
-
-    azimuth: F64
-    elevation: F64
-
-    @property
-    def directions(self) -> F64:
-        """(n, 3) unit vectors."""
-        c = np.cos(self.elevation)
-        return np.stack([c * np.cos(self.azimuth), c * np.sin(self.azimuth), np.sin(self.elevation)], axis=1)
-
-    @property
-    def by_azimuth(self) -> bool:
-        """True when the azimuth is what changes."""
-        return bool(np.ptp(self.azimuth) > 0.0)
-
-    @property
-    def whole_circle(self) -> bool:
-        """True when the azimuths, evenly spaced, go all the way round."""
-        n, turn = self.azimuth.size, float(np.ptp(self.azimuth))
-        return n > 2 and turn * n / (n - 1) >= 2.0 * np.pi * (1.0 - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +121,6 @@ def rcs_sweep(
     ------
     RadarError
         Straight above or below, an azimuth sweep only turns the polarisation.
-    SceneError
-        The scene has volumes.
 
     Notes
     -----
@@ -173,9 +136,8 @@ def rcs_sweep(
     ensure_backend()
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
-    flags, depth, lines = _effects(scene, aspects, channels)
-    scene = dataclasses.replace(scene, lines=lines)
-    tracing = _Tracing(scene, flags, depth, most_rays, progress)
+    scene, flags, depth = _effects(scene, aspects, channels)
+    tracing = _Tracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     notes: tuple[str, ...] = ()
@@ -213,20 +175,12 @@ class _Tracing:
     depth: int
     most_rays: int
     progress: Progress
+    site: FarSite
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
         """Of returns beside the rays'."""
-        scene, wavelength = self.scene, self.scene.radar.waveform.wavelength
-        sources = []
-        if scene.lines:
-            rods = LineScatterers(cut(scene.lines, np.inf), scene.lines, wavelength)
-            sources.append(PointSource(rods, most_bounces(scene)))
-        if self.flags.edge_diffraction:
-            edges = edges_of(scene.geometry, scene.materials, wavelength)
-            if edges.n:
-                sources.append(PointSource(FringeCurrents(edges), min(self.depth, MOST_BOUNCES)))
-        return tuple(sources)
+        return sources_of(self.site)
 
     def amplitudes(self, aspects: Aspects, draw: int) -> RcsResult:
         """Scattering amplitudes (n, depth, n_channels); other draws have other rays."""
@@ -266,7 +220,6 @@ class _Tracing:
 
     def _traced(self, directions: F64, up: tuple[float, float, float], draw: int) -> RcsResult:
         scene = self.scene
-        wavelength = scene.radar.waveform.wavelength
         return monostatic_rcs(
             scene.geometry,
             scene.materials,
@@ -279,20 +232,19 @@ class _Tracing:
             flags=self.flags,
             seed=scene.settings.seed,
             draw=draw,
-            cell=scene.settings.scatterer_cell or 0.5 * wavelength / CELLS_PER_RESOLUTION,
+            cell=self.site.scatterer_cell,
             up=up,
             days=scene.settings.pass_days,
             most_rays=self.most_rays,
             sources=self.sources,
-            places=line_ends(scene.lines),
+            places=np.concatenate([line_ends(scene.lines), *(v.vertices for v in scene.volumes)]),
+            passages=passages_of(scene),
             progress=self.progress,
         )
 
 
-def _effects(
-    scene: Scene, aspects: Aspects, channels: tuple[str, ...]
-) -> tuple[KernelFlags, int, tuple[LineTarget, ...]]:
-    """Effects of the trace kernel, most bounces and rods, as the plan of a radar at these aspects has them."""
+def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple[Scene, KernelFlags, int]:
+    """The scene, effects of the trace kernel and most bounces, as the plan of a radar at these aspects has them."""
     center, radius = target_middle(scene)
     position = center + aspects.directions * max(FAR * radius, 1.0)
     # the target turns, the antenna does not fly
@@ -311,25 +263,17 @@ def _effects(
         receiver_pointing=None,
     )
     settings = dataclasses.replace(scene.settings, method="hybrid")
-    plan = plan_effects(dataclasses.replace(scene, radar=radar, settings=settings))
+    turned = dataclasses.replace(scene, radar=radar, settings=settings)
+    plan = plan_effects(turned, warn=False)
+    pairs = None
+    if plan.flags.diffuse_pairs and scene.settings.effects.get("diffuse_pairs") != "on":
+        pairs = pair_level(FarSite(scene, plan.flags, aspects))
+    plan = plan_effects(turned, pairs=pairs)
     flags = dataclasses.replace(
         plan.flags, channels=channels, taper=False, antenna_pattern=False, spreading=True
     )
     left = plan.apply(scene)
-    if left.volumes:
-        raise SceneError(
-            f"{scene.name}: rcs does not hold volumes, and the scene has {len(left.volumes)}; render it, or leave them "
-            "out by -D sar_path.vegetation=off"
-        )
-    return flags, plan.max_depth, left.lines
-
-
-def target_middle(scene: Scene) -> tuple[F64, float]:
-    """Middle of everything that there is to see, (3,) m, scene frame, and the radius of what surrounds it, m."""
-    around = scene.geometry.bounds if scene.geometry.n_faces else scene.places
-    center = 0.5 * (around.min(axis=0) + around.max(axis=0))
-    outline = np.concatenate([scene.geometry.vertices, scene.places])
-    return center, float(np.linalg.norm(outline - center, axis=1).max())
+    return dataclasses.replace(scene, lines=left.lines, volumes=left.volumes), flags, plan.max_depth
 
 
 def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:
@@ -352,29 +296,15 @@ def _points(scene: Scene, flags: KernelFlags, channels: tuple[str, ...], aspects
     center, radius = target_middle(scene)
     wavelength = scene.radar.waveform.wavelength
     total = np.zeros((look.shape[0], len(channels)), dtype=np.complex128)
-    trace_scene = None
-    if scene.points and scene.geometry.n_faces:
-        trace_scene = build_trace_scene(scene.geometry, scene.materials, wavelength)
-    hindered = in_the_way(trace_scene, flags)
+    trace_scene = geometry_of(scene) if scene.points else None
     far = max(FAR * radius, 1.0)
     for point in scene.points:
         phase = 4.0 * np.pi / wavelength * (look @ (point.position - center)) + point.phase
-        seen = np.ones(look.shape[0])
-        if trace_scene is not None:
-            leg = point.position - (center + far * look)
-            through = panes_pass(trace_scene, flags)
-            distance = np.linalg.norm(leg, axis=1)
-            seen = visible(trace_scene, point.position, leg, distance, through_panes=through)
-        value = np.sqrt(point.rcs) * seen * np.exp(1j * phase)
-        if hindered is None:
-            total += value[:, None] * [isotropic_response(channel) for channel in channels]
-            continue
         for pick, up in _uprights(aspects):
             here = np.broadcast_to(point.position, (pick.size, 3))
-            start = off_surfaces(hindered, here, look[pick])
-            way = PointWay.of(hindered, flags, wavelength, start, center + far * look[pick], up)
-            value[pick] *= np.exp(-4j * np.pi / wavelength * way.extra)
-            total[pick] += value[pick, None] * np.stack([way.channel(way, c) for c in channels], axis=1)
+            legs = PointLegs.of(trace_scene, flags, wavelength, here, center + far * look[pick], up)
+            value = np.sqrt(point.rcs) * np.exp(1j * (phase[pick] - 4.0 * np.pi / wavelength * legs.delay))
+            total[pick] += value[:, None] * np.stack([legs.channel(legs, c) for c in channels], axis=1)
     return total
 
 
@@ -427,7 +357,7 @@ def turntable_scene(
     """
     center, radius = target_middle(scene)
     frequency = scene.radar.waveform.center_frequency
-    width = float(np.linalg.norm((_outline(scene) - center)[:, :2], axis=1).max())
+    width = float(np.linalg.norm((outline_of(scene) - center)[:, :2], axis=1).max())
     radius, width = max(radius, 1e-3), max(width, 1e-3)
     if not bandwidth:
         bandwidth = min(CELLS_ACROSS * SPEED_OF_LIGHT / (4.0 * radius), WIDEST_BAND * frequency)
@@ -489,9 +419,4 @@ def _pixel_spacings(half: float, elevation: float, shortest: float, longest: flo
     return float(PIXEL_FILL / along), float(PIXEL_FILL / across)
 
 
-def _outline(scene: Scene) -> F64:
-    """(n, 3) everything that there is to see, m, scene frame."""
-    return np.concatenate([scene.geometry.vertices, scene.places])
-
-
-__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "target_middle", "turntable_scene"]
+__all__ = ["Aspects", "RcsSweep", "image_refusal", "rcs_sweep", "turntable_scene"]

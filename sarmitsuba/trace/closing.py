@@ -8,9 +8,9 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace import field, panes
-from sarmitsuba.trace.corners import corner_share
-from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace import field
+from sarmitsuba.trace.corners import both_chains, corner_share
+from sarmitsuba.trace.leg import Surroundings, antenna_basis
 from sarmitsuba.trace.state import (
     COHERENT,
     Contribution,
@@ -40,17 +40,26 @@ class Receiver:
 
 
 def receiver(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> tuple[Receiver, Lane, Hit]:
-    """How the antenna receives what comes from a hit, and both as far apart as a pulse finds them."""
-    h, v = field.polarisation_basis(-hit.to_antenna, kernel.constants.up)
+    """How the antenna receives what comes from a hit; lane and hit are adjusted for the delay in panes."""
+    around = Surroundings.within(kernel)
     gain = lane.pattern.received(-hit.to_antenna) if lane.pattern is not None else mi.Float(1.0)
-    passages = kernel.scene.passages
-    if not passages and not kernel.transmits:
+    if around.clear:
+        h, v = field.polarisation_basis(-hit.to_antenna, around.up)
         return Receiver({"H": h, "V": v}, gain), lane, hit
-    none = dr.zeros(mi.Vector3f)
-    way = mi.Float(hit.length_back)
-    vectors = passed(passages, hit.departure, hit.to_antenna, way, hit.sees, ((h, none), (v, none)))
-    if kernel.transmits:
-        lane, hit, vectors = panes.home(kernel, lane, ray, hit, vectors)
+    panes = hit.sees
+    if ray.crossed is not None and not kernel.bistatic:
+        # what came straight from the antenna through no pane goes home through none
+        panes = panes & (~hit.first | (ray.crossed > 0))
+    basis = antenna_basis(around, hit.to_antenna)
+    vectors, shift = around.passed(
+        hit.departure, hit.to_antenna, mi.Float(hit.length_back), hit.sees, basis, panes
+    )
+    if shift is not None:
+        step = mi.Vector3d(shift)
+        lane = replace(lane, antenna=lane.antenna + step, transmitter=lane.transmitter + step)
+        leg = lane.antenna - hit.p
+        length = dr.norm(leg)
+        hit = replace(hit, length_back=length, to_antenna64=leg / length)
     return Receiver({"H": vectors[0], "V": vectors[1]}, gain), lane, hit
 
 
@@ -85,8 +94,13 @@ def close_coherent(
     n, s = hit.normal, hit.to_antenna
     wave = hit.direction - s
     factor = constants.po_gain * tube_here.area * tube_here.loss * receive.gain
+    turned = None
     if ray.mirror is not None:
-        factor *= corner_share(kernel, ray.mirror, hit)
+        share, corner = corner_share(kernel, ray.mirror, hit)
+        if ray.virtual_receiver is None:
+            factor *= share
+        else:
+            turned = both_chains(kernel, lane, ray, hit, share, corner)
     slant_range, point = _mean_leg(kernel, hit), hit.p
     # of antenna and virtual antenna, as the lit patch sees them
     velocity, virtual_velocity = lane.velocity, ray.virtual_velocity
@@ -133,7 +147,8 @@ def close_coherent(
     for channel in flags.closed:
         a, b = flags.reciprocal(channel)
         c = closed[a] if a == b else (closed[a] + closed[b]) * 0.5
-        amplitudes.append(c * factor * filled)
+        value = c * factor * filled
+        amplitudes.append(value if turned is None else value * turned)
     return Contribution(
         kind=mi.UInt32(COHERENT),
         order=hit.order,

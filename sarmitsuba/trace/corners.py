@@ -5,12 +5,14 @@ from __future__ import annotations
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.mesh.boundary_edges import N_EDGES
 from sarmitsuba.trace.geometry import INNER_BIT
-from sarmitsuba.trace.state import Hit, Kernel, Mirror
+from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState
 
 # power of the ratio of reaches with which a path's share falls
 POWER = 8
 # reach, over the distance from the fold, of a facet that nothing ends; and the least sine of a corner's angle
 UNLIMITED, LEAST_SINE = 1e3, 0.1
+# rad, angle between transmitter and receiver up to which, and from which on no more, both chains estimate each path
+NEAR, FAR = 0.03, 0.1
 
 
 def mirror_at(kernel: Kernel, hit: Hit) -> Mirror:
@@ -35,7 +37,7 @@ def _flat(kernel: Kernel, hit: Hit) -> mi.Bool:
     return dr.squared_norm(rows[0]) + dr.squared_norm(rows[1]) == 0.0
 
 
-def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
+def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> tuple[mi.Float, mi.Bool]:
     r"""Weight of a double bounce, by which of its two facets ends first on its way and on that of the reversed path.
 
     A path over A that closes at B, and the reversed one, over B to A, are estimates of one field each by the other's
@@ -58,13 +60,13 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
 
     Returns
     -------
-    w of the path; 1 for other hits than the second, for curved surfaces, between facets that are nearly parallel, and
-        where no path goes the other way round
+    w of the path, and lanes that have one; 1 for other hits than the second, for curved surfaces, between facets that
+        are nearly parallel, and where no path goes the other way round
 
     Notes
     -----
-    Ignores ends of the facets along the fold, and other objects that end their light. Not used where another antenna
-    receives: there the reversed path is not traced, and each path closes where it hits last.
+    Ignores ends of the facets along the fold, and other objects that end their light. For an antenna apart that
+    receives see :func:`both_chains`.
     """
     d, s, n_a, n_b = hit.direction, hit.to_antenna, mirror.normal, hit.normal
     cosine = dr.dot(n_a, n_b)
@@ -86,7 +88,47 @@ def corner_share(kernel: Kernel, mirror: Mirror, hit: Hit) -> mi.Float:
     own, other = (dr.power(dr.clip(x, 1.0 / UNLIMITED, UNLIMITED), POWER) for x in (ratio, reversed_ratio))
     weight = 2.0 * (1.0 + other) / (1.0 + other * (2.0 + own))
     corner = (hit.order == 2) & (sine2 > LEAST_SINE**2) & (mirror.flat == 1) & _flat(kernel, hit)
-    return dr.select(corner & (to_a > 0.0), weight, 1.0)
+    corner &= to_a > 0.0
+    return dr.select(corner, weight, 1.0), corner
+
+
+def both_chains(
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, share: mi.Float, corner: mi.Bool
+) -> mi.Complex2f:
+    r"""Factor of a double bounce where another antenna receives, from the path's slant range.
+
+    The chain over A and B is an estimate of two paths, transmitter, A, B, receiver, and the other way round, receiver,
+    A, B, transmitter; so is the chain over B and A. With the slant ranges :math:`h, h'` of the two
+
+    .. math:: c = (1 - t) + t \, 	frac{w}{2} \left(1 + e^{2 j k (h - h')}
+    ight)
+
+    where t falls from 1 to 0 between ``NEAR`` and ``FAR`` of angle between both antennas: far apart each path closes
+    where it hits last.
+
+    Parameters
+    ----------
+    share, corner : w and its lanes, from :func:`corner_share`
+
+    Returns
+    -------
+    c; 1 for other lanes
+
+    Notes
+    -----
+    Ignores that the two ranges differ within a range cell, and that the other path meets both facets elsewhere by the
+    angle between the antennas times the size of the corner.
+    """
+    assert ray.virtual_receiver is not None
+    other = dr.norm(hit.p - ray.virtual_receiver) + dr.norm(lane.transmitter - hit.p)
+    further = mi.Float(hit.length + hit.length_back - other)
+    phase = kernel.constants.wavenumber * further  # 2 k (h - h'), of half the lengths
+    apart = dr.norm(mi.Vector3f(dr.normalize(lane.transmitter - hit.p) - hit.to_antenna64))
+    x = dr.clip((apart - NEAR) / (FAR - NEAR), 0.0, 1.0)
+    near = dr.select(corner, 1.0 - dr.square(x) * (3.0 - 2.0 * x), 0.0)
+    sine, cosine = dr.sincos(phase)
+    half = 0.5 * share * near
+    return mi.Complex2f(1.0 - near + half * (1.0 + cosine), half * sine)
 
 
 def _reach(
@@ -110,4 +152,4 @@ def _reach(
     return 1.0 + beyond / dr.maximum(distance, 1e-12)
 
 
-__all__ = ["corner_share", "mirror_at"]
+__all__ = ["both_chains", "corner_share", "mirror_at"]

@@ -33,11 +33,11 @@ from sarmitsuba.trace.beam import fade
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.incoherent import mixed
 from sarmitsuba.trace.kernel import TraceCounts
-from sarmitsuba.trace.pair_search import Pairs, sees
-from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
+from sarmitsuba.trace.pair_search import FACING, Pairs, off_surface
 from sarmitsuba.trace.rays import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
-from sarmitsuba.trace.source import MAX_LANES, Part, both_gains
+from sarmitsuba.trace.source import MAX_LANES, Part
 from sarmitsuba.trace.speckle import mix
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 from sarmitsuba.trace.temporal import Age
@@ -72,25 +72,10 @@ class _Struck:
 
 
 @dataclass(frozen=True, eq=False)
-class _Leg:
-    """Straight way between an antenna and an end.
+class _Lit:
+    """An end's leg to an antenna, and the amplitude of the launch window there."""
 
-    Parameters
-    ----------
-    to_antenna, leaving : unit vectors from the end, and from the antenna
-    length : float64, m
-    rate : float64, m/s, its change
-    seen : lanes in which nothing stands in between
-    waves : at the end, of unit waves that the antenna sends in H and V
-    fade : amplitude of the launch window there
-    """
-
-    to_antenna: mi.Vector3f
-    leaving: mi.Vector3f
-    length: mi.Float64
-    rate: mi.Float64
-    seen: mi.Bool
-    waves: dict[str, field.ComplexVector]
+    leg: Leg
     fade: mi.Float
 
 
@@ -103,8 +88,8 @@ class DiffusePairs:
 
     Notes
     -----
-    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, panes that they are
-    seen through, and what either scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's
+    Ignores three and more diffuse scatterers in a row, mirrors between, before and after the two, and what either
+    scatterer does to the other within a wavelength. Ends are surfaces at rest. A pair's
     random phase is its own: as surfaces coarse against the wavelength have it, what a cell sends to another does not
     tell what it sends home.
     """
@@ -130,10 +115,10 @@ class DiffusePairs:
         pulse = number // count
         index = number - pulse * count + dr.opaque(mi.UInt32, part.first)
         a, b, weight = self._ends(kernel, index)
-        out_a, out_b = (_leg(kernel, pulses, pulse, end) for end in (a, b))
+        out_a, out_b = (_lit(kernel, pulses, pulse, end) for end in (a, b))
         home_a, home_b = out_a, out_b
         if receiver is not None:
-            home_a, home_b = (_leg(kernel, receiver, pulse, end) for end in (a, b))
+            home_a, home_b = (_lit(kernel, receiver, pulse, end) for end in (a, b))
         weight = weight * kernel.constants.amplitude
         one = self._way(kernel, antenna, pulse, (a, out_a), (b, home_b), weight)
         added = accumulator.begin()
@@ -190,13 +175,14 @@ class DiffusePairs:
         kernel: Kernel,
         antenna: Antenna,
         pulse: mi.UInt32,
-        begin: tuple[_End, _Leg],
-        end: tuple[_End, _Leg],
+        begin: tuple[_End, _Lit],
+        end: tuple[_End, _Lit],
         weight: mi.Float,
     ) -> Contribution:
         """The path over both ends in one order."""
         flags, constants = kernel.flags, kernel.constants
-        (a, out), (b, home) = begin, end
+        (a, lit), (b, home) = begin, (end[0], end[1].leg)
+        out = lit.leg
         across = mi.Vector3f(b.point - a.point)
         r = dr.norm(across)
         s = across / r
@@ -211,27 +197,30 @@ class DiffusePairs:
         )
         spreads = dr.opaque(mi.Bool, flags.spreading)
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
-        factor = weight * loss * out.fade
+        factor = weight * loss * lit.fade
         if flags.antenna_pattern:
-            factor *= both_gains(kernel, antenna, pulse, out.leaving, home.leaving)
+            factor *= pattern_gain(kernel, antenna, pulse, out.leaving, home.leaving)
         closed = _linear(flags)
-        start = mi.Vector3f(a.point) + (a.normal + s) * constants.clearance
+        arrival = off_surface(b.point, b.normal, -s, constants.clearance)
         u, v = mi.coordinate_system(s)
-        between = {}
+        between, length = {}, mi.Float64(dr.norm(b.point - a.point))
         for letter in dict.fromkeys(channel[0] for channel in closed):
-            e = out.waves[letter]
+            e = out.sent(letter)
             zu, zv = (mixed(first.between(q, e), a.random) for q in (u, v))
             field_b = field.add(field.scale(zu, u), field.scale(zv, v))
-            (between[letter],) = passed(kernel.scene.passages, start, s, r, out.seen, (field_b,))
+            around = Surroundings.within(kernel)
+            (between[letter],), shift = around.passed(arrival, -s, r, out.seen, (field_b,))
+        if shift is not None:  # the delay in panes between the two
+            length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
         values = [
-            mixed(second.between_fields(home.waves[channel[1]], between[channel[0]]), b.random) * factor
+            mixed(second.between_fields(home.sent(channel[1]), between[channel[0]]), b.random) * factor
             for channel in closed
         ]
         return Contribution(
             kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(2),
             pulse=pulse,
-            slant_range=0.5 * (out.length + mi.Float64(dr.norm(b.point - a.point)) + home.length),
+            slant_range=0.5 * (out.length + length + home.length),
             range_rate=0.5 * (out.rate + home.rate),
             amplitudes=tuple(field.recorded(closed, values, flags.channels)),
             active=out.seen & home.seen,
@@ -247,31 +236,16 @@ def _rows(pairs: Pairs) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return rows
 
 
-def _leg(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Leg:
-    """The way between an end and the antenna of a pulse."""
+def _lit(kernel: Kernel, pulses: PulseBatch, pulse: mi.UInt32, end: _End) -> _Lit:
+    """Leg between an end and the antenna of a pulse."""
     position, velocity = antenna_of(pulses, pulse)
-    seen, to64, length, start = sees(
-        kernel.scene,
-        end.point,
-        end.normal64,
-        position,
-        kernel.constants.clearance,
-        mi.Bool(True),
-        kernel.flags.visibility,
-    )
-    to = mi.Vector3f(to64)
-    h, v = field.polarisation_basis(-to, kernel.constants.up)
-    none = dr.zeros(mi.Vector3f)
-    waves = passed(kernel.scene.passages, start, to, mi.Float(length), seen, ((h, none), (v, none)))
-    return _Leg(
-        to_antenna=to,
-        leaving=-to,
-        length=length,
-        rate=dr.dot(to64, velocity),
-        seen=seen,
-        waves=dict(zip("HV", waves, strict=True)),
-        fade=_window(kernel, pulse, position, -to64),
-    )
+    clearance = kernel.constants.clearance
+
+    def departure(to: mi.Vector3f) -> tuple[mi.Vector3f, mi.Bool]:
+        return off_surface(end.point, end.normal, to, clearance), dr.dot(to, end.normal) > FACING
+
+    leg = straight_leg(Surroundings.within(kernel), end.point, departure, position, velocity)
+    return _Lit(leg, _window(kernel, pulse, position, -leg.to_antenna64))
 
 
 def _window(kernel: Kernel, pulse: mi.UInt32, position: mi.Vector3d, leaving: mi.Vector3d) -> mi.Float:

@@ -14,7 +14,8 @@ from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.trace import field
 from sarmitsuba.trace.intersector import intersector
-from sarmitsuba.trace.source import Scatterers, Sight
+from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.state import Kernel
 
 F64 = NDArray[np.float64]
@@ -192,16 +193,16 @@ class FringeCurrents(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See the class."""
-        if self._wedge is None or not self._wedge.sees(came, goes):
-            # one wedge for all channels of two ways
+        if self._wedge is None or not self._wedge.sees(incident, scattered):
+            # one wedge for all channels of two legs
             rows = [self._row(index, i) for i in range(4)]
-            self._wedge = _Wedge.of(kernel, rows, came, goes, lambda way: self._width(index, way))
+            self._wedge = _Wedge.of(kernel, rows, incident, scattered, lambda way: self._width(index, way))
         return self._wedge.amplitude(e, q)
 
     def _width(self, index: mi.UInt32, turn: mi.Float) -> mi.Float:
@@ -221,14 +222,14 @@ class _Wedge:
 
     Parameters
     ----------
-    ways : that the wave comes and goes by
+    legs : of the incident and of the scattered wave
     strips : of both faces, for the path and for the reversed one
     gain : m, length of the piece times what its phase integral leaves over twice the root of pi; 0 where a way does
         not lie in the exterior
     along : what the sheet leaves of waves that graze it to or from the edge, their electric field across it
     """
 
-    ways: tuple[Sight, Sight]
+    legs: tuple[Leg, Leg]
     strips: tuple[tuple[_Strip, _Strip], ...]
     gain: mi.Float
     along: mi.Complex2f
@@ -237,8 +238,8 @@ class _Wedge:
     def of(
         kernel: Kernel,
         rows: list[mi.Vector4f],
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         width: Callable[[mi.Float], mi.Float],
     ) -> _Wedge:
         """From the rows of the table, and the sheet's width at an angle off the inward direction."""
@@ -246,23 +247,23 @@ class _Wedge:
         faces = [
             _Face.of(mi.Vector3f(x.x, x.y, x.z), mi.Vector3f(y.x, y.y, y.z)) for x, y in (rows[:2], rows[2:])
         ]
-        source, observer = came.to_antenna, goes.to_antenna
+        source, observer = incident.to_antenna, scattered.to_antenna
         strips, outside = [], mi.Bool(True)
         for face in faces:
             out = _Strip.of(face, n, source, observer)
-            into = out if came is goes else _Strip.of(face, n, observer, source)
+            into = out if incident is scattered else _Strip.of(face, n, observer, source)
             outside &= out.outside & into.outside
             strips.append((out, into))
         turn = dr.dot(source + observer, faces[0].along) * (0.5 * kernel.constants.wavenumber) * length
         gain = (0.5 / float(np.sqrt(np.pi))) * length * rows[2].w * _sinc(turn)
         k = kernel.constants.wavenumber
         there = _along_sheet(faces[0], n, source, k, width)
-        along = there * (there if came is goes else _along_sheet(faces[0], n, observer, k, width))
-        return _Wedge((came, goes), tuple(strips), dr.select(outside, gain, 0.0), along)
+        along = there * (there if incident is scattered else _along_sheet(faces[0], n, observer, k, width))
+        return _Wedge((incident, scattered), tuple(strips), dr.select(outside, gain, 0.0), along)
 
-    def sees(self, came: Sight, goes: Sight) -> bool:
-        """Whether these are its ways."""
-        return self.ways[0] is came and self.ways[1] is goes
+    def sees(self, incident: Leg, scattered: Leg) -> bool:
+        """Whether these are its legs."""
+        return self.legs[0] is incident and self.legs[1] is scattered
 
     def amplitude(self, e: field.ComplexVector, q: field.ComplexVector) -> mi.Complex2f:
         """Mean of the path and of the reversed one, m."""

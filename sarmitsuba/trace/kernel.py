@@ -27,7 +27,16 @@ from sarmitsuba.trace.rays import (
     reflect,
     through_passages,
 )
-from sarmitsuba.trace.state import Constants, Contribution, Hit, Kernel, KernelSettings, Lane, RayState
+from sarmitsuba.trace.state import (
+    NO_HIT,
+    Constants,
+    Contribution,
+    Hit,
+    Kernel,
+    KernelSettings,
+    Lane,
+    RayState,
+)
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -55,8 +64,13 @@ class Accumulator(Protocol):
 class Follower(Protocol):
     """An accumulator that also follows every ray from hit to hit."""
 
-    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> None:
-        """Take note of a hit of a ray, with its fields as they arrive, before the hit's contributions are added."""
+    def visit(self, state: LaneArrays, ray: RayState, hit: Hit) -> tuple[LaneArrays, mi.UInt32 | None]:
+        """Take note of a hit of a ray, with its fields as they arrive, before the hit's contributions are added.
+
+        Returns
+        -------
+        state, trail : the new loop state, and the number that the ray carries on from the hit (``RayState.trail``)
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +101,8 @@ def trace(
     """
     kernel = Kernel(scene, grid, pulses, flags, Constants.of(settings, scene, grid))
     lane, ray = launch(kernel, antenna)
+    if isinstance(accumulator, Follower):
+        ray = replace(ray, trail=mi.UInt32(NO_HIT))
 
     if kernel.transmits:
         return _through_panes(kernel, lane, ray, accumulator)
@@ -149,14 +165,15 @@ def _bounce(
         coherent = close_coherent(kernel, lane, ray, hit, tube_here, reflection, receive)
     if flags.diffuse:
         diffuse = close_diffuse(kernel, lane, ray, hit, tube_here, receive)
+    trail = ray.trail
     if isinstance(accumulator, Follower):
-        accumulator.visit(added, ray, hit)
+        added, trail = accumulator.visit(added, ray, hit)
     added, count = _add(accumulator, added, coherent, diffuse)
     count = ray.contributions + count
     if not flags.multi_bounce:
         last = replace(ray, active=mi.Bool(False) & hit.active, hits=hit.order, contributions=count)
         return arrived, hit, last, added
-    mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count)
+    mirrored = replace(reflect(kernel, ray, hit, tube_here, reflection), contributions=count, trail=trail)
     return arrived, hit, mirrored, added
 
 

@@ -14,7 +14,8 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.materials.cylinder import NUMBERS, cylinder_table
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
-from sarmitsuba.trace.source import Scatterers, Sight
+from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.source import Scatterers
 
 if TYPE_CHECKING:
     from sarmitsuba.scene.lines import LineTarget
@@ -183,15 +184,15 @@ class LineScatterers(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See :class:`Scatterers`."""
         rod = dr.gather(mi.Vector4f, self.rods, index)
         axis, step = mi.Vector3f(rod.x, rod.y, rod.z), rod.w
-        d, s = -came.to_antenna, goes.to_antenna
+        d, s = -incident.to_antenna, scattered.to_antenna
         ways = [_Way.of(axis, v) for v in (d, s)]
         mm, ee, me = self._series(index, axis, ways)
         filled = self._spline(index, (dr.dot(d, axis) - dr.dot(s, axis)) * step * kernel.constants.wavenumber)

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
 from sarmitsuba.trace.arrays import vector_rows
-from sarmitsuba.trace.geometry import MATERIAL_MASK, TraceScene
+from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.intersector import intersector
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.rays import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
 from sarmitsuba.trace.speckle import mix
@@ -32,6 +34,8 @@ F64 = NDArray[np.float64]
 
 # bits of a key in a random number
 BITS = 24
+# cosine between normal and direction above which a surface faces it
+FACING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,29 +66,30 @@ class Pairs:
 
 
 def find_pairs(
-    scene: TraceScene,
+    around: Surroundings,
     samples: SurfaceSamples,
     views: F64,
     cell: float,
     box: F64,
     *,
     seed: int = 0,
-    visibility: bool = True,
+    scatters: NDArray[np.bool_] | None = None,
 ) -> Pairs:
     """Draw one partner for each point, and keep the pairs whose ends the views see.
 
     Parameters
     ----------
-    scene : geometry at rest
+    around : geometry at rest, and what of it hides or lets waves through
     samples : points of faces of the scene
     views : (n, 3) m, antenna positions; the middle one is that of ``Pairs.clutter``
     cell, box : of the samples, m
     seed : of textures
-    visibility : off takes no heed of what stands between a point and the antenna
+    scatters : (n_faces,) faces that may be an end; None: all
 
     Notes
     -----
-    Pairs that have an end which only positions between the views see are left out.
+    Pairs that have an end which only positions between the views see are left out, and those that see each other
+    through a pane which scatters itself.
     """
     sides = _facing(samples, views)
     index = np.concatenate([np.flatnonzero(side) for side in sides])
@@ -93,13 +98,11 @@ def find_pairs(
         return _none()
     normal = samples.normal[index] * sign[:, None]
     key = samples.key[index] ^ np.where(sign > 0.0, 0, 0x5BD1E995).astype(np.uint32)
-    return _search(
-        scene, samples, index, normal, key.astype(np.uint32), views, cell, box, seed, visibility=visibility
-    )
+    return _search(around, samples, index, normal, key.astype(np.uint32), views, cell, box, seed, scatters)
 
 
 def _search(
-    scene: TraceScene,
+    around: Surroundings,
     samples: SurfaceSamples,
     index: NDArray[np.intp],
     normal: F64,
@@ -108,9 +111,12 @@ def _search(
     cell: float,
     box: F64,
     seed: int,
-    *,
-    visibility: bool,
+    scatters: NDArray[np.bool_] | None,
 ) -> Pairs:
+    scene = around.scene
+    stops, rows = _stopping(around, scatters)
+    if stops is None:
+        return _none()
     f32, f64, u32, v32, v64 = mi.Float, mi.Float64, mi.UInt32, mi.Vector3f, mi.Vector3d
     n = index.size
     lane = dr.arange(u32, n)
@@ -119,14 +125,15 @@ def _search(
     keys = device_array(u32, key)
     density = device_array(f64, samples.density[index])
     face_a = device_array(u32, samples.face[index].astype(np.uint32))
-    clearance = dr.opaque(f32, scene.clearance)
+    clearance = around.clearance
 
     n_a = v32(n_a64)
     out = mi.Frame3f(n_a).to_world(_direction(keys))
-    start = v32(a) + (n_a + out) * clearance
-    found = scene.mi_scene.ray_intersect_preliminary(mi.Ray3f(start, out), coherent=False)
+    found = stops.ray_intersect_preliminary(
+        mi.Ray3f(off_surface(a, n_a, out, clearance), out), coherent=False
+    )
     there = found.is_valid()
-    face_b = found.prim_index
+    face_b = found.prim_index if rows is None else dr.gather(u32, rows, found.prim_index, there)
     landed, n_b64, _, _ = hit_point(scene, face_b, found.prim_uv, there)
     out64 = v64(out)
     n_b64 = dr.select(dr.dot(n_b64, out64) > 0.0, -n_b64, n_b64)
@@ -144,7 +151,7 @@ def _search(
     there &= (c_a > 0.0) & (c_b > 0.0)
 
     ends = ((a, n_a64), (b, n_b64))
-    kept, seen = _seen(scene, ends, views, clearance, there, visibility)
+    kept, seen = _seen(around, ends, views, there)
     word = dr.gather(mi.Vector4u, scene.face_info, face_a).x
     word, factor = scene.at_place(face_a, word, a, n_a64, dr.opaque(u32, seed & 0xFFFFFFFF), mi.Bool(True))
     middle = v64(*(dr.opaque(f64, float(x)) for x in views[len(views) // 2]))
@@ -199,12 +206,10 @@ def _facing(samples: SurfaceSamples, views: F64) -> tuple[NDArray[np.bool_], NDA
 
 
 def _seen(
-    scene: TraceScene,
+    around: Surroundings,
     ends: tuple[tuple[mi.Vector3d, mi.Vector3d], tuple[mi.Vector3d, mi.Vector3d]],
     views: F64,
-    clearance: mi.Float,
     there: mi.Bool,
-    visibility: bool,
 ) -> tuple[mi.Bool, mi.Bool]:
     """Lanes whose two ends each are seen by some view, and those whose first end the middle view sees."""
     rows = vector_rows(views)
@@ -215,8 +220,8 @@ def _seen(
     ) -> tuple[mi.UInt32, mi.Bool, mi.Bool, mi.Bool]:
         view = dr.gather(mi.Vector3d, rows, number)
         here = number == middle
-        seen_a = sees(scene, *ends[0], view, clearance, here | (there & ~a), visibility)[0]
-        seen_b = sees(scene, *ends[1], view, clearance, there & ~b, visibility)[0]
+        seen_a = _sees(around, *ends[0], view, here | (there & ~a))
+        seen_b = _sees(around, *ends[1], view, there & ~b)
         return number + 1, a | seen_a, b | seen_b, now | (here & seen_a)
 
     none = there & mi.Bool(False)
@@ -231,26 +236,38 @@ def _seen(
     return there & a & b, now
 
 
-def sees(
-    scene: TraceScene,
-    point: mi.Vector3d,
-    normal: mi.Vector3d,
-    position: mi.Vector3d,
-    clearance: mi.Float,
-    active: mi.Bool,
-    visibility: bool,
-) -> tuple[mi.Bool, mi.Vector3d, mi.Float64, mi.Vector3f]:
-    """Lanes in which a surface point sees a position; unit vector there, distance (m), and where the way starts."""
+def _sees(
+    around: Surroundings, point: mi.Vector3d, normal: mi.Vector3d, position: mi.Vector3d, active: mi.Bool
+) -> mi.Bool:
+    """Lanes in which a surface point sees a position."""
     leg = position - point
     length = dr.norm(leg)
-    to64 = leg / length
-    to, n = mi.Vector3f(to64), mi.Vector3f(normal)
-    start = mi.Vector3f(point) + (n + to) * clearance
-    seen = active & (dr.dot(to, n) > 1e-7)
-    if visibility:
-        ray = mi.Ray3f(start, to, mi.Float(length), 0.0, [])
-        seen &= ~scene.mi_scene.ray_test(ray, coherent=False, active=seen)
-    return seen, to64, length, start
+    to, n = mi.Vector3f(leg / length), mi.Vector3f(normal)
+    seen = active & (dr.dot(to, n) > FACING)
+    return seen & around.free(off_surface(point, n, to, around.clearance), to, mi.Float(length), seen)
+
+
+def off_surface(
+    point: mi.Vector3d, normal: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
+) -> mi.Vector3f:
+    """Start of a ray from a surface point, m."""
+    return mi.Vector3f(point) + (normal + direction) * clearance
+
+
+def _stopping(
+    around: Surroundings, scatters: NDArray[np.bool_] | None
+) -> tuple[mi.Scene | None, mi.UInt32 | None]:
+    """Facets at which a ray between two ends stops, and their rows of the scene's tables where they are not all."""
+    scene = around.scene
+    if not around.transmits or scene.slabs is None:
+        return scene.mi_scene, None
+    stops = scene.slabs.thickness == 0.0
+    stops = stops | (True if scatters is None else scatters)
+    rows = np.flatnonzero(stops)
+    if not rows.size:
+        return None, None
+    triangles = scene.triangles[rows].astype(np.float32)
+    return intersector(triangles), device_array(mi.UInt32, rows.astype(np.uint32))
 
 
 def _none() -> Pairs:
@@ -264,4 +281,4 @@ def _none() -> Pairs:
     )
 
 
-__all__ = ["Pairs", "find_pairs", "sees"]
+__all__ = ["FACING", "Pairs", "find_pairs", "off_surface"]

@@ -20,47 +20,12 @@ if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.geometry import TraceScene
     from sarmitsuba.trace.slabs import Slabs
-    from sarmitsuba.trace.state import Hit, Kernel, Lane, RayState
+    from sarmitsuba.trace.state import Hit, Kernel, RayState
 
 # panes that a path may go through on its way to its last hit; on the way home there is no bound
 MOST_PANES = 6
 # power over that at launch down to which both parts of a path that parts at a pane are followed
 LEAST_POWER = 1e-12
-
-
-def blocked(
-    kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
-) -> mi.Bool:
-    """Lanes in which something that stops waves stands on a straight way (m)."""
-    scene = kernel.scene.mi_scene
-    if kernel.transmits:
-        walls = _slabs(kernel).walls
-        if walls is None:
-            return mi.Bool(False)
-        scene = walls
-    return scene.ray_test(mi.Ray3f(start, direction, distance, 0.0, []), coherent=False, active=active)
-
-
-def through(
-    kernel: Kernel,
-    start: mi.Vector3f,
-    direction: mi.Vector3f,
-    distance: mi.Float,
-    active: mi.Bool,
-    vectors: tuple[ComplexVector, ...],
-) -> tuple[tuple[ComplexVector, ...], mi.Vector3f]:
-    """Complex vectors at the start of a straight way, from those at its end, and its end's shift; see `along`."""
-    constants = kernel.constants
-    return along(
-        kernel.scene,
-        constants.wavenumber,
-        constants.clearance,
-        start,
-        direction,
-        distance,
-        active,
-        vectors,
-    )
 
 
 def along(
@@ -157,23 +122,6 @@ def slab_factors(
     """
     chi = mi.Complex2f(properties.x, properties.y)
     return slab(dr.maximum(-dr.dot(d, n), 1e-7), chi, row.x, row.y, behind)
-
-
-def home(
-    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, vectors: tuple[ComplexVector, ...]
-) -> tuple[Lane, Hit, tuple[ComplexVector, ...]]:
-    """The way from a hit to the antenna through panes: the antenna where it is seen, vectors here."""
-    active = hit.sees
-    if ray.crossed is not None and not kernel.bistatic:
-        # what came straight from the antenna through no pane goes home through none
-        active = active & (~hit.first | (ray.crossed > 0))
-    way = mi.Float(hit.length_back)
-    vectors, shift = through(kernel, hit.departure, hit.to_antenna, way, active, vectors)
-    step = mi.Vector3d(shift)
-    lane = replace(lane, antenna=lane.antenna + step, transmitter=lane.transmitter + step)
-    leg = lane.antenna - hit.p
-    length = dr.norm(leg)
-    return lane, replace(hit, length_back=length, to_antenna64=leg / length), vectors
 
 
 @dataclass  # not frozen: part of the loop's state, which Dr.Jit writes to
@@ -335,4 +283,4 @@ def _chosen(condition: mi.Bool, a: RayState, b: RayState) -> RayState:
     return ray
 
 
-__all__ = ["MOST_PANES", "Waiting", "along", "blocked", "branched", "home", "slab_factors", "through"]
+__all__ = ["MOST_PANES", "Waiting", "along", "branched", "slab_factors"]

@@ -14,8 +14,9 @@ from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.beam import BeamPattern, fade
 from sarmitsuba.trace.corners import mirror_at
 from sarmitsuba.trace.geometry import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.moving import Rim
-from sarmitsuba.trace.panes import blocked, slab_factors
+from sarmitsuba.trace.panes import slab_factors
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
 from sarmitsuba.tubes import curvature, polygon, tube
@@ -64,7 +65,7 @@ def launch(kernel: Kernel, antenna: Antenna) -> tuple[Lane, RayState]:
         receiver, receiver_velocity = antenna_of(pulses.receiver, pulse)
         # a block knows both antennas' own azimuth patterns: no leg is measured by the other's
         pattern = BeamPattern(antenna, pulses.receiver, pulse, None) if flags.antenna_pattern else None
-    apart = kernel.bistatic and kernel.both_ways
+    apart = kernel.bistatic and (kernel.both_ways or kernel.reversible)
     h, v = field.polarisation_basis(d, constants.up)
 
     lane = Lane(
@@ -175,9 +176,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
     # float32 tracing lands a few 1e-7 of the scene's size beside the ray: take the ray's own point of the facet
     p = _on_ray(landed, n64, ray.virtual_antenna, ray.direction, 1e3 * clearance)
     # the ray as the virtual antenna sees this hit
-    leg = p - ray.virtual_antenna
-    length = dr.norm(leg)
-    d64 = leg / length
+    length = dr.norm(p - ray.virtual_antenna)
+    d64 = (p - ray.virtual_antenna) / length
     behind = dr.dot(d64, n64) > 0.0
     n64 = dr.select(behind, -n64, n64)
     n, d = mi.Vector3f(n64), mi.Vector3f(d64)
@@ -191,9 +191,8 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         # no farther back than where the ray comes from: what stands within the slab stays there
         landed = landed - d64 * mi.Float64(dr.minimum(before, dr.norm(mi.Vector3f(landed) - ray.origin)))
 
-    leg_back = lane.antenna - p
-    length_back = dr.norm(leg_back)
-    to_antenna64 = leg_back / length_back
+    length_back = dr.norm(lane.antenna - p)
+    to_antenna64 = (lane.antenna - p) / length_back
     to_antenna = mi.Vector3f(to_antenna64)
     departure = _departure(mi.Vector3f(landed), n, d, clearance)
     sees = active & (dr.dot(to_antenna, n) > 1e-7)
@@ -201,8 +200,9 @@ def intersect(kernel: Kernel, lane: Lane, ray: RayState) -> Hit:
         # the antenna that a ray comes from sees its first hit; no farther than the antenna, which may hang within
         # the scene
         lit = mi.Bool(False) if kernel.bistatic else first
-        hidden = blocked(kernel, departure, to_antenna, mi.Float(length_back), sees & ~lit)
-        sees &= lit | ~hidden
+        sees &= lit | Surroundings.within(kernel).free(
+            departure, to_antenna, mi.Float(length_back), sees & ~lit
+        )
     bits = info.x
     if kernel.flags.texture:
         bits = scene.material_at(face, bits, mi.Vector3f(p - vertex0), known)

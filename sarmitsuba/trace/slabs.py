@@ -23,6 +23,7 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.intersector import intersector
 
 if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.materials.material import Material
 
 # two faces of one material that look at each other from so many thicknesses or less are those of one slab
@@ -163,6 +164,11 @@ class Slabs:
         return device_array(mi.Float, gap)
 
 
+def lets_waves_through(slabs: Slabs | None, flags: KernelFlags) -> bool:
+    """Whether waves go through any face of a scene with these slabs."""
+    return flags.transmission and flags.slabs and slabs is not None and slabs.passes
+
+
 def _is_slab(material: Material) -> bool:
     return material.thickness > 0.0 and not material.pec
 
@@ -296,4 +302,4 @@ class _Line:
         )
 
 
-__all__ = ["SlabFactors", "Slabs", "slab"]
+__all__ = ["SlabFactors", "Slabs", "lets_waves_through", "slab"]

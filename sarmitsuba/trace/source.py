@@ -13,14 +13,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import BeamPattern
 from sarmitsuba.trace.closing import selected
 from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
-from sarmitsuba.trace.panes import blocked, through
-from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
 from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel
 
@@ -93,8 +90,8 @@ class Scatterers(ABC):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
@@ -103,57 +100,20 @@ class Scatterers(ABC):
         Parameters
         ----------
         index : of the scatterer
-        came, goes : ways that the wave comes and goes by
+        incident, scattered : legs of the incident and of the scattered wave
         e, q : incoming field and receiving vector, scene frame (no conjugate); ``S`` is symmetric under exchange of
-            both ways
+            both legs
         """
 
     def departure(
         self, index: mi.UInt32, point: mi.Vector3f, direction: mi.Vector3f, clearance: mi.Float
     ) -> mi.Vector3f:
-        """Where a shadow ray starts, m: a little off the scatterer, towards where it goes."""
+        """Start of a shadow ray, m: a little off the scatterer, along the leg."""
         return point + direction * clearance
 
     def at(self, wavelength: float) -> Scatterers:
         """The same scatterers at another wavelength, m: itself, where the kernel's wavenumber is all that changes."""
         return self
-
-
-@dataclass(frozen=True, eq=False)
-class Sight:
-    """How a scatterer and an antenna see each other, straight or in a mirror.
-
-    Parameters
-    ----------
-    to_antenna64, to_antenna : unit vector from the scatterer to the antenna or its image
-    leaving : unit vector in which the way leaves the antenna
-    length : float64, m, of the whole way
-    rate : float64, m/s, its change
-    seen : lanes in which nothing stands in between
-    h, v : complex vectors at the scatterer of a unit wave sent in H and V
-    over_ground : whether the way has a mirror
-    """
-
-    to_antenna64: mi.Vector3d
-    to_antenna: mi.Vector3f
-    leaving: mi.Vector3f
-    length: mi.Float64
-    rate: mi.Float64
-    seen: mi.Bool
-    h: field.ComplexVector
-    v: field.ComplexVector
-    over_ground: bool
-
-    def sent(self, letter: str) -> field.ComplexVector:
-        """Field at the scatterer of a unit wave in a polarisation of the transmitter."""
-        if letter in "HV":
-            return self.h if letter == "H" else self.v
-        z_h, z_v = TRANSMITTED[letter]
-        return field.add(_times(z_h, self.h), _times(z_v, self.v))
-
-
-def _times(z: complex, x: field.ComplexVector) -> field.ComplexVector:
-    return x[0] * z.real - x[1] * z.imag, x[1] * z.real + x[0] * z.imag
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +156,13 @@ class PointSource:
         pulse = number // count
         index = number - pulse * count + dr.opaque(mi.UInt32, part.first)
         point = self.scatterers.point(index)
-        came = self._sights(kernel, pulses, pulse, index, point)
-        goes = came
+        incident = self._legs(kernel, pulses, pulse, index, point)
+        scattered = incident
         if pulses.receiver is not None:
-            goes = self._sights(kernel, pulses.receiver, pulse, index, point)
+            scattered = self._legs(kernel, pulses.receiver, pulse, index, point)
         returns = []
-        for i, out in enumerate(came):
-            for j, home in enumerate(goes):
+        for i, out in enumerate(incident):
+            for j, home in enumerate(scattered):
                 order = 1 + out.over_ground + home.over_ground
                 if order > self.max_order or (pulses.receiver is None and j < i):
                     continue
@@ -218,43 +178,25 @@ class PointSource:
         """See :class:`Source`."""
         return replace(self, scatterers=self.scatterers.at(wavelength))
 
-    def _sights(
+    def _legs(
         self,
         kernel: Kernel,
         pulses: PulseBatch,
         pulse: mi.UInt32,
         index: mi.UInt32,
         point: mi.Vector3d,
-    ) -> list[Sight]:
+    ) -> list[Leg]:
         position, velocity = antenna_of(pulses, pulse)
-        sights = [self._straight(kernel, index, point, position, velocity)]
-        if self.max_order > 1:
-            sights.append(self._over_ground(kernel, index, point, position, velocity))
-        return sights
+        here = mi.Vector3f(point)
 
-    def _straight(
-        self,
-        kernel: Kernel,
-        index: mi.UInt32,
-        point: mi.Vector3d,
-        position: mi.Vector3d,
-        velocity: mi.Vector3d,
-    ) -> Sight:
-        leg = position - point
-        length = dr.norm(leg)
-        to64 = leg / length
-        to = mi.Vector3f(to64)
-        start = self.scatterers.departure(index, mi.Vector3f(point), to, kernel.constants.clearance)
-        seen = free_way(kernel, start, to, mi.Float(length))
-        none = dr.zeros(mi.Vector3f)
-        h, v = field.polarisation_basis(-to, kernel.constants.up)
-        (h_here, v_here), shift = _passed(kernel, start, to, mi.Float(length), seen, ((h, none), (v, none)))
-        if shift is not None:  # as it sees the antenna
-            leg = leg + shift
-            length = dr.norm(leg)
-            to64 = leg / length
-        rate = dr.dot(to64, velocity)
-        return Sight(to64, to, -to, length, rate, seen, h_here, v_here, over_ground=False)
+        def departure(to: mi.Vector3f) -> tuple[mi.Vector3f, mi.Bool]:
+            start = self.scatterers.departure(index, here, to, kernel.constants.clearance)
+            return start, mi.Bool(True)
+
+        legs = [straight_leg(Surroundings.within(kernel), point, departure, position, velocity)]
+        if self.max_order > 1:
+            legs.append(self._over_ground(kernel, index, point, position, velocity))
+        return legs
 
     def _over_ground(
         self,
@@ -263,7 +205,7 @@ class PointSource:
         point: mi.Vector3d,
         position: mi.Vector3d,
         velocity: mi.Vector3d,
-    ) -> Sight:
+    ) -> Leg:
         """The way over the facet in which the scatterer sees the antenna; the ground below tells where to look."""
         clearance = kernel.constants.clearance
         down = mi.Vector3f(0.0, 0.0, -1.0)
@@ -295,10 +237,10 @@ class PointSource:
         to_antenna = mi.Vector3f(leg_out / way)
         n = mi.Vector3f(n64)
         departure = mi.Vector3f(there) + (n + to_antenna) * clearance
-        seen &= free_way(kernel, departure, to_antenna, mi.Float(way))
-        none = dr.zeros(mi.Vector3f)
-        h, v = field.polarisation_basis(-to_antenna, kernel.constants.up)
-        fields, first = _passed(kernel, departure, to_antenna, mi.Float(way), seen, ((h, none), (v, none)))
+        around = Surroundings.within(kernel)
+        seen &= around.free(departure, to_antenna, mi.Float(way), mi.Bool(True))
+        basis = antenna_basis(around, to_antenna)
+        fields, first = around.passed(departure, to_antenna, mi.Float(way), seen, basis)
         reflection = reflected(
             kernel, -to_antenna, n, found.properties, found.slab, dr.dot(found.own, n64) < 0.0, fields
         )
@@ -307,13 +249,13 @@ class PointSource:
             cosine = dr.dot(to_antenna, n)
             kept = dr.exp(-2.0 * dr.square(kernel.constants.wavenumber * found.properties.z * cosine))
             fields = tuple((re * kept, im * kept) for re, im in fields)
-        fields, second = _passed(kernel, start, to, mi.Float(length - way), seen, fields)
+        fields, second = around.passed(start, to, mi.Float(length - way), seen, fields)
         for way_to, shift in ((to_antenna, first), (to, second)):
             if shift is not None:  # farther; aside it changes nothing but the range rate
-                length = length + dr.dot(mi.Vector3d(way_to), shift)
+                length = length + dr.dot(mi.Vector3d(way_to), mi.Vector3d(shift))
         image_velocity = velocity - n64 * (2.0 * dr.dot(velocity, n64))
         rate = dr.dot(to64, image_velocity)
-        return Sight(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
+        return Leg(to64, to, -to_antenna, length, rate, seen, fields[0], fields[1], over_ground=True)
 
     def _return(
         self,
@@ -323,23 +265,21 @@ class PointSource:
         index: mi.UInt32,
         point: mi.Vector3d,
         order: int,
-        ways: Sequence[tuple[Sight, Sight]],
+        pairs: Sequence[tuple[Leg, Leg]],
     ) -> Contribution:
         """One contribution: of all paths (out and home) of one length."""
         flags, constants = kernel.flags, kernel.constants
-        out, home = ways[0]
+        out, home = pairs[0]
         spreads = dr.opaque(mi.Bool, flags.spreading)
         loss = dr.select(spreads, mi.Float(1.0 / (out.length * home.length)), constants.inverse_range2)
         amplitudes = [mi.Complex2f(0.0)] * len(flags.channels)
-        for came, goes in ways:
-            factor = (
-                constants.amplitude * loss * both_gains(kernel, antenna, pulse, came.leaving, goes.leaving)
-            )
+        for incident, scattered in pairs:
+            gain = pattern_gain(kernel, antenna, pulse, incident.leaving, scattered.leaving)
+            factor = constants.amplitude * loss * gain
             for i, channel in enumerate(flags.channels):
-                e, q = came.sent(channel[0]), goes.sent(channel[1])
-                amplitudes[i] = (
-                    amplitudes[i] + self.scatterers.amplitude(kernel, index, came, goes, e, q) * factor
-                )
+                e, q = incident.sent(channel[0]), scattered.sent(channel[1])
+                value = self.scatterers.amplitude(kernel, index, incident, scattered, e, q)
+                amplitudes[i] = amplitudes[i] + value * factor
         return Contribution(
             kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(order),
@@ -383,43 +323,6 @@ class _Ground:
         return _Ground(valid, p, n64, own, properties, row)
 
 
-def free_way(kernel: Kernel, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float) -> mi.Bool:
-    """Lanes in which nothing stands within so much of a way, m."""
-    if not kernel.flags.visibility:
-        return mi.Bool(True)
-    return ~blocked(kernel, start, direction, distance, mi.Bool(True))
-
-
-def _passed(
-    kernel: Kernel,
-    start: mi.Vector3f,
-    direction: mi.Vector3f,
-    distance: mi.Float,
-    active: mi.Bool,
-    vectors: tuple[field.ComplexVector, ...],
-) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3d | None]:
-    """Vectors at the start of a way from those at its end, through all that stands there, and the end's shift, m."""
-    vectors = passed(kernel.scene.passages, start, direction, distance, active, vectors)
-    if not kernel.transmits:
-        return vectors, None
-    vectors, shift = through(kernel, start, direction, distance, active, vectors)
-    return vectors, mi.Vector3d(shift)
-
-
-def both_gains(
-    kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
-) -> mi.Float:
-    """Relative amplitude of both antennas' patterns, in the unit vectors in which both ways leave them."""
-    if not kernel.flags.antenna_pattern:
-        return mi.Float(1.0)
-    pulses, receiver = kernel.pulses, kernel.pulses.receiver
-    transmitting = BeamPattern(antenna, pulses, pulse, out if receiver is None else None)
-    gain = transmitting.one_way(out)
-    if receiver is None:
-        return gain * transmitting.received(home)
-    return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
-
-
 def _added(
     accumulator: Accumulator, added: LaneArrays, returns: Sequence[Contribution]
 ) -> tuple[LaneArrays, mi.UInt32]:
@@ -458,8 +361,5 @@ __all__ = [
     "PointSource",
     "Recorder",
     "Scatterers",
-    "Sight",
     "Source",
-    "both_gains",
-    "free_way",
 ]

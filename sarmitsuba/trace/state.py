@@ -10,6 +10,7 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.moving import Rim  # as the next
+from sarmitsuba.trace.slabs import lets_waves_through
 from sarmitsuba.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ COHERENT, DIFFUSE, RETRO = range(3)
 # a diffuse path the other way round, to a receiver apart, and a return of a scatterer that no ray finds; 3 is an ideal
 # point's
 REVERSED, SCATTERER = 4, 5
+# number of a hit that is none
+NO_HIT = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
@@ -132,9 +135,7 @@ class Kernel:
     @property
     def transmits(self) -> bool:
         """True where paths go through panes, which takes the loop and the panes' own coefficients."""
-        flags, slabs = self.flags, self.scene.slabs
-        wanted = flags.transmission and flags.slabs and flags.multi_bounce
-        return wanted and slabs is not None and slabs.passes
+        return self.flags.multi_bounce and lets_waves_through(self.scene.slabs, self.flags)
 
     @property
     def bistatic(self) -> bool:
@@ -143,8 +144,8 @@ class Kernel:
 
     @property
     def reversible(self) -> bool:
-        """True where a coherent path and the reversed one return the same."""
-        return self.flags.coherent and self.flags.multi_bounce and not self.bistatic
+        """True where a coherent path and the reversed one are estimates of one return."""
+        return self.flags.coherent and self.flags.multi_bounce
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +231,7 @@ class RayState:
     virtual_antenna, virtual_velocity : transmitting antenna and its velocity, mirrored through the chain so far, whose
         mirrors may move
     virtual_receiver, virtual_receiver_velocity : another antenna that receives, likewise; None where there is none, or
-        no path goes back through a chain
+        no path goes through a chain the other way round
     edge_a, edge_b : m, tube cross-section at the launch plane, behind curved mirrors at the last hit
     spread : growth of the cross-section behind curved mirrors, None where there are none
     extent : how far the facets hit so far let the tube extend
@@ -239,6 +240,7 @@ class RayState:
     contributions : so far
     crossed : panes that the path went through; None where nothing lets waves through
     mirror : that the ray comes from; None where no path and the reversed one are two estimates of one return
+    trail : number that a follower gave the last hit, ``NO_HIT`` before the first; None where nothing follows
     """
 
     active: mi.Bool
@@ -258,6 +260,7 @@ class RayState:
     contributions: mi.UInt32
     crossed: mi.UInt32 | None = None
     mirror: Mirror | None = None
+    trail: mi.UInt32 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,6 +392,7 @@ class Contribution:
 __all__ = [
     "COHERENT",
     "DIFFUSE",
+    "NO_HIT",
     "RETRO",
     "REVERSED",
     "SCATTERER",

@@ -14,7 +14,8 @@ from sarmitsuba.materials.vegetation.medium import NODES
 from sarmitsuba.trace import field
 from sarmitsuba.trace.arrays import device_array, vector_rows
 from sarmitsuba.trace.intersector import intersector
-from sarmitsuba.trace.source import Scatterers, Sight
+from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.source import Scatterers
 from sarmitsuba.trace.speckle import gaussian, mix
 from sarmitsuba.trace.temporal import Age
 
@@ -264,16 +265,16 @@ class VolumeScatterers(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
         """See the class above."""
         key = dr.gather(mi.UInt32, self.key, index)
-        node, share = _node(0.5 * (dr.abs(came.to_antenna.z) + dr.abs(goes.to_antenna.z)))
+        node, share = _node(0.5 * (dr.abs(incident.to_antenna.z) + dr.abs(scattered.to_antenna.z)))
         row = (dr.gather(mi.UInt32, self.medium, index) * NODES + node) * 4
-        first = 2 if came.over_ground != goes.over_ground else 0
+        first = 2 if incident.over_ground != scattered.over_ground else 0
         four = [dr.gather(mi.Vector4f, self.table, row + (first + i)) for i in (0, 1, 4, 5)]
         size, mixed = dr.lerp(four[0], four[2], share), dr.lerp(four[1], four[3], share)
         drawn = gaussian
@@ -284,8 +285,8 @@ class VolumeScatterers(Scatterers):
         hh = g1 * size.x
         vv = g1 * mi.Complex2f(mixed.x, mixed.y) + g2 * size.y
         hv = g3 * size.z
-        in_h, in_v = field.polarisation_basis(-came.to_antenna, _up())
-        out_h, out_v = field.polarisation_basis(-goes.to_antenna, _up())
+        in_h, in_v = field.polarisation_basis(-incident.to_antenna, _up())
+        out_h, out_v = field.polarisation_basis(-scattered.to_antenna, _up())
         e_h, e_v, q_h, q_v = (field.dot(x, y) for x, y in ((e, in_h), (e, in_v), (q, out_h), (q, out_v)))
         total = q_h * e_h * hh + q_v * e_v * vv + (q_h * e_v + q_v * e_h) * hv
         return total * dr.gather(mi.Float, self.weight, index)

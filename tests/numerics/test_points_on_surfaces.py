@@ -7,11 +7,12 @@ import pytest
 
 import sarmitsuba
 from sarmitsuba.backend import ensure_backend
+from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.focusing import focus
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.points import visible
+from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 
 WAVELENGTH = 0.03
@@ -45,7 +46,9 @@ def scene_of(vertices: np.ndarray, faces: np.ndarray) -> TraceScene:
 
 def seen(scene: TraceScene, point: np.ndarray, towards: np.ndarray, distance: float = 5e3) -> np.ndarray:
     towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    return visible(scene, point, -towards * distance, np.full(len(towards), distance))
+    position = np.broadcast_to(point, towards.shape)
+    antenna = position + towards * distance
+    return PointLegs.of(scene, KernelFlags(), WAVELENGTH, position, antenna, (0.0, 0.0, 1.0)).seen
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:

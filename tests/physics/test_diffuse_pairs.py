@@ -12,16 +12,17 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import Decision
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh import surface_samples as sampling
-from sarmitsuba.mesh.surface_samples import surface_samples
+from sarmitsuba.mesh.surface_samples import SurfaceSamples, surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.simulation.pairs import PairEcho, pair_echo
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.sources.pairs import PairEcho, pair_echo
 from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.diffuse_pairs import DiffusePairs
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
 from sarmitsuba.trace.state import Constants, Kernel
 from sarmitsuba.validation import targets
@@ -29,6 +30,9 @@ from sarmitsuba.validation import targets
 F64 = NDArray[np.float64]
 
 WAVELENGTH, FAR = 0.03, 2e3
+# of a pane whose TE and TM differ little
+FOAM, THICK = 1.3 - 0.2j, 0.02
+THROUGH = KernelFlags(slabs=True, transmission=True)
 BOX = np.array([[-6.0, -6.0, -6.0], [6.0, 6.0, 6.0]])
 FLOOR = ([1.0, -2.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0])
 WALL = ([0.0, -2.0, 0.3], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0])
@@ -38,25 +42,39 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 ROUGH = {"material": "concrete", "rms_height": 0.02, "diffuse_law": "lambert", "diffuse_level_db": 2.0}
 
 
-def corner() -> TraceScene:
-    """A floor and a wall of rough stone."""
+def corner(*panes: targets.Mesh) -> TraceScene:
+    """A floor and a wall of rough stone, and panes of a lossy foam."""
     ensure_backend()
     stone = Material(
         "stone", pec=True, diffuse_law="lambert", diffuse_level_db=0.0, cross_polar_ratio_db=-9.0
     )
-    geometry = targets.geometry([targets.parallelogram(*FLOOR), targets.parallelogram(*WALL)])
-    return build_trace_scene(geometry, (stone,), WAVELENGTH)
+    foam = Material("foam", permittivity=FOAM, thickness=THICK)
+    meshes = [targets.parallelogram(*FLOOR), targets.parallelogram(*WALL), *panes]
+    geometry = targets.geometry(meshes, [0, 0, *[1] * len(panes)])
+    return build_trace_scene(geometry, (stone, foam), WAVELENGTH)
 
 
-def drawn(scene: TraceScene, to_radar: F64, cell: float, seed: int) -> Pairs:
-    samples = surface_samples(scene.triangles, cell, BOX, seed)
-    return find_pairs(scene, samples, (FAR * to_radar)[None], cell, BOX)
+def points(scene: TraceScene, cell: float, seed: int) -> SurfaceSamples:
+    """Of the floor's two triangles and the wall's two, in whatever order the tables have them."""
+    rows = np.flatnonzero(stone(scene))
+    samples = surface_samples(scene.triangles[rows], cell, BOX, seed)
+    return replace(samples, face=rows[samples.face])
+
+
+def stone(scene: TraceScene) -> NDArray[np.bool_]:
+    return np.asarray(scene.geometry_faces < 4)
+
+
+def drawn(scene: TraceScene, to_radar: F64, cell: float, seed: int, flags: KernelFlags = THROUGH) -> Pairs:
+    around = Surroundings.of(scene, flags, WAVELENGTH)
+    samples = points(scene, cell, seed)
+    return find_pairs(around, samples, (FAR * to_radar)[None], cell, BOX, scatters=stone(scene))
 
 
 def echo(
     scene: TraceScene, pairs: Pairs, to_radar: F64, *channels: str, depolarised: bool = False
 ) -> PairEcho:
-    flags = KernelFlags(channels=channels, depolarisation=depolarised)
+    flags = replace(THROUGH, channels=channels, depolarisation=depolarised)
     return pair_echo(pairs, scene, FAR * to_radar, np.zeros(3), flags, wavelength=WAVELENGTH)
 
 
@@ -86,6 +104,41 @@ def test_length_and_reciprocity(seed: int) -> None:
     # each is drawn once, from the floor or from the wall
     assert np.unique(pairs.key).size == pairs.n
     assert 0.2 < np.mean(np.abs(pairs.normal[:, 0, 2]) > 0.5) < 0.8
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_panes_stand_in_all_three_legs(seed: int) -> None:
+    """A pane between floor and wall: the wall's leg to the radar and the one between the two go through it."""
+    to_radar = direction(np.random.default_rng(seed))
+    pane = targets.parallelogram([0.5, -9.0, -2.0], [0.0, 18.0, 0.0], [0.0, 0.0, 12.0])
+    free, behind = (corner(), corner(pane))
+    both = [drawn(scene, to_radar, 0.15, seed) for scene in (free, behind)]
+    _, i, j = np.intersect1d(both[0].key, both[1].key, return_indices=True)
+    # what starts on the pane or ends on it is no pair of scatterers
+    assert i.size == both[0].n == both[1].n > 100
+    echoes = [echo(s, p, to_radar, "HH") for s, p in zip((free, behind), both, strict=True)]
+    (one, r1), (two, r2) = (
+        (e.amplitude[k, 0], e.slant_range[k]) for e, k in zip(echoes, (i, j), strict=True)
+    )
+    got = two * np.exp(-4j * np.pi / WAVELENGTH * (r2 - r1))
+    a, b = both[0].point[i, 0], both[0].point[i, 1]
+    between = np.abs((b - a)[:, 0]) / np.linalg.norm(b - a, axis=1)
+    # of one foot on either side of the pane
+    assert (np.sign(a[:, 0] - 0.5) * np.sign(b[:, 0] - 0.5) == -1).all()
+    te, tm = (
+        np.asarray(x)
+        for x in theory.slab_insertion(np.append(between, to_radar[0]), FOAM, THICK, WAVELENGTH, 0.0)
+    )
+    mean, spread = 0.5 * (te + tm), 0.5 * np.abs(te - tm)
+    want = mean[:-1] * mean[-1]
+    # tol: TE and TM differ by 1 to 6 %, and each pair has its own mixture of them
+    either = np.abs(mean[-1]) * spread[:-1] + np.abs(mean[:-1]) * spread[-1]
+    assert np.linalg.norm(got - want * one) < np.linalg.norm(either * one)
+    assert np.abs(want).max() < 0.75
+    assert (r2 - r1 > 0.0).all()
+    # off: the pane is a wall, and no point of the stone lands on the stone
+    blocked = drawn(behind, to_radar, 0.15, seed, KernelFlags())
+    assert not stone(behind)[blocked.face].all(axis=1).any()
 
 
 def test_another_pass_has_the_same_pairs() -> None:

@@ -1,5 +1,7 @@
 """The path table against the raw data that the same paths add up to, and against geometry."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 import trimesh
@@ -17,7 +19,7 @@ from sarmitsuba.simulation.path_table import KINDS, PathTable, trace_paths
 FEW = {"sar_antenna.n_pulses": "6", "sar_path.gridding_width": "8", "sar_path.method": "raw"}
 
 
-def random_scene(seed: int) -> Scene:
+def random_scene(seed: int, more: Sequence[SceneMesh] = ()) -> Scene:
     """Ground, boxes that overlap and touch, a bent roof and points, at random, in four polarisations."""
     rng = np.random.default_rng(seed)
     rough = {"material": "concrete", "rms_height": 0.004, "diffuse_law": "lambert"}
@@ -28,7 +30,7 @@ def random_scene(seed: int) -> Scene:
         rough,
         "ground",
     )
-    meshes = [ground]
+    meshes = [ground, *more]
     for i in range(3):
         box = trimesh.creation.box(extents=rng.uniform(1.0, 4.0, 3))
         move = trimesh.transformations.rotation_matrix(rng.uniform(0.0, 6.0), [0, 0, 1])
@@ -115,6 +117,38 @@ def test_paths_of_random_scenes(seed: int) -> None:
     assert set(np.unique(table.kind)) == {0, 1, 2, 3} and table.order.max() > 3
     assert_geometry_holds(table, scene)
     assert_filters_hold(table, scene)
+
+
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+@pytest.mark.parametrize("seed", [4, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 6))])
+def test_paths_through_panes(seed: int) -> None:
+    """A room of glass among boxes: every path of a ray that branches has its own hits."""
+    plain, rng = random_scene(seed), np.random.default_rng(seed)
+    glass = {"material": "glass", "thickness": 0.006}
+    panes = []
+    for i in range(3):
+        quad = np.array([[0.0, -4.0, 0.2], [0.0, 4.0, 0.2], [0.0, 4.0, 5.0], [0.0, -4.0, 5.0]])
+        turn = trimesh.transformations.rotation_matrix(rng.uniform(0.0, 6.0), [0, 0, 1])[:3, :3]
+        place = quad @ turn.T + [*rng.uniform(-4.0, 4.0, 2), 0.0]
+        panes.append(SceneMesh(place, [[0, 1, 2], [0, 2, 3]], glass, f"pane{i}"))
+    scene = random_scene(seed, panes).replace(wideband="off", diffuse_pairs="on")
+    table = assert_sums_to_raw(scene, [2])
+    bare = trace_paths(scene.replace(transmission="off"), [2])
+    assert len(table) != len(bare) and set(np.unique(table.kind)) == {0, 1, 2, 3, 5}
+    found = table[(table.kind != 3) & (table.kind != 5)]
+    there = np.arange(found.points.shape[1]) < found.order[:, None]
+    corners = scene.geometry.vertices[scene.geometry.faces[found.face[there]]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    off = np.einsum("ni,ni->n", found.points[there] - corners[:, 0], normal)
+    assert np.abs(off).max() < 0.01  # tol: the face of a pane stands half its thickness before its facet
+    antenna = scene.radar.track.position[2]
+    line = np.concatenate([np.broadcast_to(antenna, (len(found), 1, 3)), found.points], axis=1)
+    legs = np.nansum(np.linalg.norm(np.diff(line, axis=1), axis=2), axis=1)
+    legs += np.linalg.norm(found.points[np.arange(len(found)), found.order - 1] - antenna, axis=1)
+    # tol: delay in panes, 2 mm each, and middles of tubes; a hit of another path is metres away
+    assert np.percentile(np.abs(legs - found.length), 99.0) < 0.3
+    assert plain.geometry.n_faces < scene.geometry.n_faces
 
 
 def assert_geometry_holds(table: PathTable, scene: Scene) -> None:

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import sarmitsuba
+from sarmitsuba import theory as theory_of_pairs
 from sarmitsuba.backend import dr
 from sarmitsuba.errors import RadarError
 from sarmitsuba.loader.build import SceneMesh, build_scene
@@ -16,6 +17,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.turntable import Aspects, RcsSweep, image_refusal, rcs_sweep, turntable_scene
 from sarmitsuba.theory import rcs as theory
 from sarmitsuba.validation import targets
+from sarmitsuba.validation.cases.courtyards import RADIUS, bowl
 
 FREQUENCY = 3e9
 WAVELENGTH = 299792458.0 / FREQUENCY
@@ -213,3 +215,30 @@ def test_what_cannot_be_swept_is_said() -> None:
     assert "azimuth" in image_refusal(Aspects(np.zeros(3), np.linspace(0, 1, 3)))
     assert "elevation" in image_refusal(Aspects(np.linspace(0, 1, 3), np.full(3, -0.1)))
     assert not image_refusal(Aspects(np.linspace(0, 1, 3), np.zeros(3)))
+
+
+@pytest.mark.slow
+def test_pairs_of_diffuse_scatterers_in_a_bowl() -> None:
+    """What pairs add to the amplitude, its mean power over aspects against the closed form."""
+    albedo, elevation = 0.3, 1.0
+    vertices, faces = bowl()
+    stone = {
+        "material": "pec",
+        "rms_height": 0.05,
+        "diffuse_law": "lambert",
+        "diffuse_level_db": 10.0 * np.log10(4.0 * albedo),
+    }
+    radar = RadarDescription(center_frequency=FREQUENCY)
+    scene = build_scene([SceneMesh(vertices, faces, stone, "bowl")], radar=radar)
+    scene = scene.replace(coherent="off", max_depth=2, ray_spacing=0.5, scatterer_cell=0.1)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
+    aspects = Aspects(azimuth, np.full(azimuth.size, elevation))
+    on, off = (
+        rcs_sweep(scene.replace(diffuse_pairs=switch), aspects, channels=("HH", "HV", "VV"), checked=0)
+        for switch in ("on", "off")
+    )
+    closed = theory_of_pairs.lambertian_bowl(RADIUS, albedo, 0.5 * np.pi - elevation, 0.0)
+    for channel, want in (("HH", closed.co_h), ("HV", closed.cross), ("VV", closed.co_v)):
+        got = np.mean(np.square(np.abs(total(on, channel) - total(off, channel))))
+        # tol: four standard deviations of speckle over the aspects, and of the draw
+        assert got == pytest.approx(float(want), rel=4.0 / np.sqrt(azimuth.size) + 0.05)

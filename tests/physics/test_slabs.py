@@ -19,19 +19,19 @@ from sarmitsuba import (
     theory,
 )
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SarmitsubaWarning, SceneError
+from sarmitsuba.errors import SceneError
 from sarmitsuba.image.metrics import point_target_in
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.materials.material import Material
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import tracing
-from sarmitsuba.simulation.path_table import PathTracer
 from sarmitsuba.simulation.rcs import monostatic_rcs
+from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
+from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.slabs import slab
-from sarmitsuba.trace.source import PointSource, Scatterers, Sight, Source
+from sarmitsuba.trace.source import PointSource, Scatterers, Source
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets
 from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
@@ -308,8 +308,8 @@ class Isotropic(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
@@ -326,9 +326,7 @@ def test_scatterers_that_no_ray_finds_are_seen_through_panes(monkeypatch: pytest
         found = []
         for sources in ((), (PointSource(Isotropic(place)),)):
 
-            def given(
-                scene: Scene, flags: KernelFlags, s: tuple[Source, ...] = sources
-            ) -> tuple[Source, ...]:
+            def given(site: Site, s: tuple[Source, ...] = sources) -> tuple[Source, ...]:
                 return s
 
             with monkeypatch.context() as patch:
@@ -434,12 +432,3 @@ def test_what_hardly_moves_and_two_antennas_in_one_place_see_the_sameroom() -> N
     )
     # tol: the way home of first hits is retraced
     assert np.linalg.norm(both - one) < 1e-2 * np.linalg.norm(one)
-
-
-def test_tables_of_paths_say_what_they_leave_out() -> None:
-    scene = load_scene("glass_house")
-    with (
-        pytest.warns(SarmitsubaWarning, match="leave out paths through panes"),
-        pytest.warns(SarmitsubaWarning, match="amplitudes at the carrier"),  # of a coated pane
-    ):
-        PathTracer(scene)

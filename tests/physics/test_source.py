@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from sarmitsuba import PointTarget, RadarDescription, Scene, SceneMesh, build_scene, simulate
 from sarmitsuba.backend import dr, ensure_backend, mi
-from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation import run, tracing
 from sarmitsuba.simulation.batches import built
+from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace import field
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.source import PointSource, Scatterers, Sight, Source
+from sarmitsuba.trace.leg import Leg
+from sarmitsuba.trace.source import PointSource, Scatterers, Source
 from sarmitsuba.trace.state import Kernel
 
 GROUND = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
@@ -36,8 +37,8 @@ class Isotropic(Scatterers):
         self,
         kernel: Kernel,
         index: mi.UInt32,
-        came: Sight,
-        goes: Sight,
+        incident: Leg,
+        scattered: Leg,
         e: field.ComplexVector,
         q: field.ComplexVector,
     ) -> mi.Complex2f:
@@ -67,7 +68,7 @@ def scene_of(
 
 
 def raw(scene: Scene, monkeypatch: pytest.MonkeyPatch, *sources: Source) -> NDArray[np.complex64]:
-    def given(scene: Scene, flags: KernelFlags) -> tuple[Source, ...]:
+    def given(site: Site) -> tuple[Source, ...]:
         return sources
 
     with monkeypatch.context() as patch:

@@ -18,14 +18,14 @@ from sarmitsuba import (
 )
 from sarmitsuba.backend import ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
-from sarmitsuba.errors import SceneError
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.simulation import sources
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sources.kind import passages_of, sources_of
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.volumes import Bodies, VolumeScatterers, scatterer_spacing, volume_scatterers
 
@@ -203,9 +203,9 @@ def test_a_scene_without_volumes_has_no_crossing() -> None:
     """Neither passage nor source is made: the kernel is that of a scene that never heard of volumes."""
     ensure_backend()
     bare = replace(layer(), volumes=())
-    assert sources.passages_of(bare) == ()
+    assert passages_of(bare) == ()
     plan = plan_effects(bare)
-    assert sources.sources_of(SamplingPlan.of(bare), plan.flags) == ()
+    assert sources_of(RunSite(SamplingPlan.of(bare), plan.flags)) == ()
 
 
 def test_what_does_not_hold_volumes_says_so() -> None:
@@ -213,5 +213,46 @@ def test_what_does_not_hold_volumes_says_so() -> None:
     raster = plan_effects(replace(scene, settings=replace(scene.settings, method="raster")))
     decision = raster.decision("vegetation")
     assert decision is not None and not decision.on and "surfaces alone" in decision.why
-    with pytest.raises(SceneError, match="rcs does not hold volumes"):
-        rcs_sweep(scene, Aspects(np.zeros(2), np.full(2, 0.7)))
+
+
+ELEVATION = 0.6
+
+
+@pytest.mark.slow
+def test_rcs_of_a_ball_of_scatterers() -> None:
+    """Mean over aspects against the integral of the water cloud."""
+    radius = 2.0
+    body = ball(np.zeros(3), radius)
+    speck = SceneMesh(GROUND * 2e-4, [[0, 1, 2], [0, 2, 3]], "pec", "speck")  # volumes stand on something
+    inside = [SceneVolume(body.vertices, body.faces, CLOUD)]
+    cloud = build_scene([speck], volumes=inside, radar=RadarDescription())
+    aspects = Aspects(np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False), np.full(720, ELEVATION))
+    sweep = rcs_sweep(cloud, aspects, channels=("HH", "VV", "HV"), checked=0)
+    rho = (np.arange(2000) + 0.5) / 2000 * radius
+    chord = 2.0 * np.sqrt(radius**2 - rho**2)
+    for channel, back, kappa in (("HH", 0.1, 0.2), ("VV", 0.05, 0.4)):
+        seen = -np.expm1(-2.0 * kappa * chord) / (2.0 * kappa)
+        want = back * np.sum(2.0 * np.pi * rho * seen) * radius / 2000
+        got = np.mean(10.0 ** (0.1 * sweep.dbsm(channel)))
+        # tol: four standard deviations of speckle over the aspects, and of the scatterers' own draw
+        assert got == pytest.approx(want, rel=4.0 / np.sqrt(720.0) + 4.0 / np.sqrt(8000.0))
+
+
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+)  # a plate far smaller than the window
+def test_rcs_of_what_stands_in_a_ball() -> None:
+    """A plate across the line of sight at the middle of the ball loses exp(-2 k s)."""
+    radius, one = 2.0, Aspects(np.zeros(1), np.full(1, ELEVATION))
+    body, look = ball(np.zeros(3), radius), one.directions[0]
+    across = np.array([[0.0, 1.0, 0.0], np.cross([0.0, 1.0, 0.0], look)])
+    corners = 0.2 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) @ across
+    plate = SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], "pec", "plate")
+    dark = water_cloud("dark", (1e-12, 1e-12), (0.2, 0.4), 0.0)
+    levels = []
+    for volumes in ([], [SceneVolume(body.vertices, body.faces, dark)]):
+        scene = build_scene([plate], volumes=volumes, radar=RadarDescription())
+        levels.append([rcs_sweep(scene, one, channels=(c,), checked=0).dbsm(c)[0] for c in ("HH", "VV")])
+    want = 20.0 / np.log(10.0) * np.array([0.2, 0.4]) * radius
+    # tol: facets of the ball, and where a leg starts
+    assert np.array(levels[0]) - np.array(levels[1]) == pytest.approx(want, abs=0.03)

@@ -28,8 +28,8 @@ from sarmitsuba.simulation import sources
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
+from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.lines import LineScatterers, cut
-from sarmitsuba.trace.source import Sight
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
@@ -58,8 +58,8 @@ def vector(v: NDArray[np.complex128]) -> tuple[mi.Vector3f, mi.Vector3f]:
     return mi.Vector3f(*v.real.tolist()), mi.Vector3f(*v.imag.tolist())
 
 
-def sight(to: F64) -> Sight:
-    return cast("Sight", SimpleNamespace(to_antenna=mi.Vector3f(*to.tolist())))
+def sight(to: F64) -> Leg:
+    return cast("Leg", SimpleNamespace(to_antenna=mi.Vector3f(*to.tolist())))
 
 
 def unit(rng: np.random.Generator) -> F64:
@@ -166,7 +166,9 @@ def test_any_cut_gives_the_same_lobes(seed: int) -> None:
     aspects = Aspects(np.arctan2(directions[:, 1], directions[:, 0]), np.arcsin(directions[:, 2]))
     whole = rcs_sweep(scene, aspects, checked=0).result.amplitude
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sarmitsuba.simulation.turntable.cut", lambda lines, longest: cut(lines, 0.05))
+        patch.setattr(
+            "sarmitsuba.simulation.sources.catalog.wires.cut", lambda lines, longest: cut(lines, 0.05)
+        )
         pieces = rcs_sweep(scene, aspects, checked=0).result.amplitude
     assert np.abs(pieces - whole).max() < 1e-3 * np.abs(whole).max()  # tol: float32 sums
 

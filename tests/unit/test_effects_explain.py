@@ -2,18 +2,31 @@
 
 import itertools
 import json
-import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sarmitsuba.cli import main
+from sarmitsuba.effects.effect import Decision
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
-from sarmitsuba.simulation.prediction.explanation import explain
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.prediction.both_ways import (
+    CONFIDENCE,
+    measured_both_ways,
+    ratio_margin,
+    share_of,
+    switched,
+)
+from sarmitsuba.simulation.prediction.explanation import Explanation, explain
 from sarmitsuba.simulation.prediction.prediction import predict
 from sarmitsuba.simulation.raw import simulate
+from sarmitsuba.simulation.run import Run
 
 
 def test_table(capsys: pytest.CaptureFixture[str]) -> None:
@@ -25,7 +38,7 @@ def test_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "dihedral", "--json", "-D", "polarisation=HH"]) == 0
+    assert main(["explain", "plate", "--json", "-D", "polarisation=HH"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record["plan"]["channels"] == ["HH"]
     assert record["prediction"]["total_seconds"] > 0.0 and record["prediction"]["memory_bytes"] > 1e7
@@ -70,22 +83,93 @@ def test_prediction_takes_every_batch_to_be_like_the_first() -> None:
     assert prediction.seconds["synthesise"] == pytest.approx(batches, abs=1.0)
 
 
+def test_cost_is_the_share_of_the_longer_way() -> None:
+    """From a table of seconds: as planned, the other way, what is on."""
+    assert share_of(True, 2.0, 1.5) == 0.25  # without it three quarters are left
+    assert share_of(False, 1.5, 2.0) == 0.25  # it would come on top
+    assert share_of(True, 1.0, 1.1) == 0.0  # scatter of timing: nothing takes less than nothing
+
+
+def test_margin_of_a_change_seen_in_some_blocks() -> None:
+    """It covers the ratio over all parts of drawn populations about as often as it says; 0 where all are known."""
+    rng = np.random.default_rng(5)
+    covered, draws = 0, 400
+    for _ in range(draws):
+        n = int(rng.integers(8, 60))
+        below = rng.gamma(4.0, 1.0, n)
+        above = below * rng.gamma(4.0, 0.25, n) * 10.0 ** rng.uniform(-6, 2)
+        known = rng.choice(n, int(rng.integers(3, 7)), replace=False)
+        margin = ratio_margin(above[known], below[known], n)
+        upper = above[known].sum() / below[known].sum() * (1.0 + margin)
+        covered += above.sum() / below.sum() <= upper
+    # tol: of few parts, and what is above is skewed: some per cent below the stated confidence
+    assert covered >= (CONFIDENCE - 0.03) * draws
+    assert ratio_margin(above, below, n) == 0.0
+    assert ratio_margin(below[:5] / 7.0, below[:5], 50) == pytest.approx(0.0, abs=1e-12)
+    assert ratio_margin(above[:1], below[:1], 50) == np.inf
+
+
+def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
+    decisions = (
+        Decision("one", True, "", error_db=-12.4, measured=True, cost=0.31),
+        Decision("two", False, "", error_db=-12.4, cost=0.02),
+        Decision("three", True, "", error_db=-140.0, measured=True, cost=0.25),
+        Decision("four", True, ""),
+        Decision("five", False, "", error_db=-np.inf),
+    )
+    scene = load_scene(resolve("plate"))
+    lines = str(Explanation(scene, EffectsPlan(KernelFlags(), 1, decisions), None)).splitlines()
+    rows = {line.split()[0]: " ".join(line.split()[2:]) for line in lines[3:8]}
+    assert rows == {
+        "one": "-12 dB 31 %",
+        "two": "<= -12 dB < 10 %",
+        "three": "none 25 %",
+        "four": "? -",
+        "five": "none -",
+    }
+    (idle,) = [line for line in lines if line.startswith("on, and nothing of it in this image")]
+    assert "three (25 %);" in idle and "one" not in idle.split(":")[1]
+
+
+def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float:
+    """Change of the focused image of the whole run, the other way with the same blocks of pulses, dB."""
+
+    def image(way: Scene, plan: EffectsPlan) -> NDArray[np.complex64]:
+        blocks = replace(way, settings=replace(way.settings, key_pulse_interval=interval))
+        return focus(simulate(blocks, plan=plan)).total()
+
+    other = switched(scene, decision)
+    base, changed = image(scene, run.plan), image(other, run.otherwise(other).plan)
+    return float(10.0 * np.log10(np.square(np.abs(changed - base)).sum() / np.square(np.abs(base)).sum()))
+
+
 @pytest.mark.slow
-def test_stated_changes_are_those_of_whole_runs() -> None:
-    """An effect switched the other way changes the echoes of the whole run by what explain states."""
-    scene = load_scene(resolve("dihedral"))
-    stated = {d.name: d for d in explain(scene).plan.decisions}
-    base = simulate(scene).data
-    for name, switch in (("tube_phase", "off"), ("edge_diffraction", "off"), ("spreading", "on")):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is switched off
-            change = simulate(scene.replace(**{name: switch})).data - base
-        true = 10.0 * np.log10(np.square(np.abs(change)).sum() / np.square(np.abs(base)).sum())
-        assert stated[name].measured and 0.0 <= stated[name].cost < 1.0
-        # tol: five blocks of the aperture stand for all of it
-        assert stated[name].error_db == pytest.approx(true, abs=1.0)
+@pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
+def test_stated_changes_are_those_of_whole_images() -> None:
+    """An effect switched the other way changes the image by what explain states; a bound from a few blocks is above."""
+    for name, parameters, checked in (
+        ("dihedral", {}, ("tube_phase", "edge_diffraction", "spreading", "wideband", "motion_in_pulse")),
+        (
+            "tower",
+            {"azimuth_resolution": "1.2", "bandwidth": "125e6"},
+            ("coherent", "fresnel", "speckle", "diffuse_double"),
+        ),
+    ):
+        scene = load_scene(resolve(name), parameters=parameters)
+        found = explain(scene)
+        assert found.prediction is not None
+        interval = found.prediction.key_pulse_interval
+        stated = {d.name: d for d in found.plan.decisions}
+        run = Run(scene)
+        few = {d.name: d for d in measured_both_ways(run, scene, interval, most_places=3).decisions}
+        for effect in checked:
+            true = _true_db(scene, run, stated[effect], interval)
+            assert stated[effect].measured and 0.0 <= stated[effect].cost < 1.0
+            # tol: the change is focused, not the two images
+            assert stated[effect].error_db == pytest.approx(true, abs=0.1)
+            # tol: what blocks tell well is stated as measured, within their scatter
+            assert np.isnan(few[effect].error_db) or few[effect].error_db >= true - 2.0
     assert stated["visibility"].error_is in ("none", "measured")
-    assert not stated["motion_in_pulse"].measured and stated["motion_in_pulse"].error_is == "at most"
 
 
 def test_python_says_what_the_command_says() -> None:

@@ -11,7 +11,8 @@ from sarmitsuba.simulation.prediction.prediction import Prediction
 from sarmitsuba.simulation.prediction.speed import Machine
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sources import expected_sources
+from sarmitsuba.simulation.sources.kind import expected_sources
+from sarmitsuba.simulation.sources.site import RunSite
 
 # stages that are over when the forecast is said
 BEFORE = {"build", "plan"}
@@ -36,7 +37,7 @@ def test_sources_are_counted_before_they_are_made(name: str) -> None:
     """Rods, vegetation and edges, against those that are made."""
     run = Run(scene_of(name))
     assert run.sampling is not None
-    expected = expected_sources(run.sampling, run.sampling.flags)
+    expected = expected_sources(RunSite(run.sampling))
     made = run.tracer(run.sampling).sources
     assert len(expected) == len(made)
     for each, source in zip(expected, made, strict=True):
@@ -51,7 +52,7 @@ def test_pairs_are_counted_by_the_level_that_the_plan_measured() -> None:
     run = Run(load_scene("courtyard"))
     assert run.context is not None and run.context.pairs is not None and run.sampling is not None
     known, unknown = (
-        expected_sources(run.sampling, run.sampling.flags, run.trace_scene, level)[-1]
+        expected_sources(RunSite(run.sampling, None, run.trace_scene, level))[-1]
         for level in (run.context.pairs, None)
     )
     # what is not known is bounded

@@ -102,7 +102,8 @@ class Wideband(Effect):
         def against_carrier(frequency: F64, laws: list[_Law]) -> tuple[bool, float, str]:
             """Whether a law calls for the effect, the largest error without it, and what decides."""
             band = SubBands(wave.center_frequency, wave.bandwidth, 1)
-            errors = [(law.error_db(band, frequency), law) for law in laws if law.decides]
+            every = [(law.error_db(band, frequency), law) for law in laws]
+            errors = [(x, law) for x, law in every if law.decides]
             calling = [(x, law) for x, law in errors if x > context.tolerance_db + law.above_db]
             if not errors:
                 return False, -np.inf, "nothing changes over the band"
@@ -111,12 +112,10 @@ class Wideband(Effect):
             if not calling and error > context.tolerance_db:
                 most = context.tolerance_db + law.above_db
                 change += f", a quarter of a turn off its peak: up to {most:g} dB only side lobes change"
-            return bool(calling), max(x for x, _ in errors), change
+            return bool(calling), max(x for x, _ in every), change
 
         few = ends[:: (_FREQUENCIES - 1) // 8]
-        needed, error, change = against_carrier(
-            few, [law for law in _laws(few, context, decided) if law.decides]
-        )
+        needed, error, change = against_carrier(few, list(_laws(few, context, decided)))
         wanted = context.scene.settings.effects.get(self.name, "auto") == "on"
         if not (needed or wanted):
             return Assessment(False, f"{relative}: {change}", error)

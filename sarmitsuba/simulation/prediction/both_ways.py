@@ -1,131 +1,282 @@
-"""What an effect changes and takes in one scene: blocks of pulses traced with the effect and without it.
+"""What an effect changes and takes in one scene: pulses are traced and focused with the effect and without it.
 
-The energy of the echoes' change over that of the echoes is that of the image's change over that of the image, summed
-over the aperture: focusing keeps energies. Bright lines and glints count with all they have, which patches of a pilot
-rarely meet; blocks hold the pulses around a key pulse, so that a glint counts as long as it lasts.
+Changes are those of the focused image, inside its grid: echoes hold what lies beside the image as well, and what the
+focusing weighs otherwise. All blocks of pulses are traced where that takes little; else some, spread over the aperture,
+and how much they differ says what the others may hold.
 """
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from math import prod
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
+from sarmitsuba.constants import SUBSET_SHARES
+from sarmitsuba.echo.raw import Layer, RawData
 from sarmitsuba.effects.effect import Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
-from sarmitsuba.errors import SarmitsubaError
+from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
+from sarmitsuba.focusing import default_grid, focus
+from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.batches import Batch, Bench
 from sarmitsuba.simulation.blocks import partition
+from sarmitsuba.simulation.points import add_points
+from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.timing import Clock
 
-# blocks spread over the aperture that are traced both ways, and most pulses of one
-PLACES, LONGEST = 5, 256
-# rays of what is traced both ways, all effects together, up to which effects are tried
+C64 = NDArray[np.complex64]
+F64 = NDArray[np.float64]
+
+# blocks spread over the aperture that are traced both ways at least, most of them, and most pulses of one where
+# every pulse is traced
+PLACES, MOST_PLACES, LONGEST = 5, 48, 256
+# rays of what is traced both ways, all effects together, up to which all blocks are, and effects are tried
 MOST_RAYS = 100_000_000
-# rounds of the timing of the block in the middle, with an effect and without it, in turn; the least of each counts
-ROUNDS = 2
+# pixels times pulses that one image may take; the grid is made coarser for more
+MOST_PIXEL_PULSES = 5e8
+# rounds of the timing with an effect and without it, in turn; the least of each counts. More where they are short:
+# until so many seconds were timed
+ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 3, 0.4
+# blocks in the middle that are timed
+TIMED = 2
+# a change that blocks tell no better than this is stated as a bound, dB
+WELL_KNOWN_DB = 2.0
+# one-sided confidence of such a bound
+CONFIDENCE = 0.99
 
 
-class _Echoes:
-    """Some blocks of pulses of a run, traced by one set of its rays.
+class _Way:
+    """Pulses of a run, traced block by block.
 
     Parameters
     ----------
     run : made ready
+    loaded : its scene, as loaded
     blocks : first pulse of each, and the one after its last
-    clock : of ``seconds`` and ``setup``
+    together : whether the pulses of a block share one tracing
 
     Attributes
     ----------
-    profiles : (n_channels, n_pulses, n_samples) complex64, all bounce orders summed
-    setup : of what the run does once before it traces: lattices, draws of sources, s
-    seconds : of the block in the middle, least of the rounds, s
     rays : of one block
     """
 
-    def __init__(self, run: Run, blocks: Sequence[tuple[int, int]], clock: Clock) -> None:
-        assert run.sampling is not None
-        self.blocks, self.clock, self.seconds = tuple(blocks), clock, np.inf
+    def __init__(self, run: Run, loaded: Scene, blocks: Sequence[tuple[int, int]], together: bool) -> None:
+        self.run, self.loaded, self.blocks, self.together = run, loaded, tuple(blocks), together
+        self.bench, self.subsets = _bench(run)
+        self.rays = self._rays()
+
+    def _rays(self) -> int:
+        first, stop = self.blocks[0]
+        lattices = self.bench.rays.at(first)
+        launched = sum(grid.n_rays for grids in lattices for grid in grids) * self.run.plan.sub_bands
+        return launched * (1 if self.together else stop - first)
+
+    def echoes(self, places: Sequence[int]) -> C64:
+        """Echoes (channels, pulses, samples) of all pulses; 0 beside the blocks with these numbers."""
+        run, n = self.run, self.run.scene.radar.track.n_pulses
+        channels, radar = run.layers.channels, run.scene.radar
+        out = np.zeros((len(channels), n, radar.window.n_samples), dtype=np.complex64)
+        for place in places:
+            start, stop = self.blocks[place]
+            for subset, share in enumerate(self.subsets):
+                found = _traced(self.bench, subset, start, stop, n, self.together)
+                parts = found.reshape(-1, len(channels), *found.shape[1:]).sum(axis=0)
+                out[:, start:stop] += np.float32(share) * parts[:, : stop - start]
+        self._points(out)
+        return out
+
+    def _points(self, out: C64) -> None:
+        """Add ideal points at the traced pulses."""
+        run = self.run
+        pulses = np.flatnonzero(out.any(axis=(0, 2)))
+        if not run.scene.points or not len(pulses):
+            return
+        scene = replace(run.scene, radar=run.scene.radar.of_pulses(pulses))
+        part = np.ascontiguousarray(out[:, pulses])
+        add_points(scene, run.plan.flags, run.trace_scene, part, self._labels, run.plan.sub_bands)
+        out[:, pulses] = part
+
+    @property
+    def _labels(self) -> tuple[Layer, ...]:
+        return tuple(Layer(channel) for channel in self.run.layers.channels)
+
+    def focused(self, data: C64, grid: ImageGrid) -> C64:
+        """Images (channels, n_azimuth, n_range) of echoes."""
+        radar, scene = self.run.scene.radar, self.run.scene
+        flown = radar.track if radar.recorded is not None else None
+        raw = RawData(data, self._labels, "compressed", radar.as_recorded(), request=scene.image, flown=flown)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)  # the run itself says them
+            return focus(raw, grid).data
+
+    def seconds(self, clock: Clock) -> float:
+        """Of laying out, tracing and synthesising the whole run, from its blocks in the middle."""
         start = clock()
-        rays = run.rays(run.sampling, 0)
-        tracer = run.tracer(run.sampling)
-        self.setup = clock() - start
-        self.rays = sum(grid.n_rays for grid in rays.at(self.blocks[0][0])[0])
-        self._bench = Bench(tracer, rays, run.layers.per_subset, run.layers.max_order)
-        channels = run.layers.channels
-        profiles = np.concatenate([self._one(block) for block in self.blocks], axis=1)  # also compiles
-        self.profiles = profiles.reshape(-1, len(channels), *profiles.shape[1:]).sum(axis=0)
+        run = Run(self.loaded, plan=self.run.plan, clock=clock, geometry=self.run.trace_scene)
+        bench, subsets = _bench(run)
+        setup = clock() - start
+        middle = max(0, (len(self.blocks) - TIMED) // 2)
+        timed = self.blocks[middle : middle + TIMED]
+        n = run.scene.radar.track.n_pulses
+        start = clock()
+        for first, stop in timed:
+            for subset in range(len(subsets)):
+                _traced(bench, subset, first, stop, n, self.together)
+        traced = clock() - start
+        if self.together:
+            return setup + traced * len(self.blocks) / len(timed)
+        return setup + traced * n / sum(stop - first for first, stop in timed)
 
-    def again(self) -> None:
-        """Another round of the timing."""
-        start = self.clock()
-        self._one(self.blocks[len(self.blocks) // 2])
-        self.seconds = min(self.seconds, self.clock() - start)
 
-    def _one(self, block: tuple[int, int]) -> NDArray[np.complex64]:
-        return self._bench.trace(Batch(0, *block, together=True)).profiles
+def _bench(run: Run) -> tuple[Bench, tuple[float, ...]]:
+    """Where blocks of a run are traced, and the share of each ray subset."""
+    assert run.sampling is not None
+    rays, tracer = run.rays(run.sampling, 0), run.tracer(run.sampling)
+    subsets = tuple(SUBSET_SHARES[subset] for subset in run.layers.subsets)
+    return Bench(tracer, rays, run.layers.per_subset, run.layers.max_order), subsets
+
+
+def _traced(bench: Bench, subset: int, start: int, stop: int, n: int, together: bool) -> C64:
+    """Profiles (layers of the subset, pulses, samples) of a block, up to the first pulse of the next as in a run."""
+    return bench.trace(Batch(subset, start, stop + int(together and stop < n), together)).profiles
 
 
 def measured_both_ways(
-    run: Run, loaded: Scene, keys: int, *, clock: Clock = time.process_time
+    run: Run,
+    loaded: Scene,
+    interval: int,
+    *,
+    clock: Clock | None = time.process_time,
+    most_places: int = MOST_PLACES,
 ) -> EffectsPlan:
-    """The plan with what effects change and take, as far as blocks of pulses traced both ways can tell.
+    """The plan with what effects change and take, as far as pulses traced both ways can tell.
 
     Parameters
     ----------
     run : made ready, its plan decided by itself
     loaded : its scene, as loaded
-    keys : key pulses of the whole run; what the cost is a share of
-    clock : what the cost is counted in; processor seconds of all threads, which other programs disturb least
+    interval : pulses that share one tracing in the whole run
+    clock : what the cost is counted in; processor seconds of all threads, which other programs disturb least. None
+        leaves the cost out
+    most_places : blocks that are traced at most
 
     Notes
     -----
-    Ignores what only pulses between the blocks see, and what changes within a block. What is proven to change
-    nothing is not tried, nor what other than the tracing shows (:attr:`Effect.at_key_pulses`).
+    Both ways have the same blocks of pulses. Where not all blocks are traced, the change is measured only if they agree
+    about it within ``WELL_KNOWN_DB``, else an upper bound is stated; what only pulses between them see is missed. What
+    is proven to change nothing is not tried, nor what the image does not show (:attr:`Effect.at_key_pulses` says what
+    takes all pulses). Cost: of laying out, tracing and synthesis, without reading, planning and ideal points.
     """
     plan = run.plan
     if run.context is None or run.sampling is None or loaded.settings.method == "raster":
         return plan
-    blocks = _blocks(run.scene.radar.track.n_pulses, keys, run.sampling.block_length(LONGEST))
-    keys *= len(run.layers.subsets)
-    base = _Echoes(run, blocks, clock)
-    left = MOST_RAYS
-    for effect in effects():
+    tried = [effect for effect in effects() if _worth_trying(effect, plan)]
+    n = run.scene.radar.track.n_pulses
+    together = interval > 1
+    blocks = partition(n, interval if together else min(LONGEST, run.sampling.block_length(LONGEST)))
+    together = together or blocks[0][1] > 1
+    base = _Way(run, loaded, blocks, together)
+    number = int(MOST_RAYS / max(1, base.rays * (len(tried) + 1)))
+    places = _spread(len(blocks), min(most_places, max(PLACES, number)))
+    whole = len(places) == len(blocks)
+    grid = _grid(run)
+    data = base.echoes(places)
+    image = base.focused(data, grid)
+    more = _besides(base, clock) if clock is not None and whole and interval > 1 else 0.0
+    left = MOST_RAYS - len(places) * base.rays
+    for effect in tried:
         decision = plan.decision(effect.name)
-        if decision is None or not _worth_trying(effect, decision) or left < 0:
+        assert decision is not None
+        if left < 0 or not (whole or effect.at_key_pulses):
             continue
         try:
-            other = run.otherwise(switched(loaded, decision))
+            scene = switched(loaded, decision)
+            other = run.otherwise(scene)
             if other.sampling is None or other.layers.channels != run.layers.channels:
                 continue
-            way = _Echoes(other, blocks, clock)
+            way = _Way(other, scene, blocks, together)
+            echoes = way.echoes(places)
         except SarmitsubaError:  # nothing would be left that returns
             continue
-        for _ in range(ROUNDS):
-            base.again()
-            way.again()
-        left -= (len(blocks) + ROUNDS) * way.rays + ROUNDS * base.rays
-        plan = plan.with_measured(
-            effect.name, _change_db(way.profiles, base.profiles), _share(decision, base, way, keys)
-        )
+        left -= len(places) * way.rays
+        if effect.at_key_pulses:
+            change = base.focused(echoes - data, grid)
+        else:
+            change = way.focused(echoes, grid) - image
+        spread = None if whole else _spread_of(echoes - data, data, [blocks[i] for i in places], len(blocks))
+        error_db, measured = _stated(_ratio(change, image), spread)
+        cost = np.nan
+        if clock is not None:
+            here, there = _least(base, way, clock)
+            cost = share_of(decision.on, more + here, more + there)
+        if measured or error_db > -np.inf:
+            plan = plan.with_measured(effect.name, error_db, cost, measured=measured)
+        else:  # the blocks that were traced show nothing, and there are others
+            plan = plan.with_measured(effect.name, decision.error_db, cost, measured=False)
     return plan
 
 
-def _blocks(n_pulses: int, keys: int, fitting: int) -> list[tuple[int, int]]:
-    """First pulses and ends of blocks spread over the aperture: those of the run, or no longer than fits the track."""
-    length = max(1, min(-(-n_pulses // keys), fitting) if keys < n_pulses else min(fitting, LONGEST))
-    blocks = partition(n_pulses, length)
-    number = min(PLACES, len(blocks))
-    return [blocks[int((i + 0.5) * len(blocks) / number)] for i in range(number)]
+def _besides(base: _Way, clock: Clock) -> float:
+    """Seconds that a short run takes besides laying out and tracing: geometry on the device, checks, metadata."""
+    settings = base.loaded.settings
+    length = 0 if settings.method == "raw" else max(stop - start for start, stop in base.blocks)
+    scene = replace(base.loaded, settings=replace(settings, key_pulse_interval=length))
+    whole, parts = np.inf, np.inf
+    for _ in range(ROUNDS):
+        start = clock()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SarmitsubaWarning)
+            simulate(scene, plan=base.run.plan)
+        whole, parts = min(whole, clock() - start), min(parts, base.seconds(clock))
+    return max(0.0, whole - parts)
 
 
-def _worth_trying(effect: Effect, decision: Decision) -> bool:
-    """Whether blocks traced both ways can tell anything of an effect."""
-    if not effect.at_key_pulses or decision.error_db == -np.inf:
+def _least(base: _Way, way: _Way, clock: Clock) -> tuple[float, float]:
+    """Seconds of both ways: least of a few rounds in turn, what disturbs them only makes them longer."""
+    here, there, total = np.inf, np.inf, 0.0
+    for i in range(MOST_ROUNDS):
+        if i >= ROUNDS and total >= LONG_ENOUGH:
+            break
+        one = base.seconds(clock)
+        here, there, total = min(here, one), min(there, way.seconds(clock)), total + one
+    return here, there
+
+
+def _spread(n: int, wanted: int) -> list[int]:
+    """Numbers of so many of ``n`` blocks, spread over the aperture; all of them where they are few."""
+    number = min(n, wanted)
+    return [int((i + 0.5) * n / number) for i in range(number)]
+
+
+def _grid(run: Run) -> ImageGrid:
+    """The grid of the image; coarser, at every few of its pixels, where focusing would take long."""
+    radar, request = run.scene.radar.as_recorded(), run.scene.image
+    grid = default_grid(radar, request)
+    much = prod(grid.shape) * radar.track.n_pulses / MOST_PIXEL_PULSES
+    if much <= 1.0:
+        return grid
+    coarser = float(np.sqrt(much))
+    return default_grid(
+        radar,
+        replace(
+            request,
+            spacing_azimuth=coarser * grid.azimuth_spacing,
+            spacing_range=coarser * grid.range_spacing,
+        ),
+    )
+
+
+def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
+    """Whether tracing both ways can tell anything of an effect."""
+    decision = plan.decision(effect.name)
+    if decision is None or decision.error_db == -np.inf or effect.name == "noise":
         return False
     return bool(effect.documentation) or effect.name == "max_depth"
 
@@ -141,19 +292,68 @@ def switched(loaded: Scene, decision: Decision) -> Scene:
     return replace(loaded, settings=replace(settings, effects=switches))
 
 
-def _change_db(other: NDArray[np.complex64], base: NDArray[np.complex64]) -> float:
-    """Energy of the change over that of the echoes, worst channel, dB."""
-    change, energy = (np.square(np.abs(x)).sum(axis=(1, 2), dtype=np.float64) for x in (other - base, base))
-    if not change.any():
-        return -np.inf
-    return float(10.0 * np.log10(np.max(change / np.maximum(energy, 1e-300))))
+def _energy(planes: C64) -> F64:
+    """Of each channel."""
+    return np.asarray(np.square(np.abs(planes)).sum(axis=(1, 2), dtype=np.float64))
 
 
-def _share(decision: Decision, base: _Echoes, way: _Echoes, keys: int) -> float:
-    """Share of the simulation that an effect takes, or would take."""
-    here, there = (x.setup + x.seconds * keys for x in (base, way))
-    with_it, without = (here, there) if decision.on else (there, here)
+def _ratio(change: C64, image: C64) -> float:
+    """Energy of the change over that of the image, worst channel."""
+    return float(np.max(_energy(change) / np.maximum(_energy(image), 1e-300)))
+
+
+def _spread_of(change: C64, data: C64, blocks: Sequence[tuple[int, int]], n: int) -> float:
+    """Relative upper margin of the ratio of the energies, from ``blocks`` of ``n`` in all, worst channel.
+
+    Standard error of a ratio of sums (W. G. Cochran, Sampling Techniques, 1977, 6.13) times Student's t.
+    """
+    parts = [(_energy(change[:, a:b]), _energy(data[:, a:b])) for a, b in blocks]
+    above, below = (np.stack(x) for x in zip(*parts, strict=True))
+    return float(max(ratio_margin(a, b, n) for a, b in zip(above.T, below.T, strict=True)))
+
+
+def ratio_margin(above: F64, below: F64, n: int) -> float:
+    """Relative margin by which the ratio of two sums over ``n`` parts may exceed that over some of them.
+
+    Parameters
+    ----------
+    above, below : (k,) float64, of the parts that are known
+    n : number of all parts
+
+    Returns
+    -------
+    margin : of the ratio, at ``CONFIDENCE``; 0 where all parts are known or nothing is above
+    """
+    k = len(above)
+    if k >= n or not above.any():
+        return 0.0
+    if k < 2:
+        return np.inf
+    left = above - above.sum() / below.sum() * below
+    error = np.sqrt((1.0 - k / n) * k / (k - 1.0) * np.sum(left**2)) / above.sum()
+    return float(student.ppf(CONFIDENCE, k - 1) * error)
+
+
+def _stated(ratio: float, margin: float | None) -> tuple[float, bool]:
+    """What is stated of a change, dB, and whether it is measured; else it is a bound."""
+    if ratio == 0.0:
+        return -np.inf, margin is None
+    upper = 1.0 + (margin or 0.0)
+    if 10.0 * np.log10(upper) <= WELL_KNOWN_DB:
+        return float(10.0 * np.log10(ratio)), True
+    return float(10.0 * np.log10(ratio * upper)), False
+
+
+def share_of(on: bool, here: float, there: float) -> float:
+    """Share of the simulation that an effect takes (on), or would take (off).
+
+    Parameters
+    ----------
+    on : whether the plan has it
+    here, there : seconds as planned, and the other way
+    """
+    with_it, without = (here, there) if on else (there, here)
     return max(0.0, 1.0 - without / with_it)
 
 
-__all__ = ["measured_both_ways", "switched"]
+__all__ = ["measured_both_ways", "ratio_margin", "share_of", "switched"]

@@ -21,7 +21,8 @@ from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import USUAL_CORE, Machine, Work, scatterers_met
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sources import Expected, expected_sources
+from sarmitsuba.simulation.sources.kind import Expected, expected_sources
+from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
 from sarmitsuba.trace.geometry import TraceScene
@@ -127,7 +128,7 @@ class _Tracing:
             tuple(map(sum, zip(plain, finer, strict=True))),
             finer,
             laying + sum(plain) * USUAL_CORE.plain_node,
-            expected_sources(sampling, sampling.flags, trace_scene, pairs, sub_bands),
+            expected_sources(RunSite(sampling, None, trace_scene, pairs), sub_bands),
             sub_bands,
         )
 

@@ -13,6 +13,11 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.prediction.needs import duration
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 
+# weaker changes of the image are rounding, dB
+NOTHING_DB = -90.0
+# smaller shares of the processor time are within the scatter of timing
+LEAST_TOLD = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -83,10 +88,20 @@ class Explanation:
             "if not: change of the image were the effect switched the other way (max_depth: without its last bounce), "
             "energy over that of the image; <= a bound, ? no bound is known, others measured"
         )
-        if any(d.measured for d in plan.decisions):
+        if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(
-                "cost: share of the simulation's processor time that the effect takes, or would take; measured, as the "
-                "changes are, on pulses traced with the effect and without it"
+                "cost: share of the simulation's processor time that the effect takes, or would take; timed, to a "
+                "tenth or so, on the same pulses"
+            )
+        idle = [
+            f"{d.name} ({_cost(d.cost)})"
+            for d in plan.decisions
+            if d.on and d.measured and d.error_db <= NOTHING_DB
+        ]
+        if idle:
+            lines.append(
+                f"on, and nothing of it in this image (with their cost): {', '.join(idle)}; the plan is decided before "
+                "anything is traced, and a proof would take longer than the effect"
             )
         if plan.pilot:
             p = plan.pilot
@@ -128,12 +143,16 @@ def _prediction_text(prediction: Prediction) -> str:
 def _error(decision: Decision) -> str:
     if np.isnan(decision.error_db):
         return "?"
+    if decision.error_db <= (NOTHING_DB if decision.measured else -200.0):
+        return "none"
     bound = "" if decision.measured else "<= "
-    return f"{bound}{round(decision.error_db)} dB" if decision.error_db > -200.0 else "none"  # never -0
+    return f"{bound}{round(decision.error_db)} dB"  # never -0
 
 
 def _cost(share: float) -> str:
-    return "-" if np.isnan(share) else f"{100 * share:.0f} %"
+    if np.isnan(share):
+        return "-"
+    return f"{100 * share:.0f} %" if share >= LEAST_TOLD else f"< {100 * LEAST_TOLD:.0f} %"
 
 
 __all__ = ["Explanation", "explain"]

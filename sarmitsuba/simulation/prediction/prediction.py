@@ -144,7 +144,8 @@ def predict(
     memory = needs.memory
     if not needs.raw_bytes or needs.bytes > MEASURED_MEMORY or needs.refusal:
         if both_ways and needs.bytes <= MEASURED_MEMORY and not needs.refusal:
-            planned = measured_both_ways(run, scene, needs.key_pulses)
+            pulses = run.scene.radar.track.n_pulses
+            planned = measured_both_ways(run, scene, -(-pulses // max(needs.key_pulses, 1)))
         return planned, Prediction.of(needs, processor=clock is time.process_time)
     if planned.pilot and plan is None:  # the first time may have compiled the pilot's kernel
         start = clock()
@@ -159,7 +160,7 @@ def predict(
             seconds[stage] = seconds.get(stage, 0.0) + value
         stats, interval = traced.statistics, traced.interval
         if both_ways:
-            planned = measured_both_ways(run, scene, stats.key_pulses)
+            planned = measured_both_ways(run, scene, interval)
         planned = planned.with_key_pulses(
             interval, traced.error_db, run.scene.settings.key_pulse_interval > 0, traced.seams
         )

@@ -8,8 +8,9 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.surface_samples import surface_samples
 from sarmitsuba.scene.geometry import Geometry
-from sarmitsuba.simulation.pairs import pair_echo
+from sarmitsuba.simulation.sources.pairs import pair_echo
 from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import find_pairs
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
@@ -39,8 +40,8 @@ def pair_power(
     box = geometry.bounds + np.array([[-1.0], [1.0]])
     samples = surface_samples(scene.triangles, cell, box, seed)
     position = FAR * to_radar
-    pairs = find_pairs(scene, samples, position[None], cell, box)
     flags = KernelFlags(channels=CHANNELS, depolarisation=False)
+    pairs = find_pairs(Surroundings.of(scene, flags, lam), samples, position[None], cell, box)
     echo = pair_echo(
         pairs, scene, position, np.zeros(3), flags, wavelength=lam, seed=seed, up=(up[0], up[1], up[2])
     )

@@ -14,12 +14,12 @@ from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.surface_samples import spanned_area, surface_samples
 from sarmitsuba.radar.antenna import Antenna
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.diffuse_pairs import DiffusePairs
 from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
+from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
-from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.state import Constants, Contribution, Kernel, KernelSettings
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ PILOT_POINTS = 30_000
 MOST_POINTS, FINEST = 500_000, 0.5
 # cells walked for each point wanted, at most
 MOST_CELLS = 16
-# antenna positions that a pair is looked for from: at least, and one every so many rad of the track's turn
-LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
 # pairs in a square of the ground whose level is told, at least
 SQUARE_PAIRS = 30
 
@@ -56,32 +54,27 @@ class PairEstimate:
     power: F64
 
 
-def pair_sources(sampling: SamplingPlan, flags: KernelFlags, trace_scene: TraceScene) -> tuple[Source, ...]:
-    """The source of a run's pairs; none where they are off or there are none."""
-    if not flags.diffuse_pairs:
-        return ()
-    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
-    pairs = scene_pairs(sampling, trace_scene, _cell_of_run(sampling, trace_scene, pilot))
-    return (DiffusePairs(pairs),) if pairs.n else ()
+def run_pairs(site: Site, pilot: PairEstimate) -> Pairs:
+    """Pairs of a run, as many as the error of their draw wants."""
+    return scene_pairs(site, _cell_of_run(site, pilot))
 
 
-def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
+def pair_level(site: Site) -> PairLevel:
     """Estimate what pairs of diffuse scatterers return, from the middle of the track.
 
     Parameters
     ----------
-    sampling : of the run
-    trace_scene : geometry, as the run has it
+    site : of the run
     """
-    pilot = estimate_pairs(sampling, trace_scene, pilot_cell(sampling, trace_scene, PILOT_POINTS))
+    pilot = estimate_pairs(site, pilot_cell(site, PILOT_POINTS))
     total = float(pilot.power.sum())
     count = int((pilot.power > 0.0).sum())
     if not total or not pilot.pairs.clutter:
         return PairLevel(
             share=0.0, error=0.0, strongest=0.0, square=0.0, pairs=count, draw_error=0.0, cell=pilot.cell
         )
-    strongest, square = _strongest(sampling, pilot)
-    cell = _cell_of_run(sampling, trace_scene, pilot)
+    strongest, square = _strongest(site, pilot)
+    cell = _cell_of_run(site, pilot)
     finer = cell / pilot.cell
     share = total / pilot.pairs.clutter
     return PairLevel(
@@ -90,24 +83,24 @@ def pair_level(sampling: SamplingPlan, trace_scene: TraceScene) -> PairLevel:
         strongest=strongest,
         square=square,
         pairs=count,
-        draw_error=min(share, _draw_error(sampling, pilot) * finer**2),
+        draw_error=min(share, _draw_error(site, pilot) * finer**2),
         cell=cell,
     )
 
 
-def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> Pairs:
+def scene_pairs(site: Site, cell: float) -> Pairs:
     """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
-    if not sampling.flags.texture:
+    trace_scene = _geometry(site)
+    if not site.flags.texture:
         trace_scene = replace(trace_scene, surfaces=None)
-    usable = _usable(sampling, trace_scene)
+    usable = _usable(site)
     rows = np.flatnonzero(usable)
-    box = sampling.box + np.array([[-cell], [cell]])
-    seed = sampling.scene.settings.seed
+    box = site.box + np.array([[-cell], [cell]])
+    seed = site.scene.settings.seed
     samples = surface_samples(trace_scene.triangles[rows], cell, box, seed)
     samples = replace(samples, face=rows[samples.face])
-    pairs = find_pairs(
-        trace_scene, samples, _views(sampling), cell, box, seed=seed, visibility=sampling.flags.visibility
-    )
+    around = Surroundings.of(trace_scene, site.flags, site.wavelength)
+    pairs = find_pairs(around, samples, site.views, cell, box, seed=seed, scatters=usable)
     keep = usable[pairs.face[:, 1]]
     return replace(
         pairs,
@@ -115,66 +108,57 @@ def scene_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) ->
     )
 
 
-def _usable(sampling: SamplingPlan, trace_scene: TraceScene) -> NDArray[np.bool_]:
+def _geometry(site: Site) -> TraceScene:
+    assert site.trace_scene is not None
+    return site.trace_scene
+
+
+def _usable(site: Site) -> NDArray[np.bool_]:
     """Faces of the tables that scatter diffusely and rest."""
-    scene = sampling.scene
+    trace_scene = _geometry(site)
+    scene = site.scene
     scatters = np.array([any(p.scatters for p in with_parts([m])) for m in scene.materials], dtype=bool)
     usable = scatters[scene.geometry.face_material[trace_scene.geometry_faces]]
-    if sampling.flags.texture and trace_scene.surfaces is not None:  # materials by place
+    if site.flags.texture and trace_scene.surfaces is not None:  # materials by place
         usable[:] = True
     if trace_scene.movers is not None:
         usable &= trace_scene.movers.number == 0
     return np.asarray(usable)
 
 
-def _views(sampling: SamplingPlan) -> F64:
-    """Antenna positions (n, 3) over the track, m, the middle one in the middle; of both antennas where two fly."""
-    views = []
-    for track in sampling.scene.radar.tracks:
-        line = sampling.window.center - track.position
-        line = line / np.linalg.norm(line, axis=1, keepdims=True)
-        turn = float(np.arccos(np.clip(np.einsum("ij,ij->i", line[1:], line[:-1]), -1.0, 1.0)).sum())
-        count = max(LEAST_VIEWS, int(np.ceil(turn / VIEW_TURN))) // 2
-        n, middle = track.n_pulses, track.center_index
-        before = np.linspace(0, middle, count + 1).round().astype(int)[:-1]
-        after = np.linspace(middle, n - 1, count + 1).round().astype(int)[1:]
-        views.append(track.position[[*before, middle, *after]])
-    return np.stack(views, axis=1).reshape(-1, 3) if len(views) == 1 else np.concatenate(views)
-
-
-def pilot_cell(sampling: SamplingPlan, trace_scene: TraceScene, points: float) -> float:
+def pilot_cell(site: Site, points: float) -> float:
     """Edge of cells that about so many points come from, m; a power of the square root of two.
 
     Looks and passes that differ a little have the same. Slanting slivers have many more cells in the rectangle about
     them than points: no more than ``MOST_CELLS`` for each point are walked.
     """
-    area = max(*_pair_areas(sampling, trace_scene), 1e-6)
+    area = max(*_pair_areas(site), 1e-6)
     return _rounded_down(float(np.sqrt(area / points)))
 
 
-def expected_pair_points(sampling: SamplingPlan, trace_scene: TraceScene, level: PairLevel | None) -> float:
+def expected_pair_points(site: Site) -> float:
     """About as many points as the pairs of a run are drawn from; the most there may be where no level is known."""
-    finest = max(pilot_cell(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
-    cell = level.cell if level is not None else finest
-    return _pair_areas(sampling, trace_scene)[0] / cell**2
+    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
+    cell = site.pairs.cell if site.pairs is not None else finest
+    return _pair_areas(site)[0] / cell**2
 
 
-def _pair_areas(sampling: SamplingPlan, trace_scene: TraceScene) -> tuple[float, float]:
+def _pair_areas(site: Site) -> tuple[float, float]:
     """Area that points are drawn on, in the planes that their cells lie in; what the cells walked count as, m^2."""
-    triangles = trace_scene.triangles[_usable(sampling, trace_scene)]
+    triangles = _geometry(site).triangles[_usable(site)]
     low, high = (
-        np.maximum(triangles.min(axis=1), sampling.box[0]),
-        np.minimum(triangles.max(axis=1), sampling.box[1]),
+        np.maximum(triangles.min(axis=1), site.box[0]),
+        np.minimum(triangles.max(axis=1), site.box[1]),
     )
     whole = np.prod(np.partition(triangles.max(axis=1) - triangles.min(axis=1), 1, axis=1)[:, 1:], axis=1)
     size = np.maximum(high - low, 0.0)
     within = np.prod(np.partition(size, 1, axis=1)[:, 1:], axis=1) * ~(high < low).any(axis=1)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = 0.5 * np.linalg.norm(cross, axis=1) * within / np.maximum(whole, 1e-12)
-    return float(area.sum()), spanned_area(triangles, sampling.box) / MOST_CELLS
+    return float(area.sum()), spanned_area(triangles, site.box) / MOST_CELLS
 
 
-def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:
+def _draw_error(site: Site, found: PairEstimate) -> float:
     r"""Error of the image by the draw of some pairs, over the power of the clutter.
 
     A resolution cell in which pairs of powers w return is :math:`\delta` off in its mean power,
@@ -187,18 +171,18 @@ def _draw_error(sampling: SamplingPlan, found: PairEstimate) -> float:
     squares, side = _squares(found)
     power, fourth = (np.bincount(squares, w) for w in (found.power, np.square(found.power)))
     lit = power > 0.0
-    resolved = side**2 / sampling.for_effects().cell ** 2
+    resolved = side**2 / site.resolution**2
     return 0.25 * resolved * float((fourth[lit] / power[lit]).sum()) / found.pairs.clutter
 
 
-def _cell_of_run(sampling: SamplingPlan, trace_scene: TraceScene, pilot: PairEstimate) -> float:
+def _cell_of_run(site: Site, pilot: PairEstimate) -> float:
     """Edge of the cells of a run, m: the error of the draw is the tolerance, or the cells are as fine as allowed."""
-    error = _draw_error(sampling, pilot)
+    error = _draw_error(site, pilot)
     if error == 0.0:
         return pilot.cell
-    tolerance = 10.0 ** (sampling.scene.settings.tolerance_db / 10.0)
+    tolerance = 10.0 ** (site.scene.settings.tolerance_db / 10.0)
     wanted = _rounded_down(pilot.cell * float(np.sqrt(tolerance / error)))
-    finest = max(pilot_cell(sampling, trace_scene, MOST_POINTS), FINEST * sampling.scatterer_cell)
+    finest = max(pilot_cell(site, MOST_POINTS), FINEST * site.scatterer_cell)
     return min(pilot.cell, max(wanted, finest))
 
 
@@ -218,31 +202,30 @@ def _squares(found: PairEstimate) -> tuple[NDArray[np.intp], float]:
     return at[:, 1] * columns + at[:, 0], side
 
 
-def _strongest(sampling: SamplingPlan, found: PairEstimate) -> tuple[float, float]:
+def _strongest(site: Site, found: PairEstimate) -> tuple[float, float]:
     """Power of the square with the most over that of mean clutter on as much ground; side of the squares, m."""
     squares, side = _squares(found)
-    ground = float(np.prod(np.ptp(sampling.box[:, :2], axis=0)))
+    ground = float(np.prod(np.ptp(site.box[:, :2], axis=0)))
     clutter = found.pairs.clutter * side**2 / max(ground, side**2)
     count = np.bincount(squares, found.power > 0.0)
     power = np.where(count >= SQUARE_PAIRS / 3, np.bincount(squares, found.power), 0.0)
     return float(power.max()) / clutter, side
 
 
-def estimate_pairs(sampling: SamplingPlan, trace_scene: TraceScene, cell: float) -> PairEstimate:
+def estimate_pairs(site: Site, cell: float) -> PairEstimate:
     """Draw pairs and let the middle of the track look at them."""
-    pairs = scene_pairs(sampling, trace_scene, cell)
+    pairs = scene_pairs(site, cell)
     if not pairs.n:
         return PairEstimate(cell, pairs, np.zeros(0))
-    radar, window = sampling.scene.radar, sampling.window
-    flags = replace(sampling.flags, channels=("HH", "VV"), depolarisation=False)
+    flags = replace(site.flags, channels=("HH", "VV"), depolarisation=False)
     echo = pair_echo(
         pairs,
-        trace_scene,
-        radar.track.center_position,
-        window.center,
+        _geometry(site),
+        site.views[len(site.views) // 2],
+        site.center,
         flags,
-        wavelength=radar.waveform.wavelength,
-        seed=sampling.scene.settings.seed,
+        wavelength=site.wavelength,
+        seed=site.scene.settings.seed,
     )
     return PairEstimate(cell, pairs, np.square(np.abs(echo.amplitude)).mean(axis=1))
 
@@ -340,7 +323,7 @@ __all__ = [
     "expected_pair_points",
     "pair_echo",
     "pair_level",
-    "pair_sources",
     "pilot_cell",
+    "run_pairs",
     "scene_pairs",
 ]

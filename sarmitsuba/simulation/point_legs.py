@@ -1,0 +1,161 @@
+"""Legs between ideal points and antennas, and the echoes that come of them, for every method."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.backend import device_array, dr, mi
+from sarmitsuba.constants import SPEED_OF_LIGHT
+from sarmitsuba.echo.sub_bands import SubBands
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.radar.polarisation import RECEIVED, isotropic_response, linear_parts
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.off_surface import off_surfaces
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.leg import Surroundings, antenna_basis, straight_leg
+from sarmitsuba.trace.slabs import lets_waves_through
+
+F64 = NDArray[np.float64]
+C128 = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class PointLegs:
+    """Straight legs between points and one antenna.
+
+    Parameters
+    ----------
+    seen : (n,) float64, 1 where the point sees the antenna, else 0
+    shift : (n, 3) float64, m, of the antenna as the point sees it through panes
+    to_antenna : (n, 3) unit vectors
+    waves : (n, 2, 2) complex128: the H and V (second) that a point has of unit waves sent in H and V (first); likewise
+        home. None where nothing takes a part of the wave
+    """
+
+    seen: F64
+    shift: F64
+    to_antenna: F64
+    waves: C128 | None
+
+    @property
+    def delay(self) -> F64:
+        """(n,) m, one-way path that panes add."""
+        return np.asarray(np.einsum("ni,ni->n", self.shift, self.to_antenna))
+
+    @staticmethod
+    def of(
+        trace_scene: TraceScene | None,
+        flags: KernelFlags,
+        wavelength: float,
+        position: F64,
+        antenna: F64,
+        up: tuple[float, float, float],
+    ) -> "PointLegs":
+        """Trace the legs.
+
+        A point on a surface is not hidden by the facets that it touches, see
+        :func:`sarmitsuba.simulation.off_surface.off_surfaces`; one farther behind a surface is.
+
+        Parameters
+        ----------
+        trace_scene : what may stand in the way; None: nothing
+        flags : whether panes let waves through; facets hide points whatever ``visibility`` says of rays
+        wavelength : m
+        position, antenna : (n, 3) float64, m
+        up : vertical reference of the polarisation
+        """
+        leg = antenna - position
+        to_antenna = leg / np.linalg.norm(leg, axis=1)[:, None]
+        none = np.zeros(position.shape)
+        if trace_scene is None:
+            return PointLegs(np.ones(len(position)), none, to_antenna, None)
+        around = Surroundings.of(trace_scene, replace(flags, visibility=True), wavelength, up)
+        begin = _device(mi.Vector3f, off_surfaces(trace_scene, position, to_antenna))
+
+        def departure(to: mi.Vector3f) -> tuple[mi.Vector3f, mi.Bool]:
+            return begin, dr.full(mi.Bool, True, len(position))
+
+        places = [_device(mi.Vector3d, rows) for rows in (position, antenna)]
+        found = straight_leg(around, places[0], departure, places[1], mi.Vector3d(0.0))
+        seen = np.asarray(found.seen, dtype=np.float64)
+        if around.clear:
+            return PointLegs(seen, none, to_antenna, None)
+        sent = np.stack([_rows(re) + 1j * _rows(im) for re, im in (found.h, found.v)])
+        basis = np.stack([_rows(x) for x, _ in antenna_basis(around, found.to_antenna)])
+        apparent = _rows(found.to_antenna64) * np.asarray(found.length)[:, None]
+        return PointLegs(seen, apparent - leg, to_antenna, np.einsum("ani,pni->nap", sent + none, basis))
+
+    @staticmethod
+    def at(
+        trace_scene: TraceScene | None,
+        flags: KernelFlags,
+        wavelength: float,
+        time: F64,
+        position: F64,
+        antenna: F64,
+        up: tuple[float, float, float],
+    ) -> "PointLegs":
+        """Legs (n,) at different times (n,), s: where shapes of the scene move, each among them where they then are."""
+        if trace_scene is None or trace_scene.movers is None:
+            return PointLegs.of(trace_scene, flags, wavelength, position, antenna, up)
+        each = [
+            PointLegs.of(trace_scene.at(float(t)), flags, wavelength, p[None], a[None], up)
+            for t, p, a in zip(time, position, antenna, strict=True)
+        ]
+        return PointLegs.joined(each)
+
+    @staticmethod
+    def joined(legs: Sequence["PointLegs"]) -> "PointLegs":
+        """Legs of one after the other."""
+        waves = [leg.waves for leg in legs if leg.waves is not None]
+        return PointLegs(
+            np.concatenate([leg.seen for leg in legs]),
+            np.concatenate([leg.shift for leg in legs]),
+            np.concatenate([leg.to_antenna for leg in legs]),
+            np.concatenate(waves) if waves else None,
+        )
+
+    def channel(self, home: "PointLegs", name: str) -> C128:
+        """What a channel has of an ideal point of unit RCS (HH = VV = 1), (n,), out by these legs and home by others.
+
+        See :func:`isotropic_response` where nothing stands in the way. 0 where the point is hidden.
+        """
+        seen = self.seen * home.seen
+        if self.waves is None or home.waves is None:
+            return np.asarray(seen * isotropic_response(name), dtype=np.complex128)
+        both = np.einsum("nap,nbp->nab", self.waves, home.waves)
+        parts = [f * both[:, RECEIVED.index(p[0]), RECEIVED.index(p[1])] for f, p in linear_parts(name)]
+        return np.asarray(seen * sum(parts))
+
+
+def takes_part(trace_scene: TraceScene | None, flags: KernelFlags) -> bool:
+    """Whether anything in a scene takes a part of the waves on straight legs."""
+    return trace_scene is not None and (
+        bool(trace_scene.passages) or lets_waves_through(trace_scene.slabs, flags)
+    )
+
+
+def over_band(scene: Scene, trace_scene: TraceScene | None, bands: SubBands) -> tuple[TraceScene | None, ...]:
+    """What stands in the way, at each traced frequency."""
+    if bands.count == 1 or trace_scene is None:
+        return (trace_scene,)
+    return tuple(
+        trace_scene.at_frequency(tuple(m.at_frequency(f) for m in scene.materials), SPEED_OF_LIGHT / f)
+        for f in bands.frequencies.tolist()
+    )
+
+
+def _device(kind: type, rows: F64) -> "mi.Vector3d":
+    """Rows (n, 3) as a vector of the device."""
+    number = mi.Float64 if kind is mi.Vector3d else mi.Float
+    return kind(*(device_array(number, np.ascontiguousarray(row)) for row in rows.T))
+
+
+def _rows(vector: "mi.Vector3f") -> F64:
+    """(n, 3) of a vector of the device."""
+    return np.asarray(vector, np.float64).T
+
+
+__all__ = ["PointLegs", "over_band", "takes_part"]

@@ -1,0 +1,35 @@
+"""Fringe currents of sharp metal edges, as far as rays light their faces."""
+
+from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
+from sarmitsuba.simulation.sources.site import Site
+from sarmitsuba.trace.edges import FringeCurrents
+from sarmitsuba.trace.source import PointSource, Source
+
+# seconds of a usual core to trace a piece
+PIECE_TRACED = 5e-6
+
+
+class Edges(SourceKind):
+    """Sharp metal edges in pieces of half a resolution cell."""
+
+    name, rank = "edges", 30
+
+    def made(self, site: Site) -> Source | None:
+        """See :class:`SourceKind`."""
+        if not site.flags.edge_diffraction:
+            return None
+        edges = site.edges
+        if site.flags.taper:
+            edges = edges.weighted(site.light(edges.middle))
+        if not edges.n:
+            return None
+        return PointSource(FringeCurrents(edges), most_bounces(site.scene) if site.flags.multi_bounce else 1)
+
+    def expected(self, site: Site, sub_bands: int) -> Expected | None:
+        """The edges are looked for here, and kept for the run."""
+        if not site.flags.edge_diffraction or not site.edges.n:
+            return None
+        return Expected(site.edges.n, 0.0, PIECE_TRACED, 0.0)
+
+
+SOURCES.register(Edges())

@@ -1,0 +1,199 @@
+"""What sources are made from: a scene, and how finely and from where a run looks at it."""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sarmitsuba.effects.context import PairLevel
+from sarmitsuba.effects.flags import KernelFlags
+from sarmitsuba.mesh.sharp_edges import SharpEdges
+from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.sampling.cropping import shares
+from sarmitsuba.simulation.sampling.launch_window import LaunchWindow
+from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.launch import project
+from sarmitsuba.trace.lines import longest_step
+
+F64 = NDArray[np.float64]
+
+# antenna positions that pairs are looked for from: at least, and one every so many rad of the track's turn
+LEAST_VIEWS, VIEW_TURN = 3, np.radians(5.0)
+
+
+class Site(ABC):
+    """A scene as makers of sources see it.
+
+    Parameters
+    ----------
+    scene : as the effects plan leaves it
+    flags : of the trace kernel
+    trace_scene : geometry on the device; None: what needs it is left out
+    pairs : level of pairs of diffuse scatterers, where it is known
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        flags: KernelFlags,
+        trace_scene: TraceScene | None = None,
+        pairs: PairLevel | None = None,
+    ) -> None:
+        self.scene, self.flags, self.trace_scene, self.pairs = scene, flags, trace_scene, pairs
+
+    @property
+    def wavelength(self) -> float:
+        """Of the carrier, m."""
+        return self.scene.radar.waveform.wavelength
+
+    @property
+    @abstractmethod
+    def line_step(self) -> float:
+        """Largest distance between the nodes of wires, m."""
+
+    @property
+    @abstractmethod
+    def cell_area(self) -> float:
+        """Resolution cell across the line of elevation, m^2."""
+
+    @property
+    @abstractmethod
+    def edges(self) -> SharpEdges:
+        """Sharp metal edges of the scene, in pieces."""
+
+    @property
+    @abstractmethod
+    def box(self) -> F64:
+        """Bounds of what is lit, (2, 3) m."""
+
+    @property
+    @abstractmethod
+    def center(self) -> F64:
+        """Middle of what is lit, (3,) m."""
+
+    @property
+    @abstractmethod
+    def views(self) -> F64:
+        """Antenna positions (n, 3) m, in turn, the middle one in the middle."""
+
+    @property
+    @abstractmethod
+    def scatterer_cell(self) -> float:
+        """Edge of the cells that carry one diffuse scatterer, m."""
+
+    @property
+    @abstractmethod
+    def resolution(self) -> float:
+        """Edge of a resolution cell on the ground, m."""
+
+    @abstractmethod
+    def shares(self, points: F64) -> F64:
+        """Amplitude (n,) that scatterers at points (n, 3) m keep beside a cropped image."""
+
+    @abstractmethod
+    def light(self, points: F64) -> F64:
+        """Amplitude (n,) of rays that would meet points (n, 3) m."""
+
+
+class RunSite(Site):
+    """The site of a run.
+
+    Parameters
+    ----------
+    sampling : plan of the run
+    flags : of the trace kernel; None: those of the plan
+    trace_scene, pairs : see :class:`Site`
+    """
+
+    def __init__(
+        self,
+        sampling: SamplingPlan,
+        flags: KernelFlags | None = None,
+        trace_scene: TraceScene | None = None,
+        pairs: PairLevel | None = None,
+    ) -> None:
+        super().__init__(sampling.scene, flags or sampling.flags, trace_scene, pairs)
+        self.sampling = sampling
+
+    @property
+    def line_step(self) -> float:
+        """See :class:`Site`."""
+        sampling, radar = self.sampling, self.scene.radar
+        distance = min(
+            float(np.linalg.norm(track.position - self.center, axis=1).min()) for track in radar.tracks
+        )
+        return longest_step(sampling.range_cell, sampling.azimuth_cell, distance, self.wavelength)
+
+    @property
+    def cell_area(self) -> float:
+        """See :class:`Site`."""
+        return self.sampling.azimuth_cell * self.sampling.range_cell
+
+    @property
+    def edges(self) -> SharpEdges:
+        """See :class:`Site`."""
+        return self.sampling.sharp_edges
+
+    @property
+    def box(self) -> F64:
+        """See :class:`Site`."""
+        return self.sampling.box
+
+    @property
+    def center(self) -> F64:
+        """See :class:`Site`."""
+        return self.sampling.window.center
+
+    @cached_property
+    def views(self) -> F64:
+        """See :class:`Site`; of both antennas where two fly."""
+        views = []
+        for track in self.scene.radar.tracks:
+            line = self.center - track.position
+            line = line / np.linalg.norm(line, axis=1, keepdims=True)
+            turn = float(np.arccos(np.clip(np.einsum("ij,ij->i", line[1:], line[:-1]), -1.0, 1.0)).sum())
+            count = max(LEAST_VIEWS, int(np.ceil(turn / VIEW_TURN))) // 2
+            n, middle = track.n_pulses, track.center_index
+            before = np.linspace(0, middle, count + 1).round().astype(int)[:-1]
+            after = np.linspace(middle, n - 1, count + 1).round().astype(int)[1:]
+            views.append(track.position[[*before, middle, *after]])
+        return np.stack(views, axis=1).reshape(-1, 3) if len(views) == 1 else np.concatenate(views)
+
+    @property
+    def scatterer_cell(self) -> float:
+        """See :class:`Site`."""
+        return self.sampling.scatterer_cell
+
+    @property
+    def resolution(self) -> float:
+        """See :class:`Site`."""
+        return self.sampling.for_effects().cell
+
+    def shares(self, points: F64) -> F64:
+        """See :class:`Site`."""
+        return shares(self.scene, points)
+
+    def light(self, points: F64) -> F64:
+        """See :class:`Site`: of the sector that lights each best."""
+        if not self.flags.taper:
+            return np.ones(len(points))
+        track = self.scene.radar.track
+        found = [np.zeros(len(points))]
+        for window in self.sampling.windows:
+            antenna = track.of_pulses(slice(*window.pulses)).center_position
+            found.append(_faded(window, project(points, antenna, window.frame)))
+        return np.asarray(np.max(found, axis=0))
+
+
+def _faded(window: LaunchWindow, places: F64) -> F64:
+    """What the launch window leaves of rays at places (n, 2) of its plane; see :func:`sarmitsuba.trace.beam.fade`."""
+    if not window.taper:  # all of the scene lies within it
+        return np.ones(len(places))
+    beyond = np.abs(places) - [window.half_x, window.half_y]
+    t = np.clip(beyond / window.taper, 0.0, 1.0)
+    return np.asarray((0.5 + 0.5 * np.cos(np.pi * t)).prod(axis=1))
+
+
+__all__ = ["VIEW_TURN", "RunSite", "Site"]

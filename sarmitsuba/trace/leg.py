@@ -1,0 +1,225 @@
+"""Straight legs of a path between a scatterer and an antenna: occlusion, transmission, delay, polarisation and gain.
+
+Hits of rays, scatterers with a closed form, pairs of diffuse scatterers and ideal points all see the antenna through
+what is here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sarmitsuba.backend import dr, mi
+from sarmitsuba.radar.polarisation import TRANSMITTED
+from sarmitsuba.trace import field
+from sarmitsuba.trace.beam import BeamPattern
+from sarmitsuba.trace.panes import along
+from sarmitsuba.trace.passage import passed
+from sarmitsuba.trace.slabs import lets_waves_through
+
+if TYPE_CHECKING:
+    from sarmitsuba.effects.flags import KernelFlags
+    from sarmitsuba.radar.antenna import Antenna
+    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.state import Kernel
+
+    # where a leg along a direction starts, m, and the lanes in which the scatterer has one
+    Departure = Callable[[mi.Vector3f], tuple[mi.Vector3f, mi.Bool]]
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Objects that legs may meet, and how they treat waves.
+
+    Parameters
+    ----------
+    scene : facets, panes and volumes
+    wavenumber : rad/m
+    clearance : m, how far a wave starts off a facet that it leaves
+    up : vertical reference of the polarisation basis, scene frame
+    visibility : whether facets hide what is behind them
+    transmits : whether panes let waves through
+    """
+
+    scene: TraceScene
+    wavenumber: mi.Float
+    clearance: mi.Float
+    up: mi.Vector3f
+    visibility: bool
+    transmits: bool
+
+    @staticmethod
+    def of(
+        scene: TraceScene,
+        flags: KernelFlags,
+        wavelength: float,
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    ) -> Surroundings:
+        """Surroundings outside of a kernel, at a wavelength, m."""
+        transmits = lets_waves_through(scene.slabs, flags)
+        if transmits and scene.slabs is not None:
+            scene.slabs.prepare()
+        return Surroundings(
+            scene=scene,
+            wavenumber=dr.opaque(mi.Float, 2.0 * np.pi / wavelength),
+            clearance=dr.opaque(mi.Float, scene.clearance),
+            up=mi.Vector3f(*(dr.opaque(mi.Float, x) for x in up)),
+            visibility=flags.visibility,
+            transmits=transmits,
+        )
+
+    @staticmethod
+    def within(kernel: Kernel) -> Surroundings:
+        """Surroundings of the legs of a kernel."""
+        constants = kernel.constants
+        return Surroundings(
+            scene=kernel.scene,
+            wavenumber=constants.wavenumber,
+            clearance=constants.clearance,
+            up=constants.up,
+            visibility=kernel.flags.visibility,
+            transmits=kernel.transmits,
+        )
+
+    @property
+    def clear(self) -> bool:
+        """Whether nothing takes a part of a wave that it lets pass."""
+        return not self.scene.passages and not self.transmits
+
+    def free(
+        self, start: mi.Vector3f, direction: mi.Vector3f, distance: mi.Float, active: mi.Bool
+    ) -> mi.Bool:
+        """Lanes in which nothing stops waves on a straight leg (m)."""
+        if not self.visibility:
+            return mi.Bool(True)
+        scene = self.scene.mi_scene
+        if self.transmits:
+            assert self.scene.slabs is not None
+            walls = self.scene.slabs.walls
+            if walls is None:
+                return mi.Bool(True)
+            scene = walls
+        return ~scene.ray_test(mi.Ray3f(start, direction, distance, 0.0, []), coherent=False, active=active)
+
+    def passed(
+        self,
+        start: mi.Vector3f,
+        direction: mi.Vector3f,
+        distance: mi.Float,
+        active: mi.Bool,
+        vectors: tuple[field.ComplexVector, ...],
+        behind_panes: mi.Bool | None = None,
+    ) -> tuple[tuple[field.ComplexVector, ...], mi.Vector3f | None]:
+        """Complex vectors at the start of a straight leg from those at its end, and the end's shift, m.
+
+        Parameters
+        ----------
+        start, direction, distance : m, unit vector, m
+        active : lanes that have the leg
+        vectors : of waves that come along it, or receiving ones: every object is a symmetric dyad
+        behind_panes : lanes in which panes may stand in the way; None: those of ``active``
+
+        Returns
+        -------
+        vectors, shift : shift as of :func:`sarmitsuba.trace.panes.along`; None where no pane lets waves through
+        """
+        vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
+        if not self.transmits:
+            return vectors, None
+        panes = active if behind_panes is None else behind_panes
+        return along(self.scene, self.wavenumber, self.clearance, start, direction, distance, panes, vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Leg between a scatterer and an antenna, straight or over one mirror.
+
+    Parameters
+    ----------
+    to_antenna64, to_antenna : unit vectors from the scatterer to the antenna or its image: to where the wave seems to
+        come from, and along the leg
+    leaving : unit vector in which the leg leaves the antenna
+    length : float64, m, of the whole leg, with the delay in panes
+    rate : float64, m/s, its change
+    seen : lanes in which nothing hides it
+    h, v : complex vectors at the scatterer of a unit wave sent in H and V
+    over_ground : whether the leg has a mirror
+    """
+
+    to_antenna64: mi.Vector3d
+    to_antenna: mi.Vector3f
+    leaving: mi.Vector3f
+    length: mi.Float64
+    rate: mi.Float64
+    seen: mi.Bool
+    h: field.ComplexVector
+    v: field.ComplexVector
+    over_ground: bool = False
+
+    def sent(self, letter: str) -> field.ComplexVector:
+        """Field at the scatterer of a unit wave in a polarisation of the transmitter."""
+        if letter in "HV":
+            return self.h if letter == "H" else self.v
+        z_h, z_v = TRANSMITTED[letter]
+        return field.add(_times(z_h, self.h), _times(z_v, self.v))
+
+
+def _times(z: complex, x: field.ComplexVector) -> field.ComplexVector:
+    return x[0] * z.real - x[1] * z.imag, x[1] * z.real + x[0] * z.imag
+
+
+def straight_leg(
+    around: Surroundings,
+    point: mi.Vector3d,
+    departure: Departure,
+    position: mi.Vector3d,
+    velocity: mi.Vector3d,
+) -> Leg:
+    """Straight leg between a scatterer and an antenna.
+
+    Parameters
+    ----------
+    around : what may stand in the way
+    point : float64, m, phase centre of the scatterer
+    departure : where the leg starts, a little off the scatterer
+    position, velocity : float64, m and m/s, of the antenna; the velocity is relative to the scatterer
+    """
+    leg = position - point
+    length = dr.norm(leg)
+    to64 = leg / length
+    to = mi.Vector3f(to64)
+    start, seen = departure(to)
+    seen = seen & around.free(start, to, mi.Float(length), seen)
+    (h, v), shift = around.passed(start, to, mi.Float(length), seen, antenna_basis(around, to))
+    if shift is not None:  # as the scatterer sees the antenna
+        leg = leg + mi.Vector3d(shift)
+        length = dr.norm(leg)
+        to64 = leg / length
+    return Leg(to64, to, -to, length, dr.dot(to64, velocity), seen, h, v)
+
+
+def antenna_basis(around: Surroundings, to: mi.Vector3f) -> tuple[field.ComplexVector, field.ComplexVector]:
+    """H and V of an antenna in the direction ``to`` as complex vectors."""
+    h, v = field.polarisation_basis(-to, around.up)
+    none = dr.zeros(mi.Vector3f)
+    return (h, none), (v, none)
+
+
+def pattern_gain(
+    kernel: Kernel, antenna: Antenna, pulse: mi.UInt32, out: mi.Vector3f, home: mi.Vector3f
+) -> mi.Float:
+    """Relative amplitude of both antennas' patterns, in the unit vectors in which both legs leave them."""
+    if not kernel.flags.antenna_pattern:
+        return mi.Float(1.0)
+    pulses, receiver = kernel.pulses, kernel.pulses.receiver
+    transmitting = BeamPattern(antenna, pulses, pulse, out if receiver is None else None)
+    gain = transmitting.one_way(out)
+    if receiver is None:
+        return gain * transmitting.received(home)
+    return gain * BeamPattern(antenna, receiver, pulse, None).received(home)
+
+
+__all__ = ["Leg", "Surroundings", "antenna_basis", "pattern_gain", "straight_leg"]
