@@ -17,7 +17,9 @@ F64 = NDArray[np.float64]
 
 # summed weight w g^2, over the image's largest, from which on a place counts as lit: a tenth in amplitude
 _DARK = 0.01
-# and that below which no pulse lights it: its pixel is zero
+# rounding of a component of a float32 unit vector along a direction, rms
+_SINE_ROUNDING = 3.5e-8
+# summed weight over the largest below which no pulse lights a place: its pixel is zero
 _UNLIT = 1e-6
 
 
@@ -170,6 +172,24 @@ def dimness(radar: Radar, point: F64) -> float:
     return float(np.mean(total.max() / total[lit])) if lit.any() else 1.0
 
 
+def ends_rounding(radar: Radar) -> float:
+    r"""Power of the error by pulses at the ends of pixels' own apertures, which are found by sines in float32.
+
+    A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
+    :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`
+    pulses two are at an end: :math:`\epsilon^2 / \Delta s_a`.
+    """
+    if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
+        return 0.0
+    forward, _, gap = flight(radar)
+    line = radar.aim_point - radar.track.position
+    distance = np.linalg.norm(line, axis=1)
+    ahead = np.sum(line * forward, axis=1) / distance
+    step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
+    # nothing steps while the antenna stands still
+    return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
+
+
 def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
     """Whether one of some places (..., 3), m, is all but outside of the beam, over the brightest of them.
 
@@ -261,6 +281,7 @@ __all__ = [
     "beam_turn",
     "dimness",
     "direction_gain",
+    "ends_rounding",
     "flight",
     "ground_cell_area",
     "image_places",

@@ -19,6 +19,7 @@ from sarmitsuba.focusing.aperture import (
     beam_turn,
     dimness,
     direction_gain,
+    ends_rounding,
     flight,
     image_places,
     look_directions,
@@ -381,27 +382,6 @@ _KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -115.0}
 _PLACES = (9, 9)
 
 
-def _ends_rounding(radar: Radar) -> float:
-    r"""Power of the error by pulses at the ends of pixels' own apertures, which are found by sines in float32.
-
-    A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
-    :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`
-    pulses two are at an end: :math:`\epsilon^2 / \Delta s_a`.
-    """
-    if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
-        return 0.0
-    forward, _, gap = flight(radar)
-    line = radar.aim_point - radar.track.position
-    distance = np.linalg.norm(line, axis=1)
-    ahead = np.sum(line * forward, axis=1) / distance
-    step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
-    # nothing steps while the antenna stands still
-    return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
-
-
-# of a float32 unit vector along a direction, rms
-_SINE_ROUNDING = 3.5e-8
-
 # most by which the two beams' amplitudes may differ, of the transmitter's at its peak
 _BEAMS_APART = 0.1
 
@@ -464,7 +444,7 @@ class Backprojection(Focuser):
             error = -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
         else:
             error = _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
-        power = (10.0 ** (0.1 * error) + _ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
+        power = (10.0 ** (0.1 * error) + ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
         return 10.0 * float(np.log10(power))
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
