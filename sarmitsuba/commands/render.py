@@ -100,6 +100,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         for note in scene.notes:
             console.note(note)
         settings = scene.settings
+        if not scene.traced and (settings.target_error_db < 0.0 or settings.time_limit > 0.0):
+            console.note(f"{scene.name}: ideal points alone take no rays and are exact: one pass is made")
         record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
@@ -160,8 +162,8 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
 
 
 def _many_passes(scene: "Scene") -> bool:
-    """Whether passes are added until an error or a time is reached."""
-    return scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0
+    """Whether passes are added until an error or a time is reached; ideal points alone are exact after one."""
+    return scene.traced and (scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0)
 
 
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:
@@ -197,7 +199,11 @@ def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Nam
     if with_raw and _many_passes(scene):
         names += (results.PASSES,)
     folder.check(mark, names, force=args.force)
-    folder.check_space(results.least_bytes(scene, formats, raw=with_raw, image=not args.no_focus))
+    folder.check_space(
+        results.least_bytes(
+            scene, formats, raw=with_raw, image=not args.no_focus, chirped=args.raw == "chirped"
+        )
+    )
     return mark
 
 
@@ -250,13 +256,17 @@ def _raw_and_image(
 def _announcing(console: Console, args: argparse.Namespace, limit: float | None = None) -> "Ready":
     """Say what a run will take and with which effects, before it is traced; ``limit`` (s) of several passes."""
     from sarmitsuba.commands import results
+    from sarmitsuba.echo.chirp import n_fast_chirped
 
     console.busy("building the geometry and planning")
 
     def ready(run: "Run") -> None:
-        needs = run.needs() if limit is None else run.needs().of_passes
+        needs, radar = run.needs() if limit is None else run.needs().of_passes, run.scene.radar
+        if args.raw == "chirped" and needs.raw_bytes:
+            needs = needs.recorded(radar.window.n_samples, n_fast_chirped(radar))
         formats, channels = results.Formats.parse(args.format), run.scene.radar.channels
         needs = results.with_files(needs, formats, channels, image=not args.no_focus)
+        needs.check()
         console.say(str(needs))
         console.say(f"plan: {run.plan.summary()}")
         if run.finished is not None and str(run.finished):

@@ -38,7 +38,7 @@ MARK = "fingerprint"  # of scene, settings and program, in the metadata of raw d
 DRAWING, DRAWING_BYTES = 0.38, 28_000_000
 DRAWN, DRAWN_PIXEL, PIXEL_BYTES = 0.06, 1.2e-7, 75
 # of a file, and of a byte in it
-WRITTEN, WRITTEN_BYTE = 0.02, 5e-9
+WRITTEN, WRITTEN_BYTE = 0.02, 2e-9
 _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "trimesh", "h5py", "OpenEXR", "matplotlib")
 
 
@@ -101,20 +101,23 @@ def expected_names(
     return tuple(names)
 
 
-def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool) -> float:
+def least_bytes(scene: "Scene", formats: Formats, *, raw: bool, image: bool, chirped: bool = False) -> float:
     """Bytes that the results take at least: every channel, once more for its ray subsets; bounce orders come on top.
 
-    Of raw data once more, for their finished blocks.
+    Of raw data once more, for their finished blocks; ``chirped`` ones are longer by their pulse.
     """
+    from sarmitsuba.echo.chirp import n_fast_chirped
     from sarmitsuba.focusing import default_grid
 
-    planes = len(scene.radar.channels) * (3 if scene.settings.keep_subsets else 1)
+    subsets = scene.settings.keep_subsets and scene.traced
+    planes = len(scene.radar.channels) * (3 if subsets else 1)
     blocks = total = 0.0
     if raw:
         blocks = scene.radar.track.n_pulses * scene.radar.window.n_samples * len(scene.radar.channels)
-        blocks *= 2 if scene.settings.keep_subsets else 1
+        blocks *= 2 if subsets else 1
     if raw and any(entry.name == "hdf5" for entry in formats.raw):
-        total += scene.radar.track.n_pulses * scene.radar.window.n_samples
+        samples = n_fast_chirped(scene.radar) if chirped else scene.radar.window.n_samples
+        total += scene.radar.track.n_pulses * samples
     if image and any(entry.name == "hdf5" for entry in formats.image):
         total += float(np.prod(default_grid(scene.radar, scene.image).shape))
     return 8.0 * (planes * total + blocks)
@@ -169,8 +172,11 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
     image : whether the raw data are focused, or there are none
     """
     count = len(formats.raw) * (needs.raw_bytes > 0)
-    written = needs.raw_bytes * count
-    seconds, size = 0.0, 0.0
+    planes = needs.layers // len(channels)
+    # where a channel is in several planes, one more with their sum
+    plane = needs.raw_bytes / needs.layers if planes > 1 else 0.0
+    written = (needs.raw_bytes + plane * len(channels)) * count
+    seconds, size = 0.0, plane
     if image:
         sides = [n * step for n, step in zip(needs.image_shape, needs.pixel_spacing, strict=True)]
         finest = max(*sides) / LARGEST  # m, of a screen pixel
@@ -178,7 +184,7 @@ def with_files(needs: "Needs", formats: Formats, channels: Sequence[str], *, ima
         shown = height * width * magnification(width, height, LARGEST, SMALLEST) ** 2
         count, written = count + len(formats.image), written + 8 * needs.pixels * len(formats.image)
         seconds = DRAWING + len(channels) * (DRAWN + DRAWN_PIXEL * shown)
-        size = DRAWING_BYTES + PIXEL_BYTES * shown
+        size = max(size, DRAWING_BYTES + PIXEL_BYTES * shown)
     seconds += count * WRITTEN + written * WRITTEN_BYTE
     return (needs if image else needs.without_focus).then("files", seconds, size)
 

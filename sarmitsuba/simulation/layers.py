@@ -16,7 +16,7 @@ class LayerPlan:
     ----------
     channels : polarisation channels
     orders : bounce orders that are kept apart; (0,) where all are summed
-    subsets : ray subsets that are kept apart; (0,) for one set of all rays
+    subsets : ray subsets that are kept apart; (0,) for one set of all rays, and where nothing is traced
     """
 
     channels: tuple[str, ...]
@@ -32,7 +32,7 @@ class LayerPlan:
         return LayerPlan(
             channels=scene.radar.channels,
             orders=tuple(range(1, depth + 1)) if settings.keep_orders else (0,),
-            subsets=(1, 2) if settings.keep_subsets else (0,),
+            subsets=(1, 2) if settings.keep_subsets and scene.traced else (0,),
         )
 
     @property

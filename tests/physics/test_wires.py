@@ -24,9 +24,9 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.lines import LineTarget
-from sarmitsuba.simulation import sources
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
+from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.lines import LineScatterers, cut
@@ -183,8 +183,8 @@ def test_the_automatic_cut_is_fine_enough(
     axis = np.array([np.sin(heading), np.cos(heading), 0.0])
     scene = wire_scene(LineTarget("wire", -5.0 * axis, 5.0 * axis, 0.005), slant_range=slant_range)
     automatic = simulate(scene, seed=1).data
-    usual = sources.longest_step
-    monkeypatch.setattr(sources, "longest_step", lambda *given: usual(*given) / 8.0)
+    usual = site.longest_step
+    monkeypatch.setattr(site, "longest_step", lambda *given: usual(*given) / 8.0)
     finer = simulate(scene, seed=1).data
     # tol: 0.05 dB asked for, of the strongest pulse
     assert np.abs(automatic - finer).max() < 10 ** (0.05 / 20) * np.abs(finer).max() - np.abs(finer).max()

@@ -7,15 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from matplotlib.image import imsave
 
 import sarmitsuba
 from sarmitsuba import theory
 from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.errors import SarmitsubaWarning
+from sarmitsuba.focusing import focus
+from sarmitsuba.loader.build import SceneMesh, build_scene
+from sarmitsuba.radar.description import RadarDescription
+from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.fingerprint import fingerprint
 from sarmitsuba.simulation.path_table import POINT
+from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 
 DB = 10.0 * np.log10(np.e)
@@ -326,3 +333,41 @@ def changes(item: object) -> list[object]:
             except (ValueError, TypeError, sarmitsuba.SarmitsubaError):
                 continue
     return out
+
+
+@pytest.mark.filterwarnings("ignore:.*edge_diffraction is switched off")
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_edges_by_way_of_the_ground_are_not_left_out(seed: int) -> None:
+    """An upright edge of a metal box adds up over its whole height in the ground: the plan knows."""
+    rng = np.random.default_rng(seed)
+    box = trimesh.creation.box((*rng.uniform(3.0, 7.0, 2), rng.uniform(4.0, 7.0)))
+    box.apply_translation([0.0, 0.0, -box.bounds[0, 2]])
+    box.apply_transform(trimesh.transformations.rotation_matrix(rng.uniform(0.0, 1.5), [0.0, 0.0, 1.0]))
+    ground = np.array([[-18.0, -18.0, 0.0], [18.0, -18.0, 0.0], [18.0, 18.0, 0.0], [-18.0, 18.0, 0.0]])
+    soil = {
+        "material": "wet_ground",
+        "rms_height": 0.0022,
+        "diffuse_law": "constant_gamma",
+        "diffuse_level_db": rng.uniform(-22.0, -14.0),
+    }
+    radar = RadarDescription(
+        slant_range=3e3,
+        look_angle_deg=rng.uniform(40.0, 60.0),
+        center_frequency=5.4e9,
+        bandwidth=100e6,
+        azimuth_resolution=1.4,
+        polarisation="HH",
+    )
+    film = FilmDescription(image_extent_azimuth=26.0, image_extent_range=26.0)
+    meshes = [SceneMesh(ground, [[0, 1, 2], [0, 2, 3]], soil, "ground"), SceneMesh.of(box, "pec", "box")]
+    scene = build_scene(meshes, radar=radar, film=film)
+    decision = plan_scene(scene).decision("edge_diffraction")
+    assert decision is not None
+    images = [
+        focus(simulate(scene.replace(edge_diffraction=switch), seed=1)).data.sum(axis=0)
+        for switch in ("on", "off")
+    ]
+    change = 20.0 * np.log10(np.linalg.norm(images[0] - images[1]) / np.linalg.norm(images[1]))
+    assert decision.on or change < decision.error_db
+    assert change > -40.0  # the scene tells

@@ -132,15 +132,17 @@ def test_table_tells_measured_bounds_and_what_timing_cannot_tell() -> None:
 
 
 def _true_db(scene: Scene, run: Run, decision: Decision, interval: int) -> float:
-    """Change of the focused image of the whole run, the other way with the same blocks of pulses, dB."""
+    """Change of the focused image of the whole run, the other way with the same blocks, worst channel, dB."""
 
-    def image(way: Scene, plan: EffectsPlan) -> NDArray[np.complex64]:
+    def images(way: Scene, plan: EffectsPlan) -> dict[str, NDArray[np.complex64]]:
         blocks = replace(way, settings=replace(way.settings, key_pulse_interval=interval))
-        return focus(simulate(blocks, plan=plan)).total()
+        image = focus(simulate(blocks, plan=plan))
+        return {channel: image.total(channel) for channel in image.channels}
 
     other = switched(scene, decision)
-    base, changed = image(scene, run.plan), image(other, run.otherwise(other).plan)
-    return float(10.0 * np.log10(np.square(np.abs(changed - base)).sum() / np.square(np.abs(base)).sum()))
+    base, changed = images(scene, run.plan), images(other, run.otherwise(other).plan)
+    ratios = [np.sum(np.abs(changed[c] - x) ** 2) / np.sum(np.abs(x) ** 2) for c, x in base.items()]
+    return float(10.0 * np.log10(max(ratios)))
 
 
 @pytest.mark.slow
@@ -151,7 +153,7 @@ def test_stated_changes_are_those_of_whole_images() -> None:
         ("dihedral", {}, ("tube_phase", "edge_diffraction", "spreading", "wideband", "motion_in_pulse")),
         (
             "tower",
-            {"azimuth_resolution": "1.2", "bandwidth": "125e6"},
+            {"sar_antenna.azimuth_resolution": "1.2", "sar_antenna.bandwidth": "125e6"},
             ("coherent", "fresnel", "speckle", "diffuse_double"),
         ),
     ):

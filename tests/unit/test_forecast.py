@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from sarmitsuba.commands.results import Formats, with_files
+from sarmitsuba.commands.results import Formats, least_bytes, with_files
+from sarmitsuba.echo.chirp import n_fast_chirped, to_chirped
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.prediction import Prediction
@@ -108,3 +109,20 @@ def test_forecasts_of_both_clocks() -> None:
     elapsed, processor = Prediction.of(needs), Prediction.of(needs, processor=True)
     assert dict(elapsed.seconds) == needs.elapsed and dict(processor.seconds) == needs.processor
     assert elapsed.total <= processor.total
+
+
+def test_chirped_records_are_longer_by_their_pulse() -> None:
+    """Sizes of the raw data as they are made and written, against what is said before."""
+    scene = load_scene("point", parameters={"sar_antenna.pulse_width": "2e-5"})
+    raw = simulate(scene)
+    record = to_chirped(raw)
+    window = scene.radar.window
+    plain = Run(scene).needs()
+    needs = plain.recorded(window.n_samples, n_fast_chirped(scene.radar))
+    assert plain.raw_bytes == raw.data.nbytes and needs.raw_bytes == record.data.nbytes
+    assert needs.bytes >= record.data.nbytes and needs.seconds["chirp"] > 0.0
+    small, large = (
+        least_bytes(scene, Formats.parse("hdf5"), raw=True, image=False, chirped=chirped)
+        for chirped in (False, True)
+    )
+    assert large - small == pytest.approx(record.data.nbytes - raw.data.nbytes)

@@ -12,6 +12,7 @@ from sarmitsuba.effects.effect import EFFECTS, Assessment, Decision, Effect
 from sarmitsuba.effects.flags import FlagValue
 from sarmitsuba.effects.text import length
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.fresnel import fresnel
 from sarmitsuba.mesh.sharp_edges import SharpEdges, sharp_edges
 from sarmitsuba.theory.diffraction import fringe_coefficients
 
@@ -22,6 +23,8 @@ C128 = NDArray[np.complex128]
 POSITIONS, EDGES = 9, 2000
 # metal faces whose edges are looked for while planning: a quarter of a second
 MOST_FACES = 100_000
+# cosine of the slope of ground that counts as level
+LEVEL = 0.98
 
 
 class EdgeDiffraction(Effect):
@@ -31,13 +34,16 @@ class EdgeDiffraction(Effect):
 
     .. math:: \sigma = \tfrac1\pi \max(D_s, D_h)^2 \min(l, \frac1{k |\hat t \cdot \hat u|})^2
 
-    to physical optics, with the fringe coefficients of a wedge seen across its edge. The strongest edge is held against
+    to physical optics, with the fringe coefficients of a wedge seen across its edge. By way of level ground below, out
+    or home, it adds with the mean of u and of its mirror image in place of u, and so over its whole length where it is
+    upright; twice as an amplitude, less what the ground takes. The strongest edge is held against
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
     where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places: what
     mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves are left out,
     with a note.
 
-    Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed.
+    Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed; here any level face
+    below it counts as its ground.
     """
 
     name = "edge_diffraction"
@@ -67,7 +73,8 @@ class EdgeDiffraction(Effect):
         edges = _edges(found)
         if not edges.n:
             return Assessment(False, "no sharp metal edge", -np.inf)
-        strongest, longest = _strongest(edges, context), float(edges.length.max())
+        bounces = decided["max_depth"].on and decided["max_depth"].value != 1
+        strongest, longest = _strongest(edges, context, bounces=bounces), float(edges.length.max())
         reference, limit, over = _reference(found, context, decided)
         if strongest <= 0.0:
             return Assessment(False, "no metal edge is seen", -np.inf)
@@ -110,10 +117,12 @@ def _edges(found: _Metal) -> SharpEdges:
     return edges.of(np.unique(np.linspace(0, edges.n - 1, min(edges.n, EDGES)).astype(np.int64)))
 
 
-def _strongest(edges: SharpEdges, context: SceneContext) -> float:
-    """RCS that the strongest edge adds from any place of the antenna, m^2."""
+def _strongest(edges: SharpEdges, context: SceneContext, *, bounces: bool) -> float:
+    """RCS that the strongest edge adds from any place of the antenna, m^2; by way of the ground too."""
     cell = context.sampling.cell if context.sampling is not None else np.inf
     longest = np.minimum(edges.length, cell)
+    lowest = _ground_height(context) if bounces else np.inf
+    over_ground = edges.middle[:, 2] > lowest + 1e-3
     best = 0.0
     for place in _places(context):
         look = place - edges.middle
@@ -125,7 +134,37 @@ def _strongest(edges: SharpEdges, context: SceneContext) -> float:
         strength = np.abs(fringe_coefficients(edges.angle, phi, phi)).max(axis=0)
         size = np.where(seen, strength * np.minimum(longest, 1.0 / np.maximum(lean, 1e-300)), 0.0)
         best = max(best, float(np.square(size).max()))
+        if over_ground.any():
+            # the mean of the direction and of its mirror image is level
+            lean = context.wavenumber * np.abs(np.einsum("ni,ni->n", look[:, :2], edges.along[:, :2]))
+            mirrored = 2.0 * _mirror(context, float(np.abs(look[:, 2]).mean())) * strength
+            size = np.where(
+                seen & over_ground, mirrored * np.minimum(edges.length, 1.0 / np.maximum(lean, 1e-300)), 0.0
+            )
+            best = max(best, float(np.square(size).max()))
     return best / np.pi
+
+
+def _ground_height(context: SceneContext) -> float:
+    """Height of the lowest level face that rays see, m; infinite where there is none."""
+    geometry = context.scene.geometry
+    visible = ~np.array([m.invisible for m in context.scene.materials], dtype=bool)[geometry.face_material]
+    corners = geometry.vertices[geometry.faces[visible]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    level = np.abs(normal[:, 2]) > LEVEL * np.linalg.norm(normal, axis=1)
+    return float(corners[level, :, 2].max(axis=1).min()) if level.any() else np.inf
+
+
+def _mirror(context: SceneContext, cosine: float) -> float:
+    """Largest reflection coefficient of any material of the scene at an incidence, roughness included."""
+    found = 0.0
+    for material in context.unlike_materials:
+        reflected = (
+            1.0 if material.pec else max(float(np.abs(r)) for r in fresnel(cosine, material.permittivity))
+        )
+        loss = np.exp(-2.0 * np.square(context.wavenumber * material.rms_height * cosine))
+        found = max(found, reflected * float(loss))
+    return found
 
 
 def _places(context: SceneContext) -> F64:

@@ -298,7 +298,11 @@ def _write_planes(file: h5py.File, kind: _Kind, data: NDArray[np.complex64], lay
         raise DataError("layers: two have the same channel, order and subset; add them up")
     _make_scales(file, kind)
     for path, picks in made.items():
-        plane = data[picks[0]] if len(picks) == 1 else data[picks].sum(axis=0, dtype=np.complex64)
+        plane = data[picks[0]]
+        if len(picks) > 1:  # one plane at a time: no copy of all that are added
+            plane = plane.copy()
+            for i in picks[1:]:
+                plane += data[i]
         _write_plane(file, kind, path, plane)
     file[kind.root].attrs["description"] = kind.description
     if "orders" in file:

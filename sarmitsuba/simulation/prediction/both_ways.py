@@ -171,8 +171,8 @@ def measured_both_ways(
     -----
     Both ways have the same blocks of pulses. Where not all blocks are traced, the change is measured only if they agree
     about it within ``WELL_KNOWN_DB``, else an upper bound is stated; what only pulses between them see is missed. What
-    is proven to change nothing is not tried, nor what the image does not show (:attr:`Effect.at_key_pulses` says what
-    takes all pulses). Cost: of laying out, tracing and synthesis, without reading, planning and ideal points.
+    is proven to change nothing is not tried. What changes the focusing (:attr:`Effect.at_key_pulses`) is focused both
+    ways by its own radar. Cost: of laying out, tracing and synthesis, without reading, planning and ideal points.
     """
     plan = run.plan
     if run.context is None or run.sampling is None or loaded.settings.method == "raster":
@@ -194,7 +194,7 @@ def measured_both_ways(
     for effect in tried:
         decision = plan.decision(effect.name)
         assert decision is not None
-        if left < 0 or not (whole or effect.at_key_pulses):
+        if left < 0:
             continue
         try:
             scene = switched(loaded, decision)

@@ -10,7 +10,9 @@ from sarmitsuba.memory import check_fits, held_memory, in_bytes
 from sarmitsuba.simulation.prediction.speed import Machine
 
 # stages that report no progress of tracing
-AFTER = ("focus", "files")
+AFTER = ("chirp", "focus", "files")
+# seconds and bytes of a sample of a chirped echo while it is given its pulse or compressed, as many at a time
+CHIRPED, CHIRPED_BYTES, CHIRPED_BATCH = 2.6e-8, 24, 1 << 22
 # copies of the raw data that passes hold beside those that are being made
 PASSES_HELD = 3
 
@@ -98,6 +100,32 @@ class Needs:
             self,
             seconds={**self.seconds, stage: seconds},
             stages={**self.stages, stage: self.kept + int(size)},
+        )
+
+    def recorded(self, samples: int, chirped: int) -> "Needs":
+        """The same where the range-compressed echoes get their pulse before they are written and focused.
+
+        Parameters
+        ----------
+        samples, chirped : of a range-compressed and of a chirped echo
+        """
+        size = self.raw_bytes * chirped // max(samples, 1)
+        more, work = size - self.raw_bytes, CHIRPED_BYTES * min(size // 8, CHIRPED_BATCH)
+        stages = {name: size + (more if name == "image" else 0) for name, size in self.stages.items()}
+        stages["chirp"] = self.kept + size + work
+        if "image" in stages:  # compressed again, beside the record
+            stages["image"] = max(stages["image"] + self.raw_bytes, stages["chirp"] + self.raw_bytes)
+        return replace(
+            self,
+            seconds={
+                **self.seconds,
+                "chirp": size / 8 * CHIRPED,
+                **({"focus": self.seconds["focus"] + size / 8 * CHIRPED} if "focus" in self.seconds else {}),
+            },
+            stages=stages,
+            parts={name: size + (more if name == "raw data" else 0) for name, size in self.parts.items()},
+            raw_bytes=size,
+            kept=self.kept + more,
         )
 
     @property

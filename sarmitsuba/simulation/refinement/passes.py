@@ -106,7 +106,7 @@ def refine(
     Raises
     ------
     DataError
-        Neither a target nor a limit is given, or the state file belongs to another scene.
+        Neither a target nor a limit is given, nothing is traced, or the state file belongs to another scene.
 
     Notes
     -----
@@ -118,6 +118,11 @@ def refine(
     if target >= 0.0 and limit <= 0.0:
         raise DataError(
             f"{scene.name}: adding passes needs target_error_db below 0 dB or time_limit above 0 s; set one of them"
+        )
+    if not scene.traced:
+        raise DataError(
+            f"{scene.name}: ideal points alone take no rays, and their echoes are exact; leave out target_error_db and "
+            "time_limit"
         )
     noisy = scene.settings.effects.get("noise", "auto") != "off" and scene.radar.noise_temperature > 0.0
     quiet = {**scene.settings.effects, "noise": "off"}
