@@ -24,6 +24,8 @@ C64 = NDArray[np.complex64]
 # cycles per cell: flat to just past the band's edge at 1/4, then down: the inner response stays within 40 cells
 _ROLL = (0.256, 0.32)
 _GUARD = 48
+# of synthesis itself, dB: shifts by the curvature across the band to first order, and none by its part over range rate
+_LEFT_DB = -84.0
 _GROUP = 2**24  # complex cells of the layers synthesised together: 128 MB a buffer
 
 
@@ -104,10 +106,9 @@ class BlockPlan:
 
     @property
     def predicted_error_db(self) -> float:
-        """Relative error to expect, geometry and kernel together, dB."""
-        return float(
-            10.0 * np.log10(10.0 ** (self.geometry_error_db / 10) + 10.0 ** (self.kernel_error_db / 10))
-        )
+        """Relative error to expect, geometry, kernel and what synthesis leaves together, dB."""
+        parts = (self.geometry_error_db, self.kernel_error_db, _LEFT_DB)
+        return float(10.0 * np.log10(sum(10.0 ** (part / 10.0) for part in parts)))
 
     @property
     def kernel(self) -> SpreadingKernel:

@@ -17,6 +17,10 @@ F64 = NDArray[np.float64]
 
 # summed weight w g^2, over the image's largest, from which on a place counts as lit: a tenth in amplitude
 _DARK = 0.01
+# rounding of a component of a float32 unit vector along a direction, rms
+_SINE_ROUNDING = 3.5e-8
+# summed weight over the largest below which no pulse lights a place: its pixel is zero
+_UNLIT = 1e-6
 
 
 def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: Pointing | None = None) -> F64:
@@ -147,10 +151,43 @@ def weights_difference(radar: Radar, point: ArrayLike, weights: F64) -> float:
     return float((np.sum((other - exact) ** 2, axis=-1) / np.sum(exact**2, axis=-1)).max())
 
 
-def image_places(grid: ImageGrid) -> F64:
-    """Points over the image, its edges and corners among them, (n, 3) m."""
-    rows, columns = (np.unique(np.linspace(0, n - 1, 5).astype(int)) for n in grid.shape)
+def image_places(grid: ImageGrid, shape: tuple[int, int] = (5, 5)) -> F64:
+    """Points over the image, its edges and corners among them, (n, 3) m; ``shape``: how many rows and columns."""
+    rows, columns = (
+        np.unique(np.linspace(0, n - 1, most).astype(int)) for n, most in zip(grid.shape, shape, strict=True)
+    )
     return np.array([grid.positions_on_line(int(row))[columns] for row in rows]).reshape(-1, 3)
+
+
+def dimness(radar: Radar, point: F64) -> float:
+    """Mean of one over the summed weight w g^2 of places (n, 3), m, over that of the best lit of them; at least 1.
+
+    The power by which errors of single pulses grow over an image whose pixels are divided by that sum. Places that no
+    pulse lights are left out.
+    """
+    if radar.antenna.pattern == "isotropic" and np.isinf(radar.half_aperture):
+        return 1.0
+    total = np.array([matched_weights(radar, one).sum() for one in point])
+    lit = total > _UNLIT * total.max()
+    return float(np.mean(total.max() / total[lit])) if lit.any() else 1.0
+
+
+def ends_rounding(radar: Radar) -> float:
+    r"""Power of the error by pulses at the ends of pixels' own apertures, which are found by sines in float32.
+
+    A pulse at an end counts by its part within the band, so that an error :math:`\epsilon` of the sine is one of
+    :math:`\epsilon / \Delta` of its weight, :math:`\Delta` the step to the next pulse's. Of :math:`2 s_a / \Delta`
+    pulses two are at an end: :math:`\epsilon^2 / \Delta s_a`.
+    """
+    if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
+        return 0.0
+    forward, _, gap = flight(radar)
+    line = radar.aim_point - radar.track.position
+    distance = np.linalg.norm(line, axis=1)
+    ahead = np.sum(line * forward, axis=1) / distance
+    step = np.abs(gap * (1.0 - ahead**2) / distance + beam_turn(radar))
+    # nothing steps while the antenna stands still
+    return _SINE_ROUNDING**2 / max(float(np.median(step)) * radar.half_aperture, _SINE_ROUNDING)
 
 
 def leaves_beam(radar: Radar, point: ArrayLike) -> bool:
@@ -242,7 +279,9 @@ __all__ = [
     "aperture_weights",
     "band_weights",
     "beam_turn",
+    "dimness",
     "direction_gain",
+    "ends_rounding",
     "flight",
     "ground_cell_area",
     "image_places",

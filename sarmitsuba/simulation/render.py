@@ -17,6 +17,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import METHODS, Method
 from sarmitsuba.simulation.image import Imager
 from sarmitsuba.simulation.raw import echoes
+from sarmitsuba.simulation.refinement.error_bars import with_error_bars
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 
@@ -86,7 +87,7 @@ def render(
     if imager is not None:
         image = imager.image(pass_index) if name == "image" else imager.raster()
         report(name, 1.0, 1.0, {})
-        return image
+        return with_error_bars(image)
     raw = echoes(run, pass_index=pass_index, progress=progress)
     with run.timer.stage("focus"):
         image = focus(
@@ -97,7 +98,8 @@ def render(
             azimuth_window=azimuth_window,
             progress=report,
         )
-    return replace(image, metadata={**image.metadata, "method": name, "seconds": dict(run.timer.seconds)})
+    image = replace(image, metadata={**image.metadata, "method": name, "seconds": dict(run.timer.seconds)})
+    return with_error_bars(image)
 
 
 __all__ = ["render"]

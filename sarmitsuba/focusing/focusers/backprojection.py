@@ -17,8 +17,11 @@ from sarmitsuba.echo.raw import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.aperture import (
     beam_turn,
+    dimness,
     direction_gain,
+    ends_rounding,
     flight,
+    image_places,
     look_directions,
     matched_weights,
 )
@@ -373,8 +376,10 @@ def series_at(spectrum: NDArray[np.complex128], position: NDArray[np.float64]) -
 
 
 _SERIES = 64
-# by taps, at twofold oversampling
-_KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -124.0}
+# by taps, at twofold oversampling; of eight taps what sums in float32 leave
+_KERNEL_ERROR_DB = {4: -66.0, 6: -105.0, 8: -115.0}
+# rows and columns of an image at which its places are asked how well they are lit
+_PLACES = (9, 9)
 
 
 # most by which the two beams' amplitudes may differ, of the transmitter's at its peak
@@ -429,11 +434,18 @@ class Backprojection(Focuser):
         return bistatic_refusal(radar)
 
     def error_db(self, radar: Radar, grid: ImageGrid) -> float:
-        """Error of the interpolation over range, as benchmarks/focusers.py measures it."""
+        """Error of the interpolation over range and of rounding, against the sum in float64 at exact ranges.
+
+        Powers add up of the interpolation's, as benchmarks/focusers.py measures it, and of the rounding of the ends of
+        pixels' own apertures. Both grow where a place is dim: its pixel is divided by the summed weight of its pulses.
+        """
         width = parse_interpolation(self.interpolation)
         if width == 2:  # falls with the square of the step; worst where the band fills the sampling rate
-            return -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
-        return _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+            error = -16.0 - 12.0 * float(np.log2(self.oversampling or 6))
+        else:
+            error = _KERNEL_ERROR_DB[width] if self.oversampling != 1 else float("nan")
+        power = (10.0 ** (0.1 * error) + ends_rounding(radar)) * dimness(radar, image_places(grid, _PLACES))
+        return 10.0 * float(np.log10(power))
 
     def making_bytes(self, radar: Radar, grid: ImageGrid, n_layers: int) -> int:
         """Most bytes at a time while it makes the pixels, those included; raw data are held already."""

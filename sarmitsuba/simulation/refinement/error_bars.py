@@ -25,7 +25,7 @@ SHARED_DB = 2.5
 SHARED_SCATTER_DB = 2.3
 # the same constant for passes: error of their weighted mean over what the last one, were its error independent of the
 # others', would say; median of drawn scenes (benchmarks/error_bars.py)
-PASSES_SHARED_DB = 3.4
+PASSES_SHARED_DB = 4.0
 # what that constant is off by from scene to scene, dB
 PASSES_SCATTER_DB = 0.8
 # pixels that err together: the chance of the draw is that of so many fewer

@@ -1,0 +1,77 @@
+"""Focusers: what each states against exact backprojection of the same drawn echoes, and that against a direct sum."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from drawn_focusing import DrawnEchoes, direct_sum, draw_echoes
+from focuser_breaks import FORMS
+from stated_row import Row
+
+from sarmitsuba.errors import DataError
+from sarmitsuba.focusing import focus
+from sarmitsuba.focusing.focusers.backprojection import backproject
+from sarmitsuba.image.metrics import image_error_db
+
+BACKPROJECTIONS = (
+    "backprojection,interpolation=linear",
+    "backprojection,interpolation=linear,oversampling=16",
+    "backprojection,interpolation=kernel:4",
+    "backprojection",
+    "backprojection,interpolation=kernel:8",
+)
+OTHERS = (*FORMS, "factorised", "factorised,error=-35", "factorised,error=-65", "auto", "auto,error=-35")
+# pulses times points of the direct sum: two seconds; and pixels among them that hold what a few points leave
+DIRECT, BRIGHT = 6e4, 100
+
+
+def focusers(seed: int, names: tuple[str, ...] = OTHERS) -> Iterator[Row]:
+    """All focusers, or some and backprojection, on one drawn recording."""
+    drawn = draw_echoes(seed)
+    raw, grid = drawn.raw, drawn.grid
+    windows = {"range_window": drawn.range_window, "azimuth_window": drawn.azimuth_window}
+    exact = backproject(raw, grid, **windows, interpolation="kernel:8", oversampling=4)
+    case = f"{drawn.label} {drawn.range_window}/{drawn.azimuth_window}"
+    for name in names:
+        yield _against(name, seed, case, drawn, exact, windows)
+    yield from _backprojections(seed, drawn, exact if _plain(windows) else None)
+
+
+def _against(
+    name: str, seed: int, case: str, drawn: DrawnEchoes, exact: np.ndarray, windows: dict[str, str]
+) -> Row:
+    try:
+        image = focus(drawn.raw, drawn.grid, focuser=name, **windows)
+    except DataError as error:
+        return Row("focusers", name, seed, case, refused=True, note=str(error)[:80])
+    facts = image.metadata["focus"]
+    stated = facts["stated_error_db"]
+    true = image_error_db(image.data, exact)
+    note = "compensated" if "motion_compensation" in facts else ""
+    note += f" by {facts['method']}" if name.startswith("auto") else ""
+    return Row("focusers", name, seed, case, np.nan if stated is None else stated, true, note=note)
+
+
+def _plain(windows: dict[str, str]) -> bool:
+    return set(windows.values()) == {"rectangular"}
+
+
+def _backprojections(seed: int, drawn: DrawnEchoes, best: np.ndarray | None) -> Iterator[Row]:
+    """Against the direct sum at the brightest pixels and at others drawn at random, which stand for all the rest."""
+    raw, grid = drawn.raw, drawn.grid
+    if best is None:
+        best = backproject(raw, grid, interpolation="kernel:8", oversampling=4)
+    power = np.abs(best[0].ravel()) ** 2
+    order = np.argsort(-power)
+    bright, rest = order[:BRIGHT], order[BRIGHT:]
+    most = int(max(40.0, min(400.0, DIRECT / raw.radar.track.n_pulses)))
+    pick = np.concatenate(
+        [bright, np.random.default_rng([seed, 0xD1]).choice(rest, min(most, rest.size), False)]
+    )
+    weight = np.ones(pick.size)
+    weight[BRIGHT:] = rest.size / (pick.size - BRIGHT)
+    exact = direct_sum(raw, grid.positions().reshape(-1, 3)[pick])[0]
+    for name in BACKPROJECTIONS:
+        image = focus(raw, grid, focuser=name)
+        error = np.sum(weight * np.abs(image.data[0].ravel()[pick] - exact) ** 2) / power.sum()
+        stated = image.metadata["focus"]["stated_error_db"]
+        yield Row("focusers", name, seed, drawn.label, stated, 10.0 * float(np.log10(max(error, 1e-30))))
