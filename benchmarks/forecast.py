@@ -1,9 +1,10 @@
 """What `render` says that it will take against what it took: processor seconds and peak memory, scene by scene.
 
 ``python benchmarks/forecast.py [--quick] [-o FOLDER] [--only NAME ...] [--rounds N] [--first SEED]``. Every run is the
-command in a process of its own. Seconds are compared as processor seconds of all threads, user and system, from the line that
-states them to the end, files and pictures included: other programs on the machine change those little, elapsed time as
-they like. Of the rounds of a run the one of the least seconds counts; the first may compile kernels, once per machine.
+command in a process of its own. Seconds are compared as processor seconds of all threads, user and system, from the
+line that states them to the end, files and pictures included: other programs on the machine change those little,
+elapsed time as they like. Of the rounds of a run the one of the least seconds counts; the first may compile kernels,
+once per machine.
 """
 
 import argparse

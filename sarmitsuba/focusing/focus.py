@@ -22,6 +22,7 @@ from sarmitsuba.focusing.motion import compensate_motion, needs_compensation
 from sarmitsuba.focusing.needs import check_image_fits
 from sarmitsuba.focusing.noise import noise_equivalent_sigma0
 from sarmitsuba.focusing.range_compression import range_compress
+from sarmitsuba.focusing.shown import shown_share
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid, SarImage
 from sarmitsuba.image.validity import check_grid
@@ -93,7 +94,7 @@ def focus(
     check_pulses(raw.data, "focus: ")
     raw = range_compress(raw, method=compression)
     halfway = start_stop_phase(raw.radar)
-    raw = standing_still(raw)
+    raw = echoes = standing_still(raw)
     if grid is None:
         grid = default_grid(raw, request)
     grid = replace(grid.in_frame(raw.radar.offset), anchor=raw.anchor)
@@ -145,6 +146,10 @@ def focus(
         "range_compression": raw.metadata.get("range_compression", "none"),
         **_of_the_radar(raw.radar, grid, focused, range_window),
     }
+    sine = float(np.sin(incidence[incidence.size // 2]))
+    share = shown_share(echoes, focused.pixels, grid, (cells.center, range_cell), sine)
+    if share > 0.0:
+        facts["shown_energy_db"] = round(10.0 * float(np.log10(share)), 1)
     return SarImage(
         data=focused.pixels,
         layers=raw.layers,

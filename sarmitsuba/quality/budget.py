@@ -8,6 +8,8 @@ from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.image.sar_image import SarImage
 
 MEASURED, AT_MOST, UNKNOWN = "measured", "at most", "not measured"
+# energy of the echoes that an image may lack before errors over theirs are told over its own, dB
+SHOWN_DB = 1.0
 # of echoes in complex64, over the profiles of single pulses (benchmarks/stated_errors.py)
 _ROUNDING_DB = -115.0
 
@@ -95,6 +97,8 @@ def _rays(data: _Read) -> ErrorPart:
     bars = [bar for bar in data.part("sampling_error").values() if isinstance(bar, Mapping)]
     errors = [_number(bar.get("error_db")) for bar in bars]
     if not errors or any(math.isnan(x) for x in errors):
+        if _number(data.part("statistics").get("rays")) == 0.0 and data.metadata.get("method") != "raster":
+            return ErrorPart("rays", -math.inf, MEASURED, "nothing is traced")
         return ErrorPart("rays", math.nan, UNKNOWN, "one set of rays")
     return ErrorPart("rays", max(errors), MEASURED, str(bars[0].get("source", "")))
 
@@ -120,12 +124,18 @@ def _blocks(data: _Read) -> ErrorPart:
     if _number(sampling.get("key_pulse_interval")) <= 1.0 or not sampling:
         return ErrorPart(name, -math.inf, MEASURED, "every pulse is traced")
     error = _number(sampling.get("block_error_db"))
-    return ErrorPart(
-        name,
-        error,
-        UNKNOWN if math.isnan(error) else MEASURED,
-        "where blocks meet, in the middle of the track",
-    )
+    if math.isnan(error):
+        return ErrorPart(name, error, UNKNOWN, "where blocks meet, in the middle of the track")
+    return _of_image(data, ErrorPart(name, error, MEASURED, "where blocks meet, in the middle of the track"))
+
+
+def _of_image(data: _Read, part: ErrorPart) -> ErrorPart:
+    """An error over the energy of the echoes as one over that of the image, were all of it within the image."""
+    shown = _number(data.part("focus").get("shown_energy_db"))
+    if not shown < -SHOWN_DB:
+        return part
+    why = f"{part.why}; the image shows {shown:.1f} dB of the energy of the echoes"
+    return ErrorPart(part.name, part.error_db - shown, AT_MOST, why)
 
 
 def _gridding(data: _Read) -> ErrorPart:
@@ -135,7 +145,8 @@ def _gridding(data: _Read) -> ErrorPart:
     # range, and range rate or azimuth
     kernel = 2.0 * 10.0 ** (0.1 * spreading_kernel(int(width)).error_db)
     error = 10.0 * math.log10(kernel + 10.0 ** (0.1 * _ROUNDING_DB))
-    return ErrorPart("gridding", error, AT_MOST, f"kernel of {width:g} cells, echoes at all frequencies used")
+    why = f"kernel of {width:g} cells, echoes at all frequencies used"
+    return _of_image(data, ErrorPart("gridding", error, AT_MOST, why))
 
 
 def _focuser(data: _Read) -> ErrorPart:
