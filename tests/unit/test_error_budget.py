@@ -37,6 +37,7 @@ def test_a_point_has_no_error_of_rays_bounces_or_blocks(image: SarImage) -> None
         "physical optics",
     ]
     assert parts["bounces left out"].error_db == parts["blocks of pulses"].error_db == -math.inf
+    assert parts["rays"].error_db == -math.inf and parts["rays"].why == "nothing is traced"
     assert parts["gridding"].error_db == pytest.approx(spreading_kernel(4).error_db + 3.01, abs=0.01)
     assert parts["focuser"].known == AT_MOST and parts["focuser"].error_db < -50.0
     assert parts["physical optics"].known == UNKNOWN
@@ -85,7 +86,8 @@ def test_rays_are_those_of_the_worst_channel(image: SarImage) -> None:
     bars = {c: {"error_db": x, "source": "two sets"} for c, x in (("HH", -30.0), ("VV", -22.0))}
     part = with_metadata(image, sampling_error=bars)["rays"]
     assert (part.error_db, part.known, part.why) == (-22.0, MEASURED, "two sets")
-    assert with_metadata(image, sampling_error={})["rays"].known == UNKNOWN
+    traced = with_metadata(image, sampling_error={}, statistics={"rays": 7})
+    assert traced["rays"].known == UNKNOWN
 
 
 @pytest.mark.parametrize(
