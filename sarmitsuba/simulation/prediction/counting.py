@@ -41,11 +41,13 @@ SOURCE_LAUNCHES = 2.0
 # bytes of a raster's pixel: its blur, and each channel's planes and transforms
 RASTER_PIXEL, RASTER_PLANE = 16, 60
 # a raster's sample over a ray in time, and seconds of a pixel that is formed by transforms
-RASTER_SHARE, FORMED_PIXEL = 0.1, 1e-6
+RASTER_SHARE, FORMED_PIXEL = 0.1, 2.1e-7
 # seconds of a run whatever its size: lattices, sources, the first transforms; and of an ideal point's pulse
 SETUP, FIRST_FOCUS, POINT_PULSE = 0.07, 0.04, 1e-7
 # seconds of a sample's noise, and of its range upsampled for focusing
 NOISE_SAMPLE, UPSAMPLED = 8e-8, 1.5e-7
+# seconds of the first finer lattice of a process over those of the next
+FIRST_LAID = 0.2
 # seconds of tabulating what a rough material returns at another frequency
 TABLES = 0.04
 
@@ -119,9 +121,9 @@ class _Tracing:
         """Count rays and sources; the finer lattices take about as long as sparse ones do here, and their nodes."""
         plain, before = lattice_rays(sampling, layers), time.process_time()
         finer = finer_rays(sampling, layers, trace_scene)
-        sparse = (time.process_time() - before) / Machine.here().slowness if any(finer) else 0.0
+        sparse = (time.process_time() - before) / Machine.here().slowness - FIRST_LAID if any(finer) else 0.0
         wanted = _purposes(sampling, layers)
-        laying = sparse * len(wanted) / len(set(wanted)) + sum(finer) * USUAL_CORE.node
+        laying = max(sparse, 0.0) * len(wanted) / len(set(wanted)) + sum(finer) * USUAL_CORE.node
         return _Tracing(
             sampling,
             layers,
