@@ -119,6 +119,9 @@ class LineScatterers(Scatterers):
     whose w is 0 beyond an end of the line, else 1. Hats of neighbours sum to one: at the carrier the sum over a line is
     its whole integral, however it is cut, and what of a slanting line is not cancelled stands at its ends.
 
+    The phase of the way to the front of the cylinder and back is in the range (`nearer`), not in T: it turns with the
+    frequency.
+
     Parameters
     ----------
     nodes : of the lines
@@ -151,6 +154,7 @@ class LineScatterers(Scatterers):
             np.stack([nodes.sides.sum(axis=1), nodes.sides @ [1.0, -1.0]], axis=1).astype(np.float32),
         )
         self.kind = device_array(mi.UInt32, kind.astype(np.uint32))
+        self.radius = device_array(mi.Float, np.array([radius for radius, _ in kinds], np.float32))
         self._tabulate(wavelength)
 
     def at(self, wavelength: float) -> LineScatterers:
@@ -167,7 +171,6 @@ class LineScatterers(Scatterers):
             [[start, t.n_tilts, t.n_azimuths, 0] for start, t in zip(first, tables, strict=True)], np.uint32
         )
         self.shapes = device_array(mi.UInt32, shape)
-        self.ka = device_array(mi.Float, np.array([t.ka for t in tables], np.float32))
         self.table = device_array(mi.Float, np.concatenate([t.values.reshape(-1, NUMBERS) for t in tables]))
 
     def point(self, index: mi.UInt32) -> mi.Vector3d:
@@ -227,9 +230,7 @@ class LineScatterers(Scatterers):
         kind = dr.gather(mi.UInt32, self.kind, index)
         shape = dr.gather(mi.Vector4u, self.shapes, kind)
         cosine = dr.sqrt(ways[0].cosine * ways[1].cosine)
-        turn = dr.dot(ways[0].across, ways[1].across)
-        side = dr.dot(dr.cross(ways[0].across, ways[1].across), axis)
-        azimuth = dr.atan2(side, turn)
+        azimuth = _azimuth(axis, ways)
         x = dr.abs(azimuth) / dr.pi * mi.Float(shape.z - 1)
         y = dr.acos(dr.clip(cosine, 0.0, 1.0)) * (2.0 / dr.pi) * mi.Float(shape.y - 1)
         column, row = dr.minimum(mi.UInt32(x), shape.z - 2), dr.minimum(mi.UInt32(y), shape.y - 2)
@@ -250,15 +251,20 @@ class LineScatterers(Scatterers):
                 for k in range(packets):
                     node = dr.gather(mi.Vector4f, self.table, (first + j) * (NUMBERS // 4) + k)
                     sums[k] += node * (weight * of_row)
-        phase = 2.0 * dr.gather(mi.Float, self.ka, kind) * cosine * dr.abs(dr.sin(0.5 * azimuth))
-        sin, cos = dr.sincos(phase)
-        specular = mi.Complex2f(cos, sin)
-        mm = mi.Complex2f(sums[0].x, sums[0].y) * specular
-        ee = mi.Complex2f(sums[0].z, sums[0].w) * specular
+        mm, ee = mi.Complex2f(sums[0].x, sums[0].y), mi.Complex2f(sums[0].z, sums[0].w)
         if not self.inside:
             return mm, ee, None
         odd = dr.select(azimuth < 0.0, -1.0, 1.0)
-        return mm, ee, mi.Complex2f(sums[1].x, sums[1].y) * specular * odd
+        return mm, ee, mi.Complex2f(sums[1].x, sums[1].y) * odd
+
+    def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float:
+        """The wave turns round at the front of the rod, a radius before its axis where it is met at right angles."""
+        rod = dr.gather(mi.Vector4f, self.rods, index)
+        axis = mi.Vector3f(rod.x, rod.y, rod.z)
+        ways = [_Way.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
+        azimuth = _azimuth(axis, ways)
+        radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))
+        return radius * dr.sqrt(ways[0].cosine * ways[1].cosine) * dr.abs(dr.sin(0.5 * azimuth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +282,13 @@ class _Way:
         # end-on there is no plane, and nothing returns
         across = across * dr.rcp(dr.maximum(cosine, 1e-6))
         return _Way(dr.cross(direction, across), across, cosine)
+
+
+def _azimuth(axis: mi.Vector3f, ways: Sequence[_Way]) -> mi.Float:
+    """Angle about the axis from the incident to the scattered direction, rad."""
+    turn = dr.dot(ways[0].across, ways[1].across)
+    side = dr.dot(dr.cross(ways[0].across, ways[1].across), axis)
+    return dr.atan2(side, turn)
 
 
 __all__ = ["LineNodes", "LineScatterers", "cut", "longest_step"]

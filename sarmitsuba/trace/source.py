@@ -111,6 +111,13 @@ class Scatterers(ABC):
         """Start of a shadow ray, m: a little off the scatterer, along the leg."""
         return point + direction * clearance
 
+    def nearer(self, index: mi.UInt32, incident: Leg, scattered: Leg) -> mi.Float | None:
+        """How much nearer than its phase centre a scatterer stands in the echo, m; None: not at all.
+
+        The phase of that is not in :meth:`amplitude`.
+        """
+        return None
+
     def at(self, wavelength: float) -> Scatterers:
         """The same scatterers at another wavelength, m: itself, where the kernel's wavenumber is all that changes."""
         return self
@@ -280,11 +287,15 @@ class PointSource:
                 e, q = incident.sent(channel[0]), scattered.sent(channel[1])
                 value = self.scatterers.amplitude(kernel, index, incident, scattered, e, q)
                 amplitudes[i] = amplitudes[i] + value * factor
+        slant_range = 0.5 * (out.length + home.length)
+        nearer = self.scatterers.nearer(index, out, home)
+        if nearer is not None:
+            slant_range = slant_range - mi.Float64(nearer)
         return Contribution(
             kind=mi.UInt32(SCATTERER),
             order=mi.UInt32(order),
             pulse=pulse,
-            slant_range=0.5 * (out.length + home.length),
+            slant_range=slant_range,
             range_rate=0.5 * (out.rate + home.rate),
             amplitudes=tuple(amplitudes),
             active=out.seen & home.seen,

@@ -50,7 +50,8 @@ class Dyad(LineScatterers):
         kernel = cast("Kernel", SimpleNamespace(constants=SimpleNamespace(wavenumber=mi.Float(wavenumber))))
         index = dr.arange(mi.UInt32, self.n)
         value = self.amplitude(kernel, index, sight(-came), sight(goes), vector(e), vector(q))
-        phase = wavenumber * (came - goes) @ np.array(self.point(index))
+        nearer = np.array(self.nearer(index, sight(-came), sight(goes)), dtype=np.float64)
+        phase = wavenumber * ((came - goes) @ np.array(self.point(index)) - 2.0 * nearer)
         return complex(np.sum((np.array(value.real) + 1j * np.array(value.imag)) * np.exp(-1j * phase)))
 
 
