@@ -100,8 +100,6 @@ def run(args: argparse.Namespace, console: Console) -> int:
         for note in scene.notes:
             console.note(note)
         settings = scene.settings
-        if not scene.traced and (settings.target_error_db < 0.0 or settings.time_limit > 0.0):
-            console.note(f"{scene.name}: ideal points alone take no rays and are exact: one pass is made")
         record: dict[str, object] = {
             "command": "render",
             "scene": str(scene.path or scene.name),
@@ -162,8 +160,8 @@ def _scene_with_settings(args: argparse.Namespace) -> "Scene":
 
 
 def _many_passes(scene: "Scene") -> bool:
-    """Whether passes are added until an error or a time is reached; ideal points alone are exact after one."""
-    return scene.traced and (scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0)
+    """Whether passes are added until an error or a time is reached."""
+    return scene.settings.target_error_db < 0.0 or scene.settings.time_limit > 0.0
 
 
 def _check_everything(folder: "OutputFolder", scene: "Scene", args: argparse.Namespace) -> str:

@@ -11,6 +11,9 @@ from sarmitsuba.materials.diffuse_law import LAWS
 from sarmitsuba.materials.dispersion import Dispersion
 from sarmitsuba.materials.texture import Bitmap, check_texture
 
+# magnitude of the permittivity above which a half space reflects 98 % of a wave and its edges are those of metal
+GOOD_CONDUCTOR = 1e4
+
 
 @dataclass(frozen=True)
 class Material:
@@ -95,6 +98,11 @@ class Material:
             parts = tuple(m.at_frequency(frequency) for m in classes.materials)
             changed = replace(changed, maps=replace(self.maps, classes=replace(classes, materials=parts)))
         return changed
+
+    @property
+    def metallic(self) -> bool:
+        """A perfect conductor, or so good a one that it reflects nearly everything: a half space of metal."""
+        return self.pec or (self.thickness == 0.0 and abs(self.permittivity) > GOOD_CONDUCTOR)
 
     @property
     def scatters(self) -> bool:

@@ -177,7 +177,8 @@ def trace_paths(
     Returns
     -------
     the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
-    ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``
+    ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
+    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.in_pulse`
 
     Raises
     ------

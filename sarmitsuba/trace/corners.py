@@ -100,8 +100,7 @@ def both_chains(
     The chain over A and B is an estimate of two paths, transmitter, A, B, receiver, and the other way round, receiver,
     A, B, transmitter; so is the chain over B and A. With the slant ranges :math:`h, h'` of the two
 
-    .. math:: c = (1 - t) + t \, 	frac{w}{2} \left(1 + e^{2 j k (h - h')}
-    ight)
+    .. math:: c = (1 - t) + t \, \tfrac{w}{2} \left(1 + e^{2 j k (h - h')}\right)
 
     where t falls from 1 to 0 between ``NEAR`` and ``FAR`` of angle between both antennas: far apart each path closes
     where it hits last.

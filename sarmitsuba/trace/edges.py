@@ -54,7 +54,7 @@ def edges_of(
     for _, faces in geometry.moving_meshes():
         moving[faces] = True
     corners = geometry.vertices[geometry.faces[visible]]
-    metal = np.array([m.pec for m in materials], dtype=bool)[geometry.face_material[visible]]
+    metal = np.array([m.metallic for m in materials], dtype=bool)[geometry.face_material[visible]]
     metal &= ~moving[visible]
     if not metal.any():
         return sharp_edges(np.zeros((0, 3, 3)), np.zeros(0, dtype=bool))

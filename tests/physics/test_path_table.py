@@ -112,7 +112,7 @@ def test_paths_of_shipped_scenes_add_up_to_the_raw_data(name: str, more: dict[st
 @pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 3))])
 @pytest.mark.filterwarnings("ignore::sarmitsuba.errors.SarmitsubaWarning")
 def test_paths_of_random_scenes(seed: int) -> None:
-    scene = random_scene(seed)
+    scene = random_scene(seed).replace(edge_diffraction="off")
     table = assert_sums_to_raw(scene, [1, 4])
     assert set(np.unique(table.kind)) == {0, 1, 2, 3} and table.order.max() > 3
     assert_geometry_holds(table, scene)

@@ -59,7 +59,7 @@ class EdgeDiffraction(Effect):
     def assess(self, context: SceneContext, decided: Mapping[str, Decision]) -> Assessment:
         """See the class."""
         scene = context.scene
-        if not any(m.pec for m in context.materials):
+        if not any(m.metallic for m in context.materials):
             return Assessment(False, "no metal", -np.inf)
         if scene.settings.method == "raster":
             return Assessment(False, "method raster has no coherent return", -np.inf)
@@ -82,7 +82,7 @@ class EdgeDiffraction(Effect):
         what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
         note = ""
         if any(
-            context.scene.materials[m].pec
+            context.scene.materials[m].metallic
             for _, faces in context.scene.geometry.moving_meshes()
             for m in np.unique(context.scene.geometry.face_material[faces])
         ):
@@ -107,7 +107,7 @@ class _Metal:
     def of(context: SceneContext) -> "_Metal":
         geometry, materials = context.scene.geometry, context.scene.materials
         visible = ~np.array([m.invisible for m in materials], dtype=bool)[geometry.face_material]
-        metal = np.array([m.pec for m in materials], dtype=bool)[geometry.face_material[visible]]
+        metal = np.array([m.metallic for m in materials], dtype=bool)[geometry.face_material[visible]]
         return _Metal(np.asarray(geometry.vertices[geometry.faces[visible]], dtype=np.float64), metal)
 
 

@@ -245,9 +245,13 @@ class SamplingPlan:
 
     @cached_property
     def phase_box(self) -> F64:
-        """Bounds of the phase centres whose Doppler is kept, (2, 3) m: the lit box and a quarter for mirror images."""
+        """Bounds of the phase centres whose Doppler is kept, (2, 3) m.
+
+        The lit box, beside it a quarter for mirror images, and at least what the rays' fade-out lights on level ground.
+        """
         low, high = self.box
-        margin = 0.25 * (high - low) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.scatterer_cell
+        fade = max(window.taper / max(float(np.cos(window.incidence)), 0.2) for window in self.windows)
+        margin = np.maximum(0.25 * (high - low), fade) * np.array([1.0, 1.0, 0.0]) + 2.0 * self.scatterer_cell
         return np.stack([low - margin, high + margin])
 
     @cached_property
