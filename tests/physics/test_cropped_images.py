@@ -345,3 +345,42 @@ def test_a_scene_that_fits_its_image_keeps_its_pulses() -> None:
     assert not [note for note in raw.metadata["notes"] if "left out" in note]
     assert [point["rcs"] for point in raw.metadata["points"]] == [1.0, 1.0]
     assert isinstance(raw.radar.track, Track)
+
+
+@pytest.mark.filterwarnings(
+    "ignore::sarmitsuba.errors.SarmitsubaWarning"
+)  # a plate beside a small image, on purpose
+@pytest.mark.parametrize("across", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_hybrid_keeps_what_the_fade_out_lights(across: bool) -> None:
+    """A plate that faces the radar beside an image of few cells: blocks of pulses against every pulse traced."""
+    radar = RadarDescription(
+        slant_range=1.5e3,
+        look_angle_deg=40.0,
+        heading_deg=90.0,
+        bandwidth=300e6,
+        azimuth_resolution=0.5,
+        aim_x=0.0,
+        aim_y=0.0,
+        aim_z=0.0,
+    )
+    film = FilmDescription(
+        image_extent_azimuth=8.0,
+        image_extent_range=8.0,
+        image_center_x=0.0,
+        image_center_y=0.0,
+        image_height=0.0,
+    )
+    level = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
+    rough = {"material": "concrete", "rms_height": 0.004, "diffuse_law": "lambert", "diffuse_level_db": -20.0}
+    bare = build_scene([SceneMesh(level, [[0, 1, 2], [0, 2, 3]], rough, "ground")], radar=radar, film=film)
+    track = bare.radar.track
+    look = track.center_position / np.linalg.norm(track.center_position)
+    u, v = track.along, np.cross(look, track.along)
+    place = (bare.radar.across if across else track.along) * 8.5 + [0.0, 0.0, 1.2]
+    corners = place + np.array([-u - v, u - v, u + v, -u + v])
+    plate = SceneMesh(corners, [[0, 1, 2], [0, 2, 3]], "pec", "plate")
+    ground = SceneMesh(level, [[0, 1, 2], [0, 2, 3]], rough, "ground")
+    scene = build_scene([ground, plate], radar=radar, film=film).replace(max_depth=1, ray_spacing=0.05)
+    every, blocks = (simulate(scene.replace(method=method), seed=1).data for method in ("raw", "hybrid"))
+    # tol: a plate's glint turns by a part of its lobe within a block of pulses
+    assert np.linalg.norm(blocks - every) < 0.1 * np.linalg.norm(every)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba import RadarDescription, Scene, SceneMesh, build_scene, focus, load_scene, simulate, theory
 from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.effects.plan import plan_effects
+from sarmitsuba.materials.material import Material
 from sarmitsuba.mesh.sharp_edges import DIRECTIONS, SharpEdges, sharp_edges
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import Geometry
@@ -375,3 +376,18 @@ def test_sweeps_have_edges_by_themselves(seed: int) -> None:
         got = 10.0 ** (result.dbsm(channel) / 20.0)
         # tol: the rims across, a wavelength of 60; Fresnel's integral to 0.004
         assert np.abs(got - np.sqrt(want)).max() < 0.04 * np.sqrt(theory.edge_on_rcs(size[1] * WAVELENGTH))
+
+
+def test_edges_of_good_conductors_are_those_of_metal() -> None:
+    """Steel has them as a perfect conductor does, wet ground has none."""
+    plate = targets.geometry([targets.plate(1.0, 2.0)])
+    perfect, steel, wet = (
+        edges_of(plate, (material,), WAVELENGTH)
+        for material in (
+            Material("pec", pec=True),
+            Material("steel", permittivity=1.0 - 1.8e7j),
+            Material("wet_ground", permittivity=25.0 - 8.0j),
+        )
+    )
+    assert perfect.n == steel.n > 0 and wet.n == 0
+    assert np.array_equal(perfect.middle, steel.middle)
