@@ -52,6 +52,10 @@ def run(args: argparse.Namespace, console: Console) -> int:
     if not args.no_error_bars:
         settings = dataclasses.replace(settings, keep_subsets=True)
     scene = dataclasses.replace(scene, settings=settings)
+    if not args.plan_only:
+        console.busy(
+            "measuring every effect with and without it, and a part of the run; --plan-only leaves that out"
+        )
     found = explain(scene, predicted=not args.plan_only)
     facts, text = found.as_dict(), str(found)
     if args.workers and found.prediction is not None:

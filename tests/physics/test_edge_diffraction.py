@@ -380,7 +380,7 @@ def test_sweeps_have_edges_by_themselves(seed: int) -> None:
 
 def test_edges_of_good_conductors_are_those_of_metal() -> None:
     """Steel has them as a perfect conductor does, wet ground has none."""
-    plate = targets.geometry([targets.plate(1.0, 2.0)])
+    plate = targets.plate(1.0, 2.0)
     perfect, steel, wet = (
         edges_of(plate, (material,), WAVELENGTH)
         for material in (
