@@ -357,7 +357,7 @@ class Imager:
         metadata = image_metadata(run, method, focus)
         run.timer = StageTimer(run.timer.clock)  # the next image's
         if self._tracer is not None:
-            self._tracer.timer = run.timer
+            self._tracer.timed(run.timer)
         return SarImage(
             data=data,
             layers=layers,

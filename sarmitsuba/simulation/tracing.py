@@ -105,6 +105,11 @@ class Tracer:
         other.by_frequency = (other,)
         return other
 
+    def timed(self, timer: StageTimer) -> None:
+        """Add stages to another timer, at every frequency."""
+        for tracer in {self, *self.by_frequency}:
+            tracer.timer = timer
+
     @property
     def most_pulses(self) -> int | None:
         """Pulses that one launch may trace; None for any number."""

@@ -8,7 +8,7 @@ from sarmitsuba.commands.results import Formats, least_bytes, with_files
 from sarmitsuba.echo.chirp import n_fast_chirped, to_chirped
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.simulation.prediction.prediction import Prediction
+from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 from sarmitsuba.simulation.prediction.speed import Machine
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.run import Run
@@ -126,3 +126,10 @@ def test_chirped_records_are_longer_by_their_pulse() -> None:
         for chirped in (False, True)
     )
     assert large - small == pytest.approx(record.data.nbytes - raw.data.nbytes)
+
+
+def test_tracing_at_several_frequencies_has_its_seconds() -> None:
+    """Each frequency has its own tracer, and all one timer."""
+    scene = load_scene("plate").replace(wideband="on")
+    predicted = predict(scene)[1]
+    assert predicted.measured and predicted.seconds["trace"] > 0.0

@@ -214,9 +214,10 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
 
     def batch() -> Mapping[str, float]:
         nonlocal done, stats
-        tracer.timer = StageTimer(clock)
+        timer = StageTimer(clock)
+        tracer.timed(timer)
         done, stats = blocks.sample()
-        return {stage: tracer.timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
+        return {stage: timer.seconds.get(stage, 0.0) for stage in ("trace", "synthesise")}
 
     stages = _steady(batch)
     more = sum(g.n_rays for grids in lattices for g in grids) / sum(g.n_rays for g in lattices[0])
