@@ -40,7 +40,7 @@ class EdgeDiffraction(Effect):
     the clutter or the strongest cell that a pilot found; without one, against a cell of the roughest material, or,
     where nothing is rough, what the strongest plane of metal returns at once to any of the antenna's places: what
     mirrors may send back beside it is not known without a pilot, and counts as none. Edges of what moves are left out,
-    with a note.
+    which the reason says.
 
     Of what mirrors send to edges, and edges to mirrors, only the ground below an edge is followed; here any level face
     below it counts as its ground.
@@ -80,14 +80,13 @@ class EdgeDiffraction(Effect):
             return Assessment(False, "no metal edge is seen", -np.inf)
         error = 10.0 * float(np.log10(strongest / reference)) if reference > 0.0 else 0.0
         what = f"metal edges up to {length(longest)} add {error:.0f} dB, {over}"
-        note = ""
         if any(
             context.scene.materials[m].metallic
             for _, faces in context.scene.geometry.moving_meshes()
             for m in np.unique(context.scene.geometry.face_material[faces])
         ):
-            note = f"{scene.name}: edge_diffraction: edges of metal that moves are left out"
-        return Assessment(error > limit, what, min(error, 0.0), note=note)
+            what += "; those of metal that moves are left out"
+        return Assessment(error > limit, what, min(error, 0.0))
 
     def flags(
         self, on: bool, context: SceneContext, decided: Mapping[str, Decision]
