@@ -1,5 +1,6 @@
 """What the synthetic aperture does to one point: antenna weights, area and shape of the impulse response."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,15 @@ def direction_gain(radar: Radar, pulse: int | slice, direction: F64, pointing: P
         np.sum(direction * p.elevation_axis[pulse], axis=-1),
     )
     return np.asarray(np.where(np.sum(direction * p.boresight[pulse], axis=-1) > 0.0, gain, 0.0))
+
+
+def antennas_gain(radar: Radar, pulse: int | slice, directions: Sequence[F64]) -> F64:
+    """Geometric mean of :func:`direction_gain` of the antennas, in the directions (..., 3) from each: one or two."""
+    gains = [
+        direction_gain(radar, pulse, direction, pointing)
+        for direction, pointing in zip(directions, radar.pointings, strict=True)
+    ]
+    return gains[0] if len(gains) == 1 else np.asarray(np.sqrt(gains[0] * gains[1]))
 
 
 def look_directions(radar: Radar, point: ArrayLike) -> F64:
@@ -276,6 +286,7 @@ def incidence_angle(radar: Radar, point: ArrayLike) -> F64:
 
 
 __all__ = [
+    "antennas_gain",
     "aperture_weights",
     "band_weights",
     "beam_turn",

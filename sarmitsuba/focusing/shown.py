@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.raw import RawData, sum_of_channel
-from sarmitsuba.focusing.aperture import direction_gain
+from sarmitsuba.focusing.aperture import antennas_gain
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 
@@ -68,11 +68,8 @@ def _amplitude(radar: Radar, place: F64) -> F64:
     """Amplitude of the echoes of a point of 1 m^2 in all pulses, (n_pulses,) sqrt(W)."""
     legs = [place - track.position for track in radar.tracks]
     ranges = [np.linalg.norm(leg, axis=1) for leg in legs]
-    gains = [
-        direction_gain(radar, slice(None), leg / distance[:, None], pointing)
-        for leg, distance, pointing in zip(legs, ranges, radar.pointings, strict=True)
-    ]
-    gain = gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
+    directions = [leg / distance[:, None] for leg, distance in zip(legs, ranges, strict=True)]
+    gain = antennas_gain(radar, slice(None), directions)
     return np.asarray(radar.amplitude_constant * gain / (ranges[0] * ranges[-1]))
 
 

@@ -76,7 +76,8 @@ class FarSite(Site):
     """
 
     def __init__(self, scene: Scene, flags: KernelFlags, aspects: Aspects) -> None:
-        super().__init__(scene, flags, geometry_of(scene))
+        # pairs alone ask for it
+        super().__init__(scene, flags, geometry_of(scene) if flags.diffuse_pairs else None)
         self.aspects = aspects
 
     @property

@@ -11,7 +11,7 @@ from sarmitsuba.echo.in_pulse import InPulse, carrier_range
 from sarmitsuba.echo.raw import Layer
 from sarmitsuba.echo.sub_bands import SubBands
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.focusing.aperture import direction_gain
+from sarmitsuba.focusing.aperture import antennas_gain
 from sarmitsuba.radar.polarisation import isotropic_response
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import PointTarget
@@ -59,17 +59,10 @@ class PointEcho:
         position, velocity : (n, 3) m and m/s, of the points
         antennas : position and velocity (n, 3) of each antenna, m and m/s
         """
-        ranges, rates = [], []
-        for leg, (place, speed) in zip(legs, antennas, strict=True):
-            line = place + leg.shift - position
-            distance = np.linalg.norm(line, axis=1)
-            ranges.append(distance)
-            rates.append(np.einsum("ni,ni->n", line, speed - velocity) / distance)
+        apparent = [(place + leg.shift, speed) for leg, (place, speed) in zip(legs, antennas, strict=True)]
+        ranges, rates = _ranges_and_rates(position, velocity, apparent)
         return PointEcho(
-            ranges[0] if len(ranges) == 1 else 0.5 * (ranges[0] + ranges[1]),
-            rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1]),
-            amplitude / (ranges[0] * ranges[-1]),
-            (legs[0], legs[-1]),
+            _mean(ranges), _mean(rates), amplitude / (ranges[0] * ranges[-1]), (legs[0], legs[-1])
         )
 
     @property
@@ -108,11 +101,7 @@ def point_echo(
         len(position), radar.amplitude_constant * np.sqrt(point.rcs) * np.exp(1j * point.phase)
     )
     if flags.antenna_pattern:
-        gains = [
-            direction_gain(radar, pick, -leg.to_antenna, pointing)
-            for leg, pointing in zip(legs, radar.pointings, strict=True)
-        ]
-        amplitude *= gains[0] if len(gains) == 1 else np.sqrt(gains[0] * gains[1])
+        amplitude *= antennas_gain(radar, pick, [-leg.to_antenna for leg in legs])
     return PointEcho.of(legs, amplitude, position, point.motion.velocity_at(time), antennas)
 
 
@@ -189,13 +178,27 @@ def point_history(radar: Radar, point: PointTarget, pick: slice) -> tuple[F64, F
     """Slant range (m) of a point in the pulses ``pick`` and its change (m/s), two (n,) float64, as in free space."""
     time = radar.track.time[pick]
     position, own = point.position_at(time), point.motion.velocity_at(time)
-    rates = []
-    for track in radar.tracks:
-        line = track.position[pick] - position
-        rate = np.einsum("ni,ni->n", line, track.velocity[pick] - own) / np.linalg.norm(line, axis=1)
-        rates.append(rate)
-    rate = rates[0] if len(rates) == 1 else 0.5 * (rates[0] + rates[1])
-    return radar.slant_range(position, pick), rate
+    antennas = [(track.position[pick], track.velocity[pick]) for track in radar.tracks]
+    ranges, rates = _ranges_and_rates(position, own, antennas)
+    return _mean(ranges), _mean(rates)
+
+
+def _ranges_and_rates(
+    position: F64, velocity: F64, antennas: Sequence[tuple[F64, F64]]
+) -> tuple[list[F64], list[F64]]:
+    """Range (m) of points to each antenna and its change (m/s), (n,) each, from positions and velocities (n, 3)."""
+    ranges, rates = [], []
+    for place, speed in antennas:
+        line = place - position
+        distance = np.linalg.norm(line, axis=1)
+        ranges.append(distance)
+        rates.append(np.einsum("ni,ni->n", line, speed - velocity) / distance)
+    return ranges, rates
+
+
+def _mean(values: Sequence[F64]) -> F64:
+    """Of one antenna or two."""
+    return values[0] if len(values) == 1 else np.asarray(0.5 * (values[0] + values[1]))
 
 
 __all__ = ["PointEcho", "add_points", "point_echo", "point_history"]

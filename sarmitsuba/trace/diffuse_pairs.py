@@ -203,13 +203,15 @@ class DiffusePairs:
         closed = _linear(flags)
         arrival = off_surface(b.point, b.normal, -s, constants.clearance)
         u, v = mi.coordinate_system(s)
-        between, length = {}, mi.Float64(dr.norm(b.point - a.point))
-        for letter in dict.fromkeys(channel[0] for channel in closed):
+        length = mi.Float64(dr.norm(b.point - a.point))
+        letters = dict.fromkeys(channel[0] for channel in closed)
+        fields = []
+        for letter in letters:
             e = out.sent(letter)
             zu, zv = (mixed(first.between(q, e), a.random) for q in (u, v))
-            field_b = field.add(field.scale(zu, u), field.scale(zv, v))
-            around = Surroundings.within(kernel)
-            (between[letter],), shift = around.passed(arrival, -s, r, out.seen, (field_b,))
+            fields.append(field.add(field.scale(zu, u), field.scale(zv, v)))
+        passed, shift = Surroundings.within(kernel).passed(arrival, -s, r, out.seen, tuple(fields))
+        between = dict(zip(letters, passed, strict=True))
         if shift is not None:  # the delay in panes between the two
             length = length - dr.dot(mi.Vector3d(s), mi.Vector3d(shift))
         values = [
