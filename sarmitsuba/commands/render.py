@@ -145,6 +145,9 @@ def _check_settings(args: argparse.Namespace) -> None:
 
 def _scene_with_settings(args: argparse.Namespace) -> "Scene":
     """The scene with the settings that the command line gives."""
+    from sarmitsuba.simulation.prediction.speed import glance
+
+    glance()  # as early as may be, for the forecast
     scene = scene_of(args)
     changes = {
         "method": args.method,

@@ -56,6 +56,7 @@ class Decision:
     cost : share of the simulation's processor time that it takes (on) or would take (off), measured both ways; NaN
         where it was not
     source : ``fact``, ``pilot`` or ``user``
+    deepest : of bounces: the last one that returns anything, found both ways; None where that is not known
     """
 
     name: str
@@ -66,6 +67,7 @@ class Decision:
     measured: bool = False
     cost: float = float("nan")
     source: str = "fact"
+    deepest: int | None = None
 
     @property
     def error_is(self) -> str:

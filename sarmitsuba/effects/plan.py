@@ -87,11 +87,12 @@ class EffectsPlan:
         return replace(self, decisions=(*kept, decision))
 
     def with_measured(
-        self, name: str, error_db: float, cost: float, *, measured: bool = True
+        self, name: str, error_db: float, cost: float, *, measured: bool = True, deepest: int | None = None
     ) -> "EffectsPlan":
         """The plan with what an effect changes (dB; at most, unless measured) and takes (share), found both ways."""
+        found = {"error_db": error_db, "cost": cost, "measured": measured, "deepest": deepest}
         decisions = tuple(
-            replace(d, error_db=error_db, cost=cost, measured=measured) if d.name == name else d
+            replace(d, **found) if d.name == name else d  # type: ignore[arg-type]
             for d in self.decisions
         )
         return replace(self, decisions=decisions)
@@ -166,6 +167,7 @@ class EffectsPlan:
                     "error_is": d.error_is,
                     "cost": None if np.isnan(d.cost) else round(d.cost, 3),
                     "source": d.source,
+                    **({} if d.deepest is None else {"deepest": d.deepest}),
                 }
                 for d in self.decisions
             },

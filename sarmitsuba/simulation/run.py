@@ -17,6 +17,7 @@ from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pilot import examine, plan_in
 from sarmitsuba.simulation.prediction.counting import needs_of
 from sarmitsuba.simulation.prediction.needs import Needs
+from sarmitsuba.simulation.prediction.speed import glance
 from sarmitsuba.simulation.sampling.cropping import lit_points
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
@@ -69,6 +70,7 @@ class Run:
         geometry: TraceScene | None = None,
     ) -> None:
         ensure_backend()
+        glance()
         if scene.settings.method in ("image", "raster") and scene.radar.all_round:
             raise RadarError(
                 f"{scene.name}: method {scene.settings.method} takes one look, but the track goes round the scene; "
@@ -80,6 +82,7 @@ class Run:
         if scene.traced:
             self.trace_scene, self._built_from = geometry or built(scene), scene
             self.timer.lap("build")
+            glance()
             self.sampling = SamplingPlan.of(scene)
             self.timer.lap("launch grid")
         self.context: SceneContext | None = None
@@ -110,6 +113,7 @@ class Run:
         if self.sampling is not None and self.plan.flags.multi_bounce:
             unlit = mirrors_outside(self.scene, self.sampling.windows)
             self.notes += [unlit] if unlit else []
+        glance()
         self.timer.lap("plan")
 
     def at(self, factor: float) -> "Run":

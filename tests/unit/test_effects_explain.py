@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sarmitsuba.cli import main
 from sarmitsuba.effects.effect import Decision
 from sarmitsuba.effects.flags import KernelFlags
-from sarmitsuba.effects.plan import EffectsPlan
+from sarmitsuba.effects.plan import DEFAULT_DEPTH, EffectsPlan
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
@@ -154,7 +154,7 @@ def test_stated_changes_are_those_of_whole_images() -> None:
         (
             "tower",
             {"sar_antenna.azimuth_resolution": "1.2", "sar_antenna.bandwidth": "125e6"},
-            ("coherent", "fresnel", "speckle", "diffuse_double"),
+            ("max_depth", "coherent", "fresnel", "speckle", "diffuse_double"),
         ),
     ):
         scene = load_scene(resolve(name), parameters=parameters)
@@ -172,6 +172,9 @@ def test_stated_changes_are_those_of_whole_images() -> None:
             # tol: what blocks tell well is stated as measured, within their scatter
             assert np.isnan(few[effect].error_db) or few[effect].error_db >= true - 2.0
     assert stated["visibility"].error_is in ("none", "measured")
+    # more bounces are followed than there are: what the last one changes is that of the last that returns anything
+    depth = stated["max_depth"]
+    assert depth.value == DEFAULT_DEPTH and depth.deepest == 2 and depth.error_db > -20.0
 
 
 def test_python_says_what_the_command_says() -> None:

@@ -8,7 +8,7 @@ and how much they differ says what the others may hold.
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import prod
 from typing import Literal
 
@@ -18,7 +18,7 @@ from scipy.stats import t as student
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.raw import Layer, RawData
-from sarmitsuba.effects.effect import Decision, Effect, effects
+from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
@@ -48,6 +48,8 @@ ROUNDS, MOST_ROUNDS, LONG_ENOUGH = 2, 3, 0.4
 TIMED = 2
 # a change that blocks tell no better than this is stated as a bound, dB
 WELL_KNOWN_DB = 2.0
+# energy of a change over that of the image that is rounding
+NOTHING = 1e-9
 # one-sided confidence of such a bound
 CONFIDENCE = 0.99
 
@@ -196,31 +198,78 @@ def measured_both_ways(
         assert decision is not None
         if left < 0:
             continue
-        try:
-            scene = switched(loaded, decision)
-            other = run.otherwise(scene)
-            if other.sampling is None or other.layers.channels != run.layers.channels:
-                continue
-            way = _Way(other, scene, blocks, together)
-            echoes = way.echoes(places)
-        except SarmitsubaError:  # nothing would be left that returns
+        found = _other_way(base, decision, data, image, grid, places)
+        if found is None:
             continue
-        left -= len(places) * way.rays
-        if effect.at_key_pulses:
-            change = base.focused(echoes - data, grid)
-        else:
-            change = way.focused(echoes, grid) - image
-        spread = None if whole else _spread_of(echoes - data, data, [blocks[i] for i in places], len(blocks))
-        error_db, measured = _stated(_ratio(change, image), spread)
+        left -= len(places) * found.way.rays
+        # most runs follow more bounces than there are: what the last one changes is that of the last that returns
+        if whole and effect.name == "max_depth" and decision.on and found.ratio <= NOTHING:
+            found = _last_that_returns(base, decision, data, image, grid, places) or found
+        way, deepest = found.way, found.deepest
+        spread = (
+            None if whole else _spread_of(found.echoes - data, data, [blocks[i] for i in places], len(blocks))
+        )
+        error_db, measured = _stated(found.ratio, spread)
         cost = np.nan
         if clock is not None:
             here, there = _least(base, way, clock)
             cost = share_of(decision.on, more + here, more + there)
         if measured or error_db > -np.inf:
-            plan = plan.with_measured(effect.name, error_db, cost, measured=measured)
+            plan = plan.with_measured(effect.name, error_db, cost, measured=measured, deepest=deepest)
         else:  # the blocks that were traced show nothing, and there are others
             plan = plan.with_measured(effect.name, decision.error_db, cost, measured=False)
     return plan
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A run the other way: its echoes, what it changes of the image (energy), and ``Decision.deepest``."""
+
+    way: _Way
+    echoes: C64
+    ratio: float
+    deepest: int | None = None
+
+
+def _other_way(
+    base: _Way, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
+) -> _Found | None:
+    """A run with an effect the other way, traced where ``base`` was; None where nothing would be left that returns."""
+    run = base.run
+    try:
+        scene = switched(base.loaded, decision)
+        other = run.otherwise(scene)
+        if other.sampling is None or other.layers.channels != run.layers.channels:
+            return None
+        way = _Way(other, scene, base.blocks, base.together)
+        echoes = way.echoes(places)
+    except SarmitsubaError:
+        return None
+    if EFFECTS[decision.name].at_key_pulses:
+        change = base.focused(echoes - data, grid)
+    else:
+        change = way.focused(echoes, grid) - image
+    return _Found(way, echoes, _ratio(change, image), decision.deepest)
+
+
+def _last_that_returns(
+    base: _Way, decision: Decision, data: C64, image: C64, grid: ImageGrid, places: Sequence[int]
+) -> _Found | None:
+    """The run without the last bounce that returns anything, found by halving; the second, where none does."""
+    low, high = 1, (decision.value or 2) - 1  # bounces beyond ``high`` return nothing
+    best = None
+    while low < high:
+        middle = (low + high) // 2
+        found = _other_way(base, replace(decision, deepest=middle + 1), data, image, grid, places)
+        if found is None:
+            return None
+        if found.ratio > NOTHING:
+            low, best = middle + 1, found
+        else:
+            high = middle
+    if best is None or best.deepest != high:
+        best = _other_way(base, replace(decision, deepest=max(high, 2)), data, image, grid, places)
+    return None if best is None else replace(best, deepest=high)
 
 
 def _besides(base: _Way, clock: Clock) -> float:
@@ -282,10 +331,10 @@ def _worth_trying(effect: Effect, plan: EffectsPlan) -> bool:
 
 
 def switched(loaded: Scene, decision: Decision) -> Scene:
-    """The scene with an effect the other way; bounces: without the last, or with the second."""
+    """The scene with an effect the other way; bounces: without the last (that returns anything), or with the second."""
     settings = loaded.settings
     if decision.name == "max_depth":
-        depth = decision.value or 1
+        depth = decision.deepest or decision.value or 1
         return replace(loaded, settings=replace(settings, max_depth=depth - 1 if depth > 1 else 2))
     switch: Literal["on", "off"] = "off" if decision.on else "on"
     switches = {**settings.effects, decision.name: switch}
@@ -356,4 +405,4 @@ def share_of(on: bool, here: float, there: float) -> float:
     return max(0.0, 1.0 - without / with_it)
 
 
-__all__ = ["measured_both_ways", "ratio_margin", "share_of", "switched"]
+__all__ = ["NOTHING", "measured_both_ways", "ratio_margin", "share_of", "switched"]

@@ -10,11 +10,12 @@ from sarmitsuba.exclusive import exclusive
 from sarmitsuba.memory import in_bytes
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
+from sarmitsuba.simulation.prediction.both_ways import NOTHING
 from sarmitsuba.simulation.prediction.needs import duration
 from sarmitsuba.simulation.prediction.prediction import Prediction, predict
 
 # weaker changes of the image are rounding, dB
-NOTHING_DB = -90.0
+NOTHING_DB = 10.0 * float(np.log10(NOTHING))
 # smaller shares of the processor time are within the scatter of timing
 LEAST_TOLD = 0.1
 
@@ -74,7 +75,8 @@ class Explanation:
         rows = [("effect", "", "if not", "cost", "why")]
         for d in plan.decisions:
             state = str(d.value) if d.value is not None else "on" if d.on else "off"
-            rows.append((d.name, state, _error(d), _cost(d.cost), d.why))
+            last = "" if d.deepest is None else f"; bounce {d.deepest} is the last that returns anything"
+            rows.append((d.name, state, _error(d), _cost(d.cost), d.why + last))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines = [
             "  ".join([*(cell.ljust(w) for cell, w in zip(row, widths, strict=False)), row[4]])
@@ -85,8 +87,8 @@ class Explanation:
             0, f"{self.scene.name}: {self.scene.settings.method}, channels {', '.join(plan.flags.channels)}"
         )
         lines.append(
-            "if not: change of the image were the effect switched the other way (max_depth: without its last bounce), "
-            "energy over that of the image; <= a bound, ? no bound is known, others measured"
+            "if not: change of the image were the effect switched the other way (max_depth: without the last bounce "
+            "that returns anything), energy over that of the image; <= a bound, ? no bound is known, others measured"
         )
         if not all(np.isnan(d.cost) for d in plan.decisions):
             lines.append(

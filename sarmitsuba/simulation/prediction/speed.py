@@ -1,9 +1,9 @@
 """One model of speed: seconds of a run from what there is to do, with usual rates or with measured ones."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -119,8 +119,13 @@ USUAL_CORE = SpeedModel(
 )
 # stages that all threads share, and about the part of them that one thread does alone
 SHARED, ALONE = frozenset({"trace", "synthesise", "focus", "raster"}), 0.2
-# numbers of the job that a core is timed by, its rounds, and processor seconds that it takes the usual core
-JOB, ROUNDS, JOB_SECONDS = 1 << 14, 20, 0.9e-3
+# numbers of the job that a core is timed by, and processor seconds that it takes the usual core
+JOB, JOB_SECONDS = 1 << 14, 0.9e-3
+# rounds of it at a time, and times that a process does them: neighbours that share a core's units slow it by a third
+# for tenths of a second, so that one time would tell of them
+ROUNDS, GLANCES = 6, 4
+# cores that are timed at a time, at most
+CORES = 4
 
 
 @dataclass(frozen=True)
@@ -137,16 +142,11 @@ class Machine:
     threads: int
 
     @staticmethod
-    @cache
     def here() -> "Machine":
-        """Machine that runs this, its core timed once in a process: NumPy sorts numbers and turns phases."""
-        phase = np.random.default_rng(0).random(JOB)
-
-        def job() -> None:
-            np.exp(1j * phase).sum()
-            phase[np.argsort(phase)].sum()
-
-        return Machine(_least(job) / JOB_SECONDS, max(1, int(dr.thread_count())))
+        """Machine that runs this: NumPy sorts numbers and turns phases, the least of what was timed so far counts."""
+        if not _glanced:
+            glance()
+        return Machine(min(_glanced) / JOB_SECONDS, max(1, int(dr.thread_count())))
 
     def processor(self, seconds: Mapping[str, float]) -> dict[str, float]:
         """Processor seconds here, of all threads, of stages that take the usual core so long."""
@@ -160,14 +160,31 @@ class Machine:
         }
 
 
-def _least(job: Callable[[], None]) -> float:
-    """Least processor seconds of some rounds: what disturbs one only makes it longer."""
-    taken = []
-    for _ in range(ROUNDS):
-        before = time.process_time()
-        job()
-        taken.append(time.process_time() - before)
-    return min(taken)
+# least processor seconds of the job, each time that it was done
+_glanced: list[float] = []
+
+
+def glance() -> None:
+    """Time the cores, for some milliseconds; what a run that is being prepared does at several moments of it.
+
+    After ``GLANCES`` times in a process it does nothing. Several threads at once time more often, no harm.
+    """
+    if len(_glanced) >= GLANCES:
+        return
+    phase = np.random.default_rng(0).random(JOB)
+
+    def least(_core: int) -> float:
+        taken = []
+        for _ in range(ROUNDS):
+            before = time.thread_time()
+            np.exp(1j * phase).sum()
+            phase[np.argsort(phase)].sum()
+            taken.append(time.thread_time() - before)
+        return min(taken)
+
+    cores = min(CORES, max(1, int(dr.thread_count())))
+    with ThreadPoolExecutor(cores) as pool:
+        _glanced.append(min(pool.map(least, range(cores))))
 
 
 def expected_work(sampling: SamplingPlan) -> Work:
@@ -225,6 +242,7 @@ __all__ = [
     "SpeedModel",
     "Work",
     "expected_work",
+    "glance",
     "run_seconds",
     "scatterers_met",
     "split_trace",
