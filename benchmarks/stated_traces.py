@@ -43,7 +43,7 @@ ATTEMPTS = 100
 # directions of a sweep, and most rays of each
 ASPECTS, RCS_RAYS = 12, 100_000
 # rays of the reference over those of a sweep, along each axis
-DENSER = 2.6, 3.0, 3.4
+RCS_DENSER = 2.6, 3.0, 3.4
 
 
 def draw(seed: int, most_rays: float, *, every: bool = False) -> tuple[Scene, str]:
@@ -296,7 +296,7 @@ def rcs(seed: int) -> Iterator[Row]:
     azimuth = float(np.arctan2(sight[1], sight[0])) + np.linspace(-0.05, 0.05, ASPECTS)
     aspects = Aspects(azimuth, np.full(ASPECTS, float(np.arcsin(sight[2]))))
     found = rcs_sweep(scene, aspects, most_rays=RCS_RAYS)
-    dense = [harness.with_settings(scene, ray_spacing=found.result.ray_spacing / times) for times in DENSER]
+    dense = [harness.with_settings(scene, ray_spacing=found.result.ray_spacing / times) for times in RCS_DENSER]
     each = np.array([rcs_sweep(one, aspects, checked=0).result.amplitude.sum(axis=1)[:, 0] for one in dense])
     exact = np.median(each.real, axis=0) + 1j * np.median(each.imag, axis=0)
     true = image_error_db(found.result.amplitude.sum(axis=1)[:, 0], exact)
