@@ -21,7 +21,7 @@ from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.launch import LaunchGrid
-from sarmitsuba.tubes.polygon import Bounds
+from sarmitsuba.trace.tubes.polygon import Bounds
 
 BLOCK = 64  # pulses
 

@@ -29,7 +29,7 @@ from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.source import Part, Recorder
 from sarmitsuba.trace.state import Constants, Kernel
-from sarmitsuba.tubes.polygon import INNER_UP_TO
+from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
 # position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame

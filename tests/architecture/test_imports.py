@@ -23,7 +23,6 @@ FLOORS = (
     ("io",),
     ("loader",),
     ("trace",),
-    ("tubes",),
     ("effects",),
     ("image",),
     ("echo",),
@@ -54,6 +53,8 @@ FLOORS = (
     ),
 )
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
+# folders that import nothing else of the room they are in
+APART = ("sarmitsuba.trace.tubes",)
 # closed forms share no code with what they check
 THEORY_MAY = {"theory", "constants", "units"}
 
@@ -88,7 +89,6 @@ BACKEND_USERS = {
     "plugins",
     "simulation",
     "trace",
-    "tubes",
     "validation",
 }
 FOREIGN = {"mitsuba", "drjit"}
@@ -108,6 +108,20 @@ def test_imports_point_down(house: Any) -> None:
         if here != there and FLOOR.get(there, 0) < FLOOR.get(here, 0):
             wrong.append(f"{house.modules[found.source].where}:{found.line} imports {found.target}, above it")
     assert not wrong, "\n".join(wrong)
+
+
+def test_folders_apart_import_nothing_else_of_their_room(house: Any) -> None:
+    wrong, inside = [], set()
+    for found in house.imports:
+        for folder in APART:
+            room = folder.rpartition(".")[0]
+            if f"{found.source}.".startswith(f"{folder}."):
+                inside.add(folder)
+                if f"{found.target}.".startswith(f"{room}.") and not f"{found.target}.".startswith(
+                    f"{folder}."
+                ):
+                    wrong.append(f"{house.modules[found.source].where}:{found.line} imports {found.target}")
+    assert inside == set(APART) and not wrong, "\n".join(wrong)
 
 
 def test_theory_shares_no_code_with_what_it_checks(house: Any) -> None:
