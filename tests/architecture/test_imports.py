@@ -17,7 +17,7 @@ FLOORS = (
     ("view",),
     ("cluster",),
     ("simulation",),
-    ("interferometry", "link", "polarimetry", "quality"),
+    ("analysis", "link"),
     ("focusing",),
     ("importing",),
     ("io",),
@@ -54,23 +54,25 @@ FLOORS = (
 )
 FLOOR = {room: i for i, rooms in enumerate(FLOORS) for room in rooms}
 # folders that import nothing else of the room they are in
-APART = ("sarmitsuba.trace.tubes",)
+APART = (
+    "sarmitsuba.analysis.polarimetry",
+    "sarmitsuba.analysis.quality",
+    "sarmitsuba.trace.tubes",
+)
 # closed forms share no code with what they check
 THEORY_MAY = {"theory", "constants", "units"}
 
 # rooms that work on data from elsewhere too, and so need neither Mitsuba nor, but for focusing's kernel, Dr.Jit
 DATA = {
+    "analysis",
     "echo",
     "effects",
     "focusing",
     "image",
-    "interferometry",
     "io",
     "link",
     "materials",
     "mesh",
-    "polarimetry",
-    "quality",
     "radar",
     "scene",
     "theory",
