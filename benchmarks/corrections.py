@@ -15,12 +15,15 @@ import numpy as np
 from sarmitsuba.backend import mi
 from sarmitsuba.echo.block import BlockPlan, plan_block
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.source import launches
+from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.trace.tubes.polygon import Bounds
 
 BLOCK = 64  # pulses
@@ -41,7 +44,10 @@ def one_batch(job: Tracer, block: BlockPlan, grid: LaunchGrid) -> float:
     accumulator = BlockAccumulator(block, 1, len(radar.channels), 0, radar.waveform.wavelength)
     job.timer = StageTimer(time.process_time)
     pick = slice(block.key, block.key + 1)
-    job.launch(grid, block.state.position, block.state.velocity, pick, accumulator, block.n_pulses)
+    (launch,) = launches([Surfaces()], [grid], 1)
+    job.launch(
+        launch, AntennaStates(block.state.position, block.state.velocity, pick), accumulator, block.n_pulses
+    )
     return job.timer.seconds["trace"]
 
 

@@ -25,6 +25,7 @@ from sarmitsuba.effects.shape import ShapeAnalysis
 from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources.pairs import pair_level
 from sarmitsuba.simulation.sources.site import RunSite
@@ -35,7 +36,7 @@ from sarmitsuba.trace.arrays import device_array
 from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
-from sarmitsuba.trace.state import Contribution, Hit, RayState
+from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
 F64 = NDArray[np.float64]
 
@@ -383,7 +384,8 @@ def _trace(
     radar, window = sampling.scene.radar, sampling.window_at(pulse)
     pick = slice(pulse, pulse + 1)
     position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-    batch = pulse_batch(radar, pick, position, velocity, window.frame, patterned=flags.antenna_pattern)
+    states = AntennaStates(position, velocity, pick)
+    batch = pulse_batch(radar, states, window.frame, patterned=flags.antenna_pattern)
     reference = float(np.linalg.norm(window.center - position[0]))
     settings = KernelSettings(
         wavelength=radar.waveform.wavelength,
@@ -396,7 +398,8 @@ def _trace(
     )
     n = patches.n_random + patches.n_features
     accumulator = _PatchAccumulator(n, orders, radar.waveform.wavelength, reference)
-    _, state = trace(trace_scene, patches.grid, batch, flags, settings, radar.antenna, accumulator)
+    kernel = Kernel.of(trace_scene, patches.grid, batch, flags, settings)
+    _, state = trace(kernel, radar.antenna, accumulator)
     dr.eval(state, accumulator.memory, accumulator.going_on)
     sums = accumulator.memory.numpy().astype(np.float64).reshape(n, len(KINDS), orders, len(CHANNELS), 2)
     field = sums[..., 0] + 1j * sums[..., 1]  # (patches, kinds, orders, channels)

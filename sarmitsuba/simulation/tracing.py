@@ -1,22 +1,20 @@
 """Tracing of one scene: key pulse by key pulse, and the synthesis of the pulses around each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.block import BlockPlan, synthesise
-from sarmitsuba.echo.direct import finish, plan_direct
 from sarmitsuba.echo.sub_bands import RangeFilter, SubBands
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.simulation.blame import blamed, check_traced
+from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import sources_of
@@ -25,15 +23,14 @@ from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator, DirectAccumulator, GridAccumulator
 from sarmitsuba.trace.geometry import TraceScene
-from sarmitsuba.trace.kernel import KernelSettings, trace
+from sarmitsuba.trace.kernel import Accumulator, KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
-from sarmitsuba.trace.source import Part, Recorder
-from sarmitsuba.trace.state import Constants, Kernel
+from sarmitsuba.trace.source import Launch, Source, launches
+from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.surfaces import Surfaces
 from sarmitsuba.trace.tubes.polygon import INNER_UP_TO
 
 F64 = NDArray[np.float64]
-# position and velocity of an antenna, each (n_pulses, 3) float64, m and m/s, scene frame
-State = tuple[NDArray[np.float64], NDArray[np.float64]]
 # lanes of one launch; bounds the memory of a batch whatever the number of pulses
 MAX_LANES = 8_000_000
 # phase from ray to ray at the carrier up to which tubes on a facet keep their common sides, rad, where the band is
@@ -75,7 +72,11 @@ class Tracer:
         self.sampling, self.flags, self.trace_scene, self.timer = sampling, flags, trace_scene, timer
         self.largest_grid = 0
         self.times: F64 | None = None
-        self.sources = sources_of(RunSite(sampling, flags, trace_scene))
+        # surfaces first, then scatterers at known positions
+        self.sources: tuple[Source, ...] = (
+            Surfaces(),
+            *sources_of(RunSite(sampling, flags, trace_scene)),
+        )
         timer.lap("launch grid")
         radar, center = sampling.scene.radar, sampling.window.center
         antenna = radar.track.center_position
@@ -122,205 +123,72 @@ class Tracer:
             if self.flags.motion:
                 tracer.trace_scene = tracer.trace_scene.at(float(time[0]))
 
-    def block(
-        self, rays: Sequence[LaunchGrid], plan: BlockPlan, n_layers: int, max_order: int
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Trace one key pulse and synthesise its block: profiles (n_layers, n_pulses, n_samples) and figures."""
-        radar = self.sampling.scene.radar
-        self.pose(radar.track.time[plan.key : plan.key + 1])
-        position, velocity = plan.state.position, plan.state.velocity
-        receiver = (position[1:], velocity[1:]) if len(position) > 1 else None
-        pick = slice(plan.key, plan.key + 1)
-        # each pulse's own azimuth beam: the block's rays carry the elevation pattern only
-        beam = self.flags.antenna_pattern and self.sampling.azimuth_later
+    def over_band(self) -> Iterator[tuple["Tracer", RangeFilter | None]]:
+        """The tracer at every frequency of the band, with its share of the spectrum."""
+        for i, tracer in enumerate(self.by_frequency):
+            yield tracer, self.bands.range_filter(i)
 
-        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
-            return tracer.launch_all(
-                rays, position[:1], velocity[:1], pick, accumulator, plan.n_pulses, receiver=receiver
-            )
+    def launches(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[Launch]:
+        """Every launch of a batch of pulses that has these lattices: surfaces, then scatterers at known positions."""
+        return launches(self.sources, rays, n_pulses)
 
-        made = partial(BlockAccumulator, plan)
-        formed = partial(synthesise, plan=plan, radar=radar, beam=beam)
-        return self._profiles(made, launched, formed, pick, n_layers, max_order)
-
-    def direct(
-        self, rays: Sequence[LaunchGrid], start: int, stop: int, n_layers: int, max_order: int
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Trace every pulse of ``start:stop``, of one sector of the track and no more than allowed, in one launch.
-
-        Profiles (n_layers, n_pulses, n_samples) and figures.
-        """
-        sampling = self.sampling
-        radar, width = sampling.scene.radar, sampling.scene.settings.gridding_width
-        self.pose(radar.track.time[start:stop])
-        plan = plan_direct(radar, start, stop, sampling.phase_box, width, sampling.extra_slant_range)
-        pick = slice(start, stop)
-        position, velocity = radar.track.position[pick], radar.track.velocity[pick]
-
-        def launched(tracer: Tracer, accumulator: GridAccumulator) -> TraceStatistics:
-            return tracer.launch_all(
-                rays, position, velocity, pick, accumulator, 1, receiver=receiver_state(radar, pick)
-            )
-
-        made, formed = partial(DirectAccumulator, plan), partial(finish, plan=plan, radar=radar)
-        return self._profiles(made, launched, formed, pick, n_layers, max_order)
-
-    def _profiles(
-        self,
-        made: Callable[..., GridAccumulator],
-        launched: Callable[["Tracer", GridAccumulator], TraceStatistics],
-        formed: Callable[..., NDArray[np.complex64]],
-        pick: slice,
-        n_layers: int,
-        max_order: int,
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Profiles of some pulses, (n_layers, n_pulses, n_samples), and figures.
-
-        Parameters
-        ----------
-        made, launched, formed : makes an empty grid; runs the kernels into it; its profiles, by their share of the band
-        pick : pulses that the receive window is that of
-        n_layers, max_order : of the profiles
-        """
-        radar = self.sampling.scene.radar
-
-        def traced(
-            tracer: Tracer, share: RangeFilter | None
-        ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-            accumulator = made(
-                n_layers // len(radar.channels),
-                len(radar.channels),
-                max_order,
-                radar.waveform.wavelength,
-                self.largest_grid,
-            )
-            self.largest_grid = max(self.largest_grid, accumulator.n_bytes)
-            accumulator.watch(radar.window.start_range[pick], radar.window.extent)
-            stats = launched(tracer, accumulator)
-            profiles = formed(accumulator.grid(), share=share)
-            self.timer.lap("synthesise")
-            return profiles, stats
-
-        return self.over_band(traced)
-
-    def over_band(
-        self,
-        traced: Callable[["Tracer", RangeFilter | None], tuple[NDArray[np.complex64], TraceStatistics]],
-    ) -> tuple[NDArray[np.complex64], TraceStatistics]:
-        """Sum over the frequencies of the band, of what each returns with its share of the spectrum."""
-        profiles, stats = traced(self.by_frequency[0], self.bands.range_filter(0))
-        for i, tracer in enumerate(self.by_frequency[1:], 1):
-            more, figures = traced(tracer, self.bands.range_filter(i))
-            profiles = profiles + more
-            stats = stats.plus(replace(figures, key_pulses=0))
-        return profiles, stats
-
-    def launch_all(
-        self,
-        rays: Sequence[LaunchGrid],
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        accumulator: GridAccumulator,
-        pulses_each: int,
-        *,
-        receiver: State | None = None,
-    ) -> TraceStatistics:
-        """Run one kernel for each lattice that serves the first of the pulses, all into the same grid."""
-        serving = [grid for grid in rays if grid.serves(pick.start)]
-        each = [
-            self.launch(grid, position, velocity, pick, accumulator, pulses_each, receiver=receiver)
-            for grid in serving
-        ]
-        each += [
-            self.launch(
-                part.grid, position, velocity, pick, accumulator, pulses_each, record, receiver=receiver
-            )
-            for part, record in self.parts(serving, len(position))
-        ]
-        total = each[0]
-        for more in each[1:]:
-            total = total.plus(replace(more, key_pulses=0))
-        return total
-
-    def parts(self, rays: Sequence[LaunchGrid], n_pulses: int) -> list[tuple[Part, Recorder]]:
-        """Launches of the scene's sources beside those of the lattices, and what records each."""
-        return [
-            (part, partial(source.record, part))
-            for source in self.sources
-            for part in source.parts(rays, n_pulses)
-        ]
-
-    def kernel_of(self, grid: LaunchGrid, batch: PulseBatch) -> Kernel:
-        """What the launches of sources share, with every effect that the run has."""
-        constants = Constants.of(self.kernel, self.trace_scene, grid)
-        return Kernel(self.trace_scene, grid, batch, self.flags, constants)
-
-    def launch(
-        self,
-        grid: LaunchGrid,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        accumulator: GridAccumulator,
-        pulses_each: int,
-        record: Recorder | None = None,
-        *,
-        receiver: State | None = None,
-    ) -> TraceStatistics:
-        """Record and run one kernel, of the grid's rays or of a source.
-
-        Parameters
-        ----------
-        record : of a source, None: the rays
-        receiver : position and velocity of an antenna apart that receives
-        """
-        radar = self.sampling.scene.radar
-        batch, flags = self.prepared(grid, position, velocity, pick, receiver=receiver)
+    def kernel_of(self, grid: LaunchGrid, states: AntennaStates, accumulator: Accumulator) -> Kernel:
+        """What a launch is recorded with; parameters as for :meth:`launch`."""
+        flags, settings = self.flags, self.kernel
+        frame = grid.frame or self.sampling.window.frame
+        batch = pulse_batch(self.sampling.scene.radar, states, frame, patterned=flags.antenna_pattern)
+        if flags.water_motion:
+            batch = replace(batch, time=self.times)
         if isinstance(accumulator, BlockAccumulator) and self.sampling.azimuth_later:
             # the range rate of what moves does not tell where in the beam it is: there the rays carry all of it
             batch = batch.with_azimuth_later
-        if record is None:
-            settings = self.kernel
-            if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
-                settings = replace(
-                    settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO)
-                )
-            counts, state = trace(self.trace_scene, grid, batch, flags, settings, radar.antenna, accumulator)
-        else:
-            counts, state = record(self.kernel_of(grid, batch), radar.antenna, accumulator)
+        if settings.kept_up_to is not None and isinstance(accumulator, DirectAccumulator):
+            settings = replace(settings, kept_up_to=settings.kept_up_to * (EVERY_PULSE_UP_TO / INNER_UP_TO))
+        return Kernel.of(self.trace_scene, grid, batch, flags, settings)
+
+    def launch(
+        self, launch: Launch, states: AntennaStates, accumulator: GridAccumulator, each: int = 1
+    ) -> TraceStatistics:
+        """Record and run one kernel.
+
+        Parameters
+        ----------
+        launch : which
+        states : of the antennas, at its pulses
+        accumulator : what echoes are added to
+        each : pulses that a path goes to
+        """
+        antenna = self.sampling.scene.radar.antenna
+        kernel = self.kernel_of(launch.part.grid, states, accumulator)
+        counts, state = launch.record(kernel, antenna, accumulator)
         dr.eval(counts.hits, counts.contributions, state, accumulator.memory)
         totals = [int(dr.sum(mi.UInt64(c))[0]) for c in (counts.hits, counts.contributions, state[0])]
         lost_power, power = (float(dr.sum(mi.Float64(p))[0]) for p in state[1:])
         self.timer.lap("trace")
         if not np.isfinite(power):
-            self._stop(grid, batch, flags, pick, record)
+            self._stop(launch, kernel, states.pick)
+        n_pulses = kernel.pulses.n_pulses
         return TraceStatistics(
-            rays=grid.n_rays * batch.n_pulses if record is None else 0,
+            rays=launch.part.rays * n_pulses,
             hits=totals[0],
             contributions=totals[1],
             outside=totals[2],
-            key_pulses=batch.n_pulses,
-            path_pulses=totals[1] * pulses_each,
-            power=power * pulses_each,
-            power_outside=lost_power * pulses_each,
+            key_pulses=n_pulses,
+            path_pulses=totals[1] * each,
+            power=power * each,
+            power_outside=lost_power * each,
         )
 
-    def _stop(
-        self, grid: LaunchGrid, batch: PulseBatch, flags: KernelFlags, pick: slice, record: Recorder | None
-    ) -> None:
+    def _stop(self, launch: Launch, kernel: Kernel, pick: slice) -> None:
         """Raise the error about a launch whose echoes are not numbers; see :func:`check_traced`."""
-        scene, antenna = self.sampling.scene, self.sampling.scene.radar.antenna
+        scene = self.sampling.scene
 
         def again(recording: Recording) -> None:
-            if record is None:
-                _, state = trace(self.trace_scene, grid, batch, flags, self.kernel, antenna, recording)
-            else:
-                _, state = record(self.kernel_of(grid, batch), antenna, recording)
+            _, state = launch.record(kernel, scene.radar.antenna, recording)
             dr.eval(state, recording.memory)
 
         def culprit() -> str:
-            lanes = grid.n_rays * batch.n_pulses if record is None else 1
+            lanes = max(1, launch.part.rays * kernel.pulses.n_pulses)
             n_channels, depth = len(scene.radar.channels), self.kernel.max_depth
             bodies = self.trace_scene, scene.geometry, scene.materials
             look = scene.settings.method == "image"
@@ -332,35 +200,6 @@ class Tracer:
 
         check_traced(np.zeros(0, np.complex64), np.nan, scene.name, culprit)
 
-    def prepared(
-        self,
-        grid: LaunchGrid,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        pick: slice,
-        *,
-        receiver: State | None = None,
-    ) -> tuple[PulseBatch, KernelFlags]:
-        """Antenna state of a launch and the effects of the returns that the grid's rays are for."""
-        flags = self.flags
-        frame = grid.frame or self.sampling.window.frame
-        batch = pulse_batch(
-            self.sampling.scene.radar,
-            pick,
-            position,
-            velocity,
-            frame,
-            patterned=flags.antenna_pattern,
-            receiver=receiver,
-        )
-        if flags.water_motion:
-            batch = replace(batch, time=self.times)
-        if grid.purpose == "coherent":
-            flags = replace(flags, diffuse=False)
-        elif grid.purpose == "diffuse":
-            flags = replace(flags, coherent=False)
-        return batch, flags
-
 
 def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
     """Distance that stands for both legs at a point (3,): of two antennas the geometric mean, m."""
@@ -368,36 +207,24 @@ def _reference_range(radar: Radar, center: NDArray[np.float64]) -> float:
     return legs[0] if len(legs) == 1 else float(np.sqrt(legs[0] * legs[1]))
 
 
-def pulse_batch(
-    radar: Radar,
-    pick: slice,
-    position: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    frame: LaunchFrame,
-    *,
-    patterned: bool,
-    receiver: State | None = None,
-) -> PulseBatch:
-    """Antenna state of a launch; ``pick``: pulses whose pointing holds, where the antenna is ``patterned``."""
+def pulse_batch(radar: Radar, states: AntennaStates, frame: LaunchFrame, *, patterned: bool) -> PulseBatch:
+    """Antenna state of a launch; ``patterned``: with the pointing of the beams."""
+    pick = states.pick
 
-    def of(state: State, pointing: Pointing) -> PulseBatch:
+    def of(position: F64, velocity: F64, pointing: Pointing) -> PulseBatch:
         return PulseBatch(
-            position=state[0],
-            velocity=state[1],
+            position=position,
+            velocity=velocity,
             frame=frame,
             boresight=pointing.boresight[pick] if patterned else None,
             azimuth_axis=pointing.azimuth_axis[pick] if patterned else None,
             elevation_axis=pointing.elevation_axis[pick] if patterned else None,
         )
 
-    batch = of((position, velocity), radar.pointing)
-    return batch if receiver is None else replace(batch, receiver=of(receiver, radar.pointings[-1]))
-
-
-def receiver_state(radar: Radar, pick: slice) -> State | None:
-    """Position and velocity of a receiver apart in these pulses; None where there is none."""
-    receiver = radar.receiver
-    return None if receiver is None else (receiver.position[pick], receiver.velocity[pick])
+    batch = of(states.position, states.velocity, radar.pointing)
+    if states.receiver is None:
+        return batch
+    return replace(batch, receiver=of(*states.receiver, radar.pointings[-1]))
 
 
 def polarisation_up(
@@ -415,9 +242,7 @@ def polarisation_up(
 __all__ = [
     "MAX_GRID_BYTES",
     "MAX_LANES",
-    "State",
     "Tracer",
     "polarisation_up",
     "pulse_batch",
-    "receiver_state",
 ]
