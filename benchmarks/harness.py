@@ -21,6 +21,7 @@ from sarmitsuba.errors import ExtensionError
 from sarmitsuba.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # tests.support
 RESULTS = ROOT / "benchmarks" / "results"
 # rounds of the full suite: the median of three survives one disturbance
 ROUNDS = 3

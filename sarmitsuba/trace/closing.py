@@ -22,7 +22,7 @@ from sarmitsuba.trace.state import (
     RayState,
     Reflection,
 )
-from sarmitsuba.tubes import polygon
+from sarmitsuba.trace.tubes import polygon
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags

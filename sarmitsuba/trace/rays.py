@@ -20,7 +20,7 @@ from sarmitsuba.trace.panes import slab_factors
 from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
-from sarmitsuba.tubes import curvature, polygon, tube
+from sarmitsuba.trace.tubes import curvature, polygon, tube
 
 if TYPE_CHECKING:
     from sarmitsuba.radar.antenna import Antenna
