@@ -19,7 +19,7 @@ from sarmitsuba.simulation.pilot import plan_scene
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.run import Run
 from sarmitsuba.simulation.sources.kind import SOURCES
-from sarmitsuba.simulation.sources.pairs import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
+from sarmitsuba.simulation.sources.pair_estimate import PILOT_POINTS, estimate_pairs, pair_level, pilot_cell
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.timing import StageTimer
 from sarmitsuba.trace.accumulators import BlockAccumulator

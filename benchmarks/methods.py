@@ -41,7 +41,7 @@ def run(quick: bool) -> harness.Report:
     scene = crop(whole, share, 0.02 if quick else APERTURE)
     grid = default_grid(scene.radar, scene.image)
     from sarmitsuba.simulation.pilot import plan_scene
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
     sampling = SamplingPlan.of(whole, plan_scene(whole).flags)
     rays = sampling.spacings

@@ -13,8 +13,8 @@ def run(quick: bool) -> harness.Report:
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
+    from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
     from sarmitsuba.simulation.sampling.piece import crop
-    from sarmitsuba.simulation.sampling.plan import SamplingPlan
 
     report = harness.Report(
         "ray_density",

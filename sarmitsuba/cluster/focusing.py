@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from sarmitsuba.cluster.crew import DaskCrew
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.cluster.dask_workers import DaskCrew
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.focuser import Focused, Focuser, FocusTask, OptionValue
 from sarmitsuba.focusing.focusers.backprojection import TILE_PIXELS, Backprojection, Tiles
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.commands.console import Console
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
+    from sarmitsuba.cluster.dask_workers import DaskCrew
 
 
 def add_cluster_argument(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,7 @@ def crew_of(args: argparse.Namespace, console: Console, method: str) -> "Iterato
         yield None
         return
     from sarmitsuba.cluster.address import ClusterAddress
-    from sarmitsuba.cluster.crew import crew_of as opened
+    from sarmitsuba.cluster.dask_workers import crew_of as opened
 
     with opened(ClusterAddress.parse(args.cluster), getattr(args, "extension", ())) as crew:
         console.say(f"cluster {crew.name}: {crew.n_workers} workers")

@@ -12,8 +12,8 @@ from sarmitsuba.errors import DataError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.cluster.dask_workers import DaskCrew
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.focusing.focuser import Focuser
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.radar.image_request import ImageRequest
@@ -265,7 +265,7 @@ def check_focusing(radar: "Radar", request: "ImageRequest", args: argparse.Names
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.focusing.focuser import parse_focuser
-    from sarmitsuba.focusing.motion import needs_compensation
+    from sarmitsuba.focusing.motion_compensation import needs_compensation
 
     radar = radar.as_recorded()
     for entry in results.Formats.parse(args.format).image:
@@ -362,7 +362,7 @@ def _compare(
     """Focus with every focuser and draw them side by side; the reference's image is that of the run."""
     from sarmitsuba.commands import results
     from sarmitsuba.focusing import default_grid, image_request
-    from sarmitsuba.focusing.comparison import compare_focusers
+    from sarmitsuba.focusing.focuser_comparison import compare_focusers
     from sarmitsuba.view.focusers import focusers_figure
 
     with watch.stage("focus"):

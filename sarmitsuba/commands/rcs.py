@@ -364,11 +364,11 @@ def _page(
 ) -> None:
     """Write the page."""
     from sarmitsuba.commands.view import PAGE
-    from sarmitsuba.page import rcs
+    from sarmitsuba.page import rcs_payload
     from sarmitsuba.page.write import write_page
 
     with folder.writing(PAGE) as path:
-        write_page(path, rcs.rcs_payload(scene, sweep, image), rcs.PAGE)
+        write_page(path, rcs_payload.rcs_payload(scene, sweep, image), rcs_payload.PAGE)
     size = (folder.path / PAGE).stat().st_size
     console.say(f"{folder.path / PAGE} ({size / 1e6:.1f} MB; open it in a browser)")
 

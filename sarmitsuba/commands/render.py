@@ -14,8 +14,8 @@ from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.timing import StageTimer
 
 if TYPE_CHECKING:
-    from sarmitsuba.cluster.crew import DaskCrew
-    from sarmitsuba.echo.raw import RawData
+    from sarmitsuba.cluster.dask_workers import DaskCrew
+    from sarmitsuba.echo.raw_data import RawData
     from sarmitsuba.io.output import OutputFolder
     from sarmitsuba.scene.scene import Scene
     from sarmitsuba.simulation.run import Ready, Run

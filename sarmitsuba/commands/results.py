@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sarmitsuba import __version__
-from sarmitsuba.analysis.quality.budget import error_budget
+from sarmitsuba.analysis.quality.error_budget import error_budget
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import SarImage
-from sarmitsuba.io import FORMATS, FileFormat, parameters, read_raw, write_image, write_raw
+from sarmitsuba.io import FORMATS, FileFormat, parameter_file, read_raw, write_image, write_raw
 from sarmitsuba.io.output import OutputFolder
 from sarmitsuba.parameters import one_line
 from sarmitsuba.radar.radar import Radar
@@ -288,7 +288,7 @@ def picture_name(channels: Sequence[str], channel: str | None) -> str:
 def save_record(folder: OutputFolder, record: Mapping[str, object]) -> None:
     """Write parameters.json."""
     with folder.writing(RECORD) as path:
-        parameters.write(path, record)
+        parameter_file.write(path, record)
 
 
 def versions() -> dict[str, str]:

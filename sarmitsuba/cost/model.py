@@ -9,7 +9,7 @@ import numpy as np
 from sarmitsuba.cost.proof import Check
 from sarmitsuba.cost.report import Candidate
 from sarmitsuba.cost.trial import Changes, Value
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # error that counts as none: float32 and the reference's own
 FLOOR_DB = -80.0

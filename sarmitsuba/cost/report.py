@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from sarmitsuba.cost.proof import Check, Proof
 from sarmitsuba.cost.trial import Changes
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # a smaller gain in error is not worth a line of its own, nor any time
 STEP_DB = 0.5

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from sarmitsuba.cost.clock import StudyClock, WallClock
 from sarmitsuba.cost.front import measure_front
 from sarmitsuba.cost.model import CostModel
-from sarmitsuba.cost.pieces import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.proof import Proof, Reference
 from sarmitsuba.cost.report import CHECK_PASS, Candidate, CostReport, pareto, recommend, reference_text
 from sarmitsuba.cost.sweeps import REFERENCE_DEPTH, Sweeps, sweep_all, whole_stages
+from sarmitsuba.cost.swept_piece import SWEEP_SHARE, field_of_proof, piece_to_sweep
 from sarmitsuba.cost.trial import Setting, run_trial
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import DataError
@@ -17,7 +17,7 @@ from sarmitsuba.focusing import default_grid
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 # share of the budget after which nothing more is measured but the recommendation's check
 LAST_SHARE = 0.85

@@ -15,7 +15,7 @@ from sarmitsuba.errors import DataError, SarmitsubaError
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import split_trace
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 # deepest bounce of the reference; what comes later has been weaker than -40 dB in every shipped scene
 REFERENCE_DEPTH = 6

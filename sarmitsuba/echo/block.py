@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.block_beam import azimuth_gain, step_within_beam
-from sarmitsuba.echo.curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.direct import box_distance
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
-from sarmitsuba.echo.in_pulse import InPulse, widest_shift
 from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
+from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
+from sarmitsuba.echo.range_curvature import Curvature, KeyState, fit_curvature, key_state, sample_paths
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.echo.threads import parallel_map
 from sarmitsuba.radar.radar import Radar
@@ -368,7 +368,7 @@ def synthesise(
 
     Returns
     -------
-    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    (n_layers, K, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
     """
     group = max(1, _GROUP // (plan.n_inner * max(plan.n_range_rate, plan.n_pulses)))
     if len(grid) > group:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.gridding import FineGrid, SpreadingKernel, fine_grid, spreading_kernel, to_window
-from sarmitsuba.echo.in_pulse import InPulse, widest_shift
+from sarmitsuba.echo.pulse_motion import InPulse, widest_shift
 from sarmitsuba.echo.sub_bands import RangeFilter
 from sarmitsuba.radar.radar import Radar
 
@@ -157,7 +157,7 @@ def finish(
 
     Returns
     -------
-    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw.RawData`
+    (n_layers, n_pulses, n_samples) complex64 on ``radar.window``, see :class:`sarmitsuba.echo.raw_data.RawData`
     """
     offset = radar.window.start_range[plan.start : plan.stop] - plan.range0
     cell, n_samples = radar.waveform.range_cell, radar.window.n_samples

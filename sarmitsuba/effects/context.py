@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.effects.panes import seen_through
 from sarmitsuba.effects.shape import ShapeAnalysis
+from sarmitsuba.effects.slabs_between import seen_through
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.scene.scene import Scene
 
 F64 = NDArray[np.float64]
@@ -223,7 +223,7 @@ class SceneContext:
 
     @cached_property
     def seen_through(self) -> tuple[Material, ...]:
-        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.panes`."""
+        """Slabs that let waves through to something of the scene; see :mod:`sarmitsuba.effects.slabs_between`."""
         return seen_through(self.scene, self.antenna)
 
     @cached_property

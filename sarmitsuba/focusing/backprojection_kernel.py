@@ -65,7 +65,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class ApertureBand:
-    """The band of sines that is a pixel's aperture, see :func:`sarmitsuba.focusing.aperture.band_weights`.
+    """The band of sines that is a pixel's aperture, see :func:`sarmitsuba.focusing.aperture_weights.band_weights`.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.focusing.aperture import matched_weights
+from sarmitsuba.focusing.aperture_weights import matched_weights
 from sarmitsuba.focusing.profiles import plan_profiles
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.radar.radar import Radar

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.echo.look_grid import BeamFan, LookGrid
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     aperture_weights,
     direction_gain,
     flight,
@@ -16,8 +16,8 @@ from sarmitsuba.focusing.aperture import (
     pulse_ranges,
 )
 from sarmitsuba.image.sar_image import ImageGrid
+from sarmitsuba.radar.effective_velocity import turning
 from sarmitsuba.radar.radar import Radar
-from sarmitsuba.radar.turning import turning
 
 F64 = NDArray[np.float64]
 

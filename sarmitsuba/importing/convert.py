@@ -10,9 +10,9 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from sarmitsuba.errors import OutputError
-from sarmitsuba.importing.model import Model, make_model
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import find_source
+from sarmitsuba.importing.city_model import Model, make_model
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import find_source
 from sarmitsuba.io.atomic import atomic_path, process_of_part
 from sarmitsuba.io.output import OutputFile, OutputFolder, output_folder
 from sarmitsuba.mesh.ply import write_ply

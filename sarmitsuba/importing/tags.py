@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import Footprint, Source
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import Footprint, Source
 
 if TYPE_CHECKING:
     import shapely

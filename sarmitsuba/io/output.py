@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from sarmitsuba.errors import OutputError, SarmitsubaWarning
-from sarmitsuba.io import parameters
+from sarmitsuba.io import parameter_file
 from sarmitsuba.io.atomic import make_folder, part_name
 from sarmitsuba.io.encoding import json_value
 from sarmitsuba.io.locking import sole_writer
@@ -204,7 +204,7 @@ class OutputFolder:
         if not self._bytes:
             (self.path / MANIFEST).unlink(missing_ok=True)
             return
-        parameters.write(self.path / MANIFEST, {"mark": self.mark, "files": self._bytes})
+        parameter_file.write(self.path / MANIFEST, {"mark": self.mark, "files": self._bytes})
 
 
 def _is_plain(path: Path) -> bool:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.materials.diffuse import diffuse_tables
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.material import Material
-from sarmitsuba.materials.parts import with_parts
 from sarmitsuba.mesh.cleaning import JoinedMeshes, clean_meshes
 from sarmitsuba.mesh.convexity import is_convex_body
+from sarmitsuba.mesh.model_units import doubtful_unit
 from sarmitsuba.mesh.smooth_groups import smooth_groups
-from sarmitsuba.mesh.units import doubtful_unit
 from sarmitsuba.parameters import printable
 from sarmitsuba.radar.builder import build_radar
 from sarmitsuba.radar.description import RadarInput
@@ -23,11 +23,11 @@ from sarmitsuba.radar.extent import Extent
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.wires import LineTarget, line_ends
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

@@ -17,7 +17,7 @@ from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.tables import INTEGRATOR, RADAR_MATERIAL, RADAR_VOLUME
-from sarmitsuba.loader.volumes import closed_volume
+from sarmitsuba.loader.volume_book import closed_volume
 from sarmitsuba.materials.material import Material
 from sarmitsuba.materials.vegetation.medium import VolumeMedium
 from sarmitsuba.parameters import Value, filled
@@ -25,10 +25,10 @@ from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.wires import LineTarget
 
 if TYPE_CHECKING:
     import trimesh

@@ -18,16 +18,16 @@ from sarmitsuba.loader.mesh_files import MeshPart, obj_materials, read_parts
 from sarmitsuba.loader.names_of_materials import DEFAULT, kind_of
 from sarmitsuba.loader.notes import warn_once
 from sarmitsuba.loader.overrides import Overrides
-from sarmitsuba.loader.rods import rods
 from sarmitsuba.loader.shapes import MeshReader, Placed, mesh_path, sphere_center
-from sarmitsuba.loader.volumes import RADAR_VOLUME, VolumeBook
+from sarmitsuba.loader.volume_book import RADAR_VOLUME, VolumeBook
+from sarmitsuba.loader.wire_shapes import rods
 from sarmitsuba.materials.bsdfs import wire_permittivity
-from sarmitsuba.materials.parts import map_attributes
+from sarmitsuba.materials.map_materials import map_attributes
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import STILL, Motion
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import LineTarget
 from sarmitsuba.units import power_from_db
 
 F64 = NDArray[np.float64]

@@ -10,7 +10,7 @@ from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.path_table import PathTable, PathTracer, joined
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 
 F64 = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ def moving_in_pulse(radar: Radar) -> Radar:
     .. math:: \mathbf r(t) = \mathbf x(t + D), \quad D = 2 R_{aim} / c
 
     The times of the track are those of transmission. Echoes from other ranges come back earlier or later than D; what
-    that changes is added to each by its own range and range rate (:mod:`sarmitsuba.echo.in_pulse`).
+    that changes is added to each by its own range and range rate (:mod:`sarmitsuba.echo.pulse_motion`).
 
     Notes
     -----

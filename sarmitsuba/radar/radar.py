@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.antenna import Antenna, Pointing
+from sarmitsuba.radar.effective_velocity import turning
 from sarmitsuba.radar.geodesy import Anchor
 from sarmitsuba.radar.mode import MODES, RadarMode
 from sarmitsuba.radar.track import Track, numbers_of
-from sarmitsuba.radar.turning import turning
 from sarmitsuba.radar.waveform import Waveform
 
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import RadarError
 from sarmitsuba.parameters import Value
+from sarmitsuba.radar.effective_velocity import turning
 from sarmitsuba.radar.mode import AimGeometry, RadarMode
 from sarmitsuba.radar.path import FlightPath
 from sarmitsuba.radar.track import Track
-from sarmitsuba.radar.turning import turning
 
 F64 = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.registry import late
 from sarmitsuba.scene.geometry import Geometry, PointTarget
-from sarmitsuba.scene.lines import LineTarget, line_ends
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
+from sarmitsuba.scene.wires import LineTarget, line_ends
 
 F64 = NDArray[np.float64]
 

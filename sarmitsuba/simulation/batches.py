@@ -7,18 +7,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sources.kind import passages_of
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import StageTimer
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 
 C64 = NDArray[np.complex64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.errors import SceneError
 from sarmitsuba.finite import all_finite
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.simulation.recording import Recording
 from sarmitsuba.trace.state import RETRO
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from sarmitsuba.materials.material import Material
     from sarmitsuba.scene.geometry import Geometry
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Contribution
 
 # such paths that there is room for; one is named

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.simulation.batches import Batch, BatchTracer, Traced
 from sarmitsuba.simulation.finished import FinishedBlocks
 from sarmitsuba.simulation.refinement.error_bars import estimate_error, has_subsets

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.trace.geometry import TraceScene
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # m; a point so near a facet lies on it: meshes and heights read from files are hardly more exact
 ON_SURFACE = 1e-3

@@ -21,7 +21,7 @@ from sarmitsuba.simulation.prediction.counting import check_rays
 from sarmitsuba.simulation.pulses import AntennaStates
 from sarmitsuba.simulation.recording import Gate, Recording, Rows
 from sarmitsuba.simulation.run import Run
-from sarmitsuba.simulation.sampling.plan import azimuth_cell
+from sarmitsuba.simulation.sampling.density_plan import azimuth_cell
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.trace.source import Launch
@@ -177,7 +177,7 @@ def trace_paths(
     -------
     the paths that method ``raw`` adds up to the pulse's echo with the same seed, before any noise and where the effect
     ``wideband`` is off: each stands in it as ``amplitude sinc((r - slant_range) / range_cell)``; with the effect
-    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.in_pulse`
+    ``motion_in_pulse`` shifted besides by its range rate, see :mod:`sarmitsuba.echo.pulse_motion`
 
     Raises
     ------

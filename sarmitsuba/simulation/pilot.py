@@ -26,16 +26,16 @@ from sarmitsuba.radar.polarisation import linear_letters
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.pulses import AntennaStates
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
-from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
+from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import polarisation_up, pulse_batch
 from sarmitsuba.timing import Clock
 from sarmitsuba.trace.accumulators import phase_factor
-from sarmitsuba.trace.arrays import device_array
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
+from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LATTICE_TURN, LaunchGrid, project
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.state import Contribution, Hit, Kernel, RayState
 
 F64 = NDArray[np.float64]

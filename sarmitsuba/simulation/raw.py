@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import RadarError, SarmitsubaWarning
 from sarmitsuba.exclusive import exclusive
@@ -27,8 +27,8 @@ from sarmitsuba.simulation.metadata import raw_metadata
 from sarmitsuba.simulation.points import add_points
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.simulation.sampling.checks import check_sampling, check_small_parts
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.folding import check_folding
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import LatticeSpacings, SamplingReport, TraceStatistics
 from sarmitsuba.timing import Clock
 
@@ -64,7 +64,7 @@ def simulate(
     state : file that keeps every finished block of pulses, so that a run that was killed goes on from there with the
         same bits; remove it when the data are safe. None keeps nothing
     mark : of what the blocks in ``state`` depend on; default: that of the scene, its settings and the program
-    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.crew.DaskCrew`; the result
+    crew : workers that share the tracing, such as :class:`sarmitsuba.cluster.dask_workers.DaskCrew`; the result
         has the same bits
 
     Returns

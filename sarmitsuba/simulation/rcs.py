@@ -24,12 +24,12 @@ from sarmitsuba.scene.geometry import Geometry
 from sarmitsuba.scene.settings import TOLERANCE_DB
 from sarmitsuba.simulation.blame import blamed, check_traced
 from sarmitsuba.simulation.recording import Recording
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.trace.accumulators import SumAccumulator
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch, frame_towards, lattice, project
 from sarmitsuba.trace.passage import Passage
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import Source, launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.trace.surfaces import Surfaces

@@ -19,15 +19,15 @@ from sarmitsuba.simulation.prediction.counting import needs_of
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import glance
 from sarmitsuba.simulation.sampling.cropping import lit_points
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import mirrors_outside
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.rays import Rays
 from sarmitsuba.simulation.sampling.small_parts import Shortfall
 from sarmitsuba.simulation.statistics import SamplingReport, TraceStatistics
 from sarmitsuba.simulation.tracing import Tracer
 from sarmitsuba.timing import Clock, StageTimer
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # told when a run is made ready and before anything is traced, e.g. to show its plan and what it will take
 Ready = Callable[["Run"], None]

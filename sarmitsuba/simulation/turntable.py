@@ -19,23 +19,23 @@ from sarmitsuba.effects.plan import plan_effects
 from sarmitsuba.errors import RadarError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.loader.assemble import seen_by
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.progress import Progress, silent
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.description import RadarDescription, RadarInput
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs
 from sarmitsuba.simulation.points import PointEcho
 from sarmitsuba.simulation.rcs import BouncesLeft, RcsResult, monostatic_rcs, probed
-from sarmitsuba.simulation.sampling.plan import FINE_RAYS, RAYS_PER_WAVELENGTH
+from sarmitsuba.simulation.sampling.density_plan import FINE_RAYS, RAYS_PER_WAVELENGTH
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
-from sarmitsuba.simulation.sources.pairs import pair_level
+from sarmitsuba.simulation.sources.pair_estimate import pair_level
 from sarmitsuba.trace.source import Source
 from sarmitsuba.trace.stage import STAGES
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import hankel2, jv
 
-from sarmitsuba.theory.fresnel import fresnel
+from sarmitsuba.theory.half_space import fresnel
 
 F64 = NDArray[np.float64]
 C128 = NDArray[np.complex128]

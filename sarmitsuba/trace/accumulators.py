@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.echo.in_pulse import carrier_range
-from sarmitsuba.trace.arrays import device_array
+from sarmitsuba.echo.pulse_motion import carrier_range
+from sarmitsuba.trace.device_arrays import device_array
 
 if TYPE_CHECKING:
     LostCount = tuple[mi.UInt32, mi.Float, mi.Float]

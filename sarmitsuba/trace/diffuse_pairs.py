@@ -29,14 +29,14 @@ import numpy as np
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.radar.polarisation import linear_parts
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import fade
-from sarmitsuba.trace.geometry import MATERIAL_MASK
-from sarmitsuba.trace.incoherent import mixed
+from sarmitsuba.trace.antenna_weight import fade
+from sarmitsuba.trace.diffuse_return import mixed
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, pattern_gain, straight_leg
 from sarmitsuba.trace.pair_search import FACING, Pairs, off_surface
-from sarmitsuba.trace.rays import antenna_of
+from sarmitsuba.trace.propagation import antenna_of
 from sarmitsuba.trace.scattering_matrix import ScatteringMatrix, speckle_coefficients
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.source import MAX_LANES, Part
 from sarmitsuba.trace.speckle import mix
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel

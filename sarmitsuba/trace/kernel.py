@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.closing import close_coherent, receiver, selected
-from sarmitsuba.trace.incoherent import DiffuseReturns, Slot, close_diffuse
-from sarmitsuba.trace.panes import Waiting, branched
-from sarmitsuba.trace.rays import (
+from sarmitsuba.trace.diffuse_return import DiffuseReturns, Slot, close_diffuse
+from sarmitsuba.trace.propagation import (
     footprint,
     intersect,
     launch,
@@ -27,6 +26,7 @@ from sarmitsuba.trace.rays import (
     reflect,
     through_passages,
 )
+from sarmitsuba.trace.slab_passage import Waiting, branched
 from sarmitsuba.trace.stage import arrived as by_stages
 from sarmitsuba.trace.stage import launched
 from sarmitsuba.trace.state import (

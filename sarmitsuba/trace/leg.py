@@ -15,15 +15,15 @@ import numpy as np
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.radar.polarisation import TRANSMITTED
 from sarmitsuba.trace import field
-from sarmitsuba.trace.beam import BeamPattern
-from sarmitsuba.trace.panes import along
+from sarmitsuba.trace.antenna_weight import BeamPattern
 from sarmitsuba.trace.passage import passed
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
+from sarmitsuba.trace.slab_passage import along
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
     from sarmitsuba.radar.antenna import Antenna
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.state import Kernel
 
     # where a leg along a direction starts, m, and the lanes in which the scatterer has one
@@ -124,7 +124,7 @@ class Surroundings:
 
         Returns
         -------
-        vectors, shift : shift as of :func:`sarmitsuba.trace.panes.along`; None where no pane lets waves through
+        vectors, shift : shift as of :func:`sarmitsuba.trace.slab_passage.along`; None where no pane lets waves through
         """
         vectors = passed(self.scene.passages, start, direction, distance, active, vectors)
         if not self.transmits:

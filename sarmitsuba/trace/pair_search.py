@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import device_array, dr, mi
 from sarmitsuba.mesh.surface_samples import SurfaceSamples
-from sarmitsuba.trace.arrays import vector_rows
-from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.device_arrays import vector_rows
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.rays import hit_point
+from sarmitsuba.trace.propagation import hit_point
 from sarmitsuba.trace.scattering_matrix import diffuse_lookup
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import mix
 
 F64 = NDArray[np.float64]

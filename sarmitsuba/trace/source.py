@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Protocol
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace import field
 from sarmitsuba.trace.closing import selected
-from sarmitsuba.trace.geometry import MATERIAL_MASK
 from sarmitsuba.trace.kernel import TraceCounts
 from sarmitsuba.trace.leg import Leg, Surroundings, antenna_basis, pattern_gain, straight_leg
-from sarmitsuba.trace.rays import antenna_of, hit_point, reflected
+from sarmitsuba.trace.propagation import antenna_of, hit_point, reflected
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.stage import mirrored
 from sarmitsuba.trace.staged import through_stages
 from sarmitsuba.trace.state import SCATTERER, Contribution, Kernel

@@ -9,16 +9,16 @@ import numpy as np
 
 from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
-from sarmitsuba.trace.moving import Rim  # as the next
-from sarmitsuba.trace.slabs import lets_waves_through
+from sarmitsuba.trace.movement import Rim  # as the next
+from sarmitsuba.trace.slab_coefficients import lets_waves_through
 from sarmitsuba.trace.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
-    from sarmitsuba.trace.beam import BeamPattern
-    from sarmitsuba.trace.geometry import TraceScene
+    from sarmitsuba.trace.antenna_weight import BeamPattern
     from sarmitsuba.trace.launch import LaunchGrid, PulseBatch
-    from sarmitsuba.trace.moving import Movement
+    from sarmitsuba.trace.movement import Movement
+    from sarmitsuba.trace.scene_tables import TraceScene
     from sarmitsuba.trace.tubes.polygon import Bounds
     from sarmitsuba.trace.tubes.tube import Patch
 

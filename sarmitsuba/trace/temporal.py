@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sarmitsuba.backend import dr, mi
-from sarmitsuba.trace.geometry import MATERIAL_MASK
+from sarmitsuba.trace.scene_tables import MATERIAL_MASK
 from sarmitsuba.trace.speckle import gaussian, mix, unit_phase, unit_uniform
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import trimesh
 from sarmitsuba import LineTarget, build_scene, load_scene
 from sarmitsuba.cli import main
 from sarmitsuba.focusing import default_grid
-from sarmitsuba.page.geometry import GRID, drawn, page_mesh
+from sarmitsuba.page.gltf import GRID, drawn, page_mesh
 from sarmitsuba.page.localise import on_plane
 from sarmitsuba.page.paths import ORDERS, page_paths, pixels_of
 from sarmitsuba.page.write import Packer, write_page

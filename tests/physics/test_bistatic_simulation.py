@@ -8,7 +8,7 @@ import pytest
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focusers.backprojection import backproject

@@ -17,9 +17,9 @@ from sarmitsuba.radar.antenna import Pointing
 from sarmitsuba.radar.radar import Radar
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.geometry import PointTarget
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.motion import Motion
 from sarmitsuba.scene.settings import TraceSettings
+from sarmitsuba.scene.wires import LineTarget
 from sarmitsuba.simulation.raw import simulate
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sampling.folding import check_folding

@@ -16,14 +16,14 @@ from sarmitsuba.mesh.surface_samples import SurfaceSamples, surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.simulation.pilot import plan_scene
-from sarmitsuba.simulation.sources.pairs import PairEcho, pair_echo
+from sarmitsuba.simulation.sources.pair_estimate import PairEcho, pair_echo
 from sarmitsuba.trace.accumulators import SumAccumulator
 from sarmitsuba.trace.diffuse_pairs import DiffusePairs
-from sarmitsuba.trace.geometry import TraceScene, build_trace_scene
 from sarmitsuba.trace.kernel import KernelSettings
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, PulseBatch
 from sarmitsuba.trace.leg import Surroundings
 from sarmitsuba.trace.pair_search import Pairs, find_pairs
+from sarmitsuba.trace.scene_tables import TraceScene, build_trace_scene
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Kernel
 from sarmitsuba.validation import targets

@@ -6,7 +6,7 @@ import pytest
 from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import interferogram, second_pass
 from sarmitsuba.simulation.render import render
-from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Setting
+from sarmitsuba.validation.interferometric_pairs import ROUGH, WAVELENGTH, Setting
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import default_grid, focus
-from sarmitsuba.focusing.dim_rows import dim_rows_warning
+from sarmitsuba.focusing.beam_edge import dim_rows_warning
 from sarmitsuba.focusing.ideal import ideal_echoes
 from sarmitsuba.focusing.windows import parse_window
 from sarmitsuba.image.metrics import image_error_db

@@ -9,7 +9,7 @@ import trimesh
 
 from sarmitsuba import theory
 from sarmitsuba.analysis.quality import KnownPoint, image_quality
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError, RadarError
 from sarmitsuba.focusing import focus
 from sarmitsuba.focusing.focuser import FOCUSERS
@@ -18,7 +18,7 @@ from sarmitsuba.focusing.grid import default_grid
 from sarmitsuba.io import read_raw
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.materials.material import Material
-from sarmitsuba.page.profiles import page_profiles
+from sarmitsuba.page.quantised_profiles import page_profiles
 from sarmitsuba.radar.description import RadarDescription
 from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.scene.geometry import PointTarget

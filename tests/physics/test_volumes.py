@@ -23,11 +23,11 @@ from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.scene.volumes import Volume
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import passages_of, sources_of
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
-from sarmitsuba.trace.volumes import Bodies, VolumeScatterers, scatterer_spacing, volume_scatterers
+from sarmitsuba.trace.volume_scatterers import Bodies, VolumeScatterers, scatterer_spacing, volume_scatterers
 
 F64 = NDArray[np.float64]
 CLOUD = water_cloud("cloud", (0.1, 0.05), (0.2, 0.4), 0.2)

@@ -26,7 +26,7 @@ from sarmitsuba.materials.sea_spectrum import SeaState
 from sarmitsuba.scene.motion import STILL
 from sarmitsuba.simulation.sampling import water as sampling
 from sarmitsuba.theory import sea as theory
-from sarmitsuba.trace.water import Water
+from sarmitsuba.trace.wind_waves import Water
 
 F64 = NDArray[np.float64]
 WAVELENGTH = 0.03106

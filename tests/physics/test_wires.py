@@ -23,14 +23,14 @@ from sarmitsuba.backend import dr, ensure_backend, mi
 from sarmitsuba.errors import RadarError
 from sarmitsuba.materials.cylinder import cylinder_table
 from sarmitsuba.radar.film import FilmDescription
-from sarmitsuba.scene.lines import LineTarget
+from sarmitsuba.scene.wires import LineTarget
 from sarmitsuba.simulation.path_table import KINDS, trace_paths
 from sarmitsuba.simulation.render import render
 from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.leg import Leg
-from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.state import Kernel
+from sarmitsuba.trace.wire_nodes import LineScatterers, cut
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
 F64 = NDArray[np.float64]

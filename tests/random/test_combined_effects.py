@@ -12,7 +12,7 @@ from matplotlib.image import imsave
 
 import sarmitsuba
 from sarmitsuba import theory
-from sarmitsuba.effects.panes import seen_through
+from sarmitsuba.effects.slabs_between import seen_through
 from sarmitsuba.errors import SarmitsubaWarning
 from sarmitsuba.focusing import focus
 from sarmitsuba.loader.build import SceneMesh, build_scene

@@ -20,7 +20,7 @@ from sarmitsuba.cli import main
 from sarmitsuba.cluster import ClusterAddress, ClusterPlan
 from sarmitsuba.commands.cluster_arguments import crew_of
 from sarmitsuba.commands.console import Console
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import ClusterError
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focuser import FocusTask
@@ -136,7 +136,7 @@ def test_what_is_not_shared_is_said(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_a_killed_worker_loses_nothing() -> None:
     """Two processes; at drawn moments one is killed with SIGKILL: same bits."""
-    from sarmitsuba.cluster.crew import crew_of as opened
+    from sarmitsuba.cluster.dask_workers import crew_of as opened
     from sarmitsuba.cluster.focusing import SharedBackprojection
 
     scene = scene_of("tower", {}, keep_subsets=True, key_pulse_interval=32)
@@ -247,7 +247,7 @@ def test_a_stranger_is_refused_by_the_cluster_of_this_machine() -> None:
     from distributed import Client
     from distributed.security import Security
 
-    from sarmitsuba.cluster.crew import crew_of as started
+    from sarmitsuba.cluster.dask_workers import crew_of as started
 
     with started(ClusterAddress.parse("local:1")) as crew:
         address = crew.client.scheduler.address

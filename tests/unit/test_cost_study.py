@@ -5,13 +5,13 @@ import pytest
 
 from sarmitsuba.cost.clock import WorkClock
 from sarmitsuba.cost.model import CostModel, corrected
-from sarmitsuba.cost.pieces import REFERENCES, field_of_proof
 from sarmitsuba.cost.proof import Check, Reference
 from sarmitsuba.cost.report import Candidate, options_of, pareto, recommend
 from sarmitsuba.cost.sweeps import SPACINGS
+from sarmitsuba.cost.swept_piece import REFERENCES, field_of_proof
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work, split_trace
-from sarmitsuba.simulation.sampling.plan import RaySpacings
+from sarmitsuba.simulation.sampling.density_plan import RaySpacings
 
 
 def candidate(error_db: float, seconds: float, spacing: float = 1.0, method: str = "hybrid") -> Candidate:

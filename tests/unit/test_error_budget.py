@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sarmitsuba
-from sarmitsuba.analysis.quality.budget import AT_MOST, MEASURED, UNKNOWN, error_budget
+from sarmitsuba.analysis.quality.error_budget import AT_MOST, MEASURED, UNKNOWN, error_budget
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.image.sar_image import SarImage
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.focusing.factorised.division import Plan

@@ -14,10 +14,10 @@ from sarmitsuba.loader.library import resolve
 from sarmitsuba.loader.load import load_scene
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.trace.accumulators import rounded_size
-from sarmitsuba.trace.arrays import device_array
-from sarmitsuba.trace.geometry import build_trace_scene
+from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.kernel import KernelSettings, trace
 from sarmitsuba.trace.launch import PulseBatch, frame_towards, lattice
+from sarmitsuba.trace.scene_tables import build_trace_scene
 from sarmitsuba.trace.state import COHERENT, DIFFUSE, RETRO, Contribution, Kernel
 from tests.support.paths import coherent_flags
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
-from sarmitsuba.focusing.aperture import beam_turn, flight
+from sarmitsuba.echo.raw_data import RawData
+from sarmitsuba.focusing.aperture_weights import beam_turn, flight
 from sarmitsuba.focusing.backprojection_kernel import ApertureBand, Beam, Weighting
 from sarmitsuba.focusing.factorised.division import Level, Plan, Section
 from sarmitsuba.focusing.factorised.kernels import (

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sarmitsuba.backend import arrays, device_array, dr
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     beam_turn,
     dimness,
     direction_gain,
@@ -37,7 +37,7 @@ from sarmitsuba.focusing.backprojection_kernel import (
     accumulate,
 )
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, Focuser, FocusTask, option
-from sarmitsuba.focusing.needs import backprojection_bytes
+from sarmitsuba.focusing.memory_needs import backprojection_bytes
 from sarmitsuba.focusing.pixel_lines import (
     PixelLines,
     grid_lines,

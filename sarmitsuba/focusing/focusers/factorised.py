@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import image_places, leaves_beam, matched_weights
+from sarmitsuba.focusing.aperture_weights import image_places, leaves_beam, matched_weights
 from sarmitsuba.focusing.factorised.division import Plan
-from sarmitsuba.focusing.factorised.plan import make_plan
 from sarmitsuba.focusing.factorised.sampling import MARGIN_DB, UPSAMPLING
+from sarmitsuba.focusing.factorised.section_plan import make_plan
 from sarmitsuba.focusing.factorised.stages import make_job, plan_bytes, run_plan, whole_weights
 from sarmitsuba.focusing.focuser import (
     FOCUSERS,

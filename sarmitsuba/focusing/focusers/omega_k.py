@@ -8,10 +8,10 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
-from sarmitsuba.focusing.frequency_domain.geometry import track_refusal
+from sarmitsuba.focusing.frequency_domain.chirp_z import WIDTH, ChirpZ, kernel_transform, spread
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -19,10 +19,10 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
+from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
-from sarmitsuba.focusing.frequency_domain.stretching import WIDTH, ChirpZ, kernel_transform, spread
+from sarmitsuba.focusing.frequency_domain.track_geometry import track_refusal
 from sarmitsuba.focusing.windows import Window, parse_window
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.progress import Progress, silent

@@ -10,7 +10,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from sarmitsuba.echo.gridding import spreading_kernel
 from sarmitsuba.errors import DataError
-from sarmitsuba.focusing.aperture import (
+from sarmitsuba.focusing.aperture_weights import (
     aperture_weights,
     direction_gain,
     image_places,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.echo.phasor import unit_phasor
 from sarmitsuba.errors import DataError
 from sarmitsuba.focusing.focuser import FOCUSERS, Focused, FocusTask, option
+from sarmitsuba.focusing.frequency_domain.chirp_z import interpolate, kernel_transform
 from sarmitsuba.focusing.frequency_domain.migration import (
     MAX_PHASE,
     Migration,
@@ -17,10 +18,9 @@ from sarmitsuba.focusing.frequency_domain.migration import (
     migration_refusal,
     plan_migration,
 )
-from sarmitsuba.focusing.frequency_domain.needs import RowsFocuser
+from sarmitsuba.focusing.frequency_domain.row_costs import RowsFocuser
 from sarmitsuba.focusing.frequency_domain.rows import Band, RangeLaw, focus_rows
 from sarmitsuba.focusing.frequency_domain.stated import stated_error_db
-from sarmitsuba.focusing.frequency_domain.stretching import interpolate, kernel_transform
 from sarmitsuba.image.sar_image import ImageGrid
 from sarmitsuba.radar.radar import Radar
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from sarmitsuba.echo.phasor import unit_phasor
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     boresight_sine,
     lit_in_turn,
@@ -154,7 +154,7 @@ class ApertureFilter:
 
     (uniform in the distance v from the end; upper sign inside), times :math:`\mathrm{sinc}((k_x - k s_e) \Delta x / 2)`
     as the weight does not stop at once but within one pulse, see
-    :func:`sarmitsuba.focusing.aperture.band_weights`. Without the tails a frequency-domain focuser cuts the
+    :func:`sarmitsuba.focusing.aperture_weights.band_weights`. Without the tails a frequency-domain focuser cuts the
     aperture by the echo's Doppler frequency, not by the pixel's angle, and its side lobes have another phase.
 
     Parameters

@@ -27,7 +27,8 @@ from sarmitsuba.echo.phasor import phase_ramp, unit_phasor
 from sarmitsuba.errors import DataError, SarmitsubaWarning
 from sarmitsuba.focusing.focuser import Focused, FocusTask
 from sarmitsuba.focusing.frequency_domain.aperture_filter import aperture_filter
-from sarmitsuba.focusing.frequency_domain.geometry import (
+from sarmitsuba.focusing.frequency_domain.chirp_z import ChirpZ
+from sarmitsuba.focusing.frequency_domain.track_geometry import (
     TrackGeometry,
     own_apertures,
     range_walk,
@@ -38,7 +39,6 @@ from sarmitsuba.focusing.frequency_domain.geometry import (
     track_refusal,
     wavenumber,
 )
-from sarmitsuba.focusing.frequency_domain.stretching import ChirpZ
 from sarmitsuba.focusing.frequency_domain.weights import normalisation, pulse_weights
 from sarmitsuba.focusing.ground import slant_ranges, to_ground
 from sarmitsuba.focusing.profiles import ProfilePlan, plan_spectrum

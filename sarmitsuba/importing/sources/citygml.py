@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84, crs_named
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_xml
-from sarmitsuba.importing.source import SOURCES, Solid, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, Solid, Source, SourceFormat
 
 F64 = NDArray[np.float64]
 

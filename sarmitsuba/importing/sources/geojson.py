@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84, crs_named
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_json
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, Source, SourceFormat
 from sarmitsuba.importing.tags import footprint, is_building
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import SOURCES, Source, SourceFormat
 from sarmitsuba.loader.from_mesh import SUFFIXES, MeshOptions, upright
 from sarmitsuba.loader.mesh_files import MeshPart, read_parts
 

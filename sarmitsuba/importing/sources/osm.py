@@ -4,11 +4,11 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from sarmitsuba.errors import SceneError
-from sarmitsuba.importing.options import ImportOptions
+from sarmitsuba.importing.import_options import ImportOptions
 from sarmitsuba.importing.places import WGS84
 from sarmitsuba.importing.polygons import require_shapely
 from sarmitsuba.importing.reading import read_xml
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.source_format import SOURCES, Source, SourceFormat
 from sarmitsuba.importing.tags import footprint, is_building
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from sarmitsuba.importing.options import ImportOptions
-from sarmitsuba.importing.source import SOURCES, Source, SourceFormat
+from sarmitsuba.importing.import_options import ImportOptions
+from sarmitsuba.importing.source_format import SOURCES, Source, SourceFormat
 
 
 def read_terrain(path: Path, options: ImportOptions) -> Source:

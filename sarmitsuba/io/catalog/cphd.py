@@ -18,7 +18,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
-from sarmitsuba.echo.raw import RawData
+from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
 from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document

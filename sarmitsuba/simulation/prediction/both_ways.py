@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.effect import EFFECTS, Decision, Effect, effects
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.errors import SarmitsubaError, SarmitsubaWarning

@@ -12,21 +12,21 @@ from sarmitsuba.effects.context import PairLevel
 from sarmitsuba.focusing import default_grid
 from sarmitsuba.focusing.focusers.backprojection import Backprojection
 from sarmitsuba.focusing.look import look_size
-from sarmitsuba.focusing.needs import PIXEL, focusing_bytes, look_bytes
+from sarmitsuba.focusing.memory_needs import PIXEL, focusing_bytes, look_bytes
 from sarmitsuba.image.sar_image import ImageGrid
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.memory import check_fits
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import USUAL_CORE, Machine, Work, deep_tree, scatterers_met
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sources.kind import Expected, expected_sources
 from sarmitsuba.simulation.sources.site import RunSite
 from sarmitsuba.simulation.tracing import MAX_GRID_BYTES, MAX_LANES
 from sarmitsuba.trace.accumulators import grid_numbers
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import Purpose
+from sarmitsuba.trace.scene_tables import TraceScene
 
 # bytes of one ray: coordinates; and while its lattice is sorted, those twice, a key and a place in the order
 RAY, SORTED_RAY = 8, 28

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sarmitsuba.echo.raw import Layer, RawData
+from sarmitsuba.echo.raw_data import Layer, RawData
 from sarmitsuba.effects.plan import EffectsPlan
 from sarmitsuba.focusing import default_grid, focus
 from sarmitsuba.scene.scene import Scene
@@ -20,8 +20,8 @@ from sarmitsuba.simulation.prediction.both_ways import measured_both_ways
 from sarmitsuba.simulation.prediction.needs import Needs
 from sarmitsuba.simulation.prediction.speed import SpeedModel, Work
 from sarmitsuba.simulation.run import Run
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.piece import middle_pulses
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.statistics import TraceStatistics
 from sarmitsuba.timing import Clock, StageTimer
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sarmitsuba.backend import dr
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 
 
 @dataclass(frozen=True)

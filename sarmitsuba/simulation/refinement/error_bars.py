@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.constants import SUBSET_SHARES
-from sarmitsuba.echo.raw import Layer
+from sarmitsuba.echo.raw_data import Layer
 from sarmitsuba.errors import DataError
 from sarmitsuba.image.averaging import sliding_means
 from sarmitsuba.image.sar_image import SarImage

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.echo.noise import add_noise
-from sarmitsuba.echo.raw import Layer, RawData, channels_of
+from sarmitsuba.echo.raw_data import Layer, RawData, channels_of
 from sarmitsuba.errors import DataError
 from sarmitsuba.exclusive import exclusive
 from sarmitsuba.focusing import default_grid, focus
@@ -28,7 +28,7 @@ from sarmitsuba.simulation.refinement.error_bars import (
     estimate_pass_error,
     with_error_bars,
 )
-from sarmitsuba.simulation.refinement.state import Passes, PassLayout, by_channel
+from sarmitsuba.simulation.refinement.running_mean import Passes, PassLayout, by_channel
 from sarmitsuba.simulation.run import Ready, Run
 from sarmitsuba.timing import Clock
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
-from sarmitsuba.scene.lines import line_ends
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
 from sarmitsuba.simulation.sampling.launch_window import bounding_antennas
-from sarmitsuba.simulation.sampling.plan import SamplingPlan
 from sarmitsuba.simulation.sampling.small_parts import Shortfall, with_small_parts
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchGrid
+from sarmitsuba.trace.scene_tables import TraceScene
 
 
 class Rays:

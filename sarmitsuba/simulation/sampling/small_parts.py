@@ -15,8 +15,8 @@ from sarmitsuba.simulation.sampling.small_lattice import (
     nodes_over,
     outline_area,
 )
-from sarmitsuba.trace.geometry import TraceScene
 from sarmitsuba.trace.launch import LaunchFrame, LaunchGrid, Level, Purpose, morton
+from sarmitsuba.trace.scene_tables import TraceScene
 
 F64 = NDArray[np.float64]
 # places of rays in a launch plane; distance between them, and least and largest need of the faces that they serve

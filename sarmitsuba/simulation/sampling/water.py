@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from sarmitsuba.materials.diffuse import water_in
 from sarmitsuba.materials.diffuse_law import WindWaves
-from sarmitsuba.materials.parts import with_parts
+from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.materials.sea_spectrum import angular_frequency
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.sampling.movers import BEAM_CHANGE, MOTION_PHASE, SHORTEST, beam_change

@@ -10,7 +10,7 @@ from sarmitsuba.scene.scene import Scene
 from sarmitsuba.scene.settings import TraceSettings
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND
+from sarmitsuba.validation.band_sampling import X_BAND
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.cases.slabs import BOARD, SOURCE, WALLS, dyad
 from sarmitsuba.validation.chain import chain, make_scene

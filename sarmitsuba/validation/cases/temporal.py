@@ -9,7 +9,7 @@ from sarmitsuba import theory
 from sarmitsuba.analysis.interferometry import Interferogram
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
-from sarmitsuba.validation.pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of, phase_law
+from sarmitsuba.validation.interferometric_pairs import ROUGH, WAVELENGTH, Pair, Setting, pair_of, phase_law
 
 F64 = NDArray[np.float64]
 TOPIC = "interferometry"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.image.sar_image import SarImage
 from sarmitsuba.loader.build import SceneMesh, SceneVolume, build_scene
-from sarmitsuba.materials.library import MATERIALS
+from sarmitsuba.materials.named_materials import MATERIALS
 from sarmitsuba.materials.vegetation.canopy import CANOPIES
 from sarmitsuba.materials.vegetation.medium import water_cloud
 from sarmitsuba.mesh import tessellate

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from sarmitsuba import theory
 from sarmitsuba.loader.build import SceneMesh, build_scene
 from sarmitsuba.radar.description import RadarDescription
-from sarmitsuba.scene.lines import LineTarget
 from sarmitsuba.scene.scene import Scene
+from sarmitsuba.scene.wires import LineTarget
 from sarmitsuba.simulation.rcs import monostatic_rcs
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.units import db_from_power
 from sarmitsuba.validation import targets
-from sarmitsuba.validation.bands import X_BAND, X_WAVELENGTH
+from sarmitsuba.validation.band_sampling import X_BAND, X_WAVELENGTH
 from sarmitsuba.validation.cases import CASES, CaseEntry
 from sarmitsuba.validation.comparison import Case, Comparison
 

@@ -1,7 +1,7 @@
 """Pairs of diffuse scatterers that see each other, drawn at random."""
 
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind
-from sarmitsuba.simulation.sources.pairs import (
+from sarmitsuba.simulation.sources.pair_estimate import (
     PILOT_POINTS,
     estimate_pairs,
     expected_pair_points,

@@ -5,7 +5,7 @@ import numpy as np
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
-from sarmitsuba.trace.volumes import scatterer_spacing, volume_scatterers
+from sarmitsuba.trace.volume_scatterers import scatterer_spacing, volume_scatterers
 
 # seconds of a usual core: a cell of the lattice, laid out, and a scatterer in it, traced through what stands in its way
 CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6

@@ -5,8 +5,8 @@ import numpy as np
 from sarmitsuba.materials.cylinder import table_size
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace.lines import LineScatterers, cut
 from sarmitsuba.trace.source import PointSource, Source
+from sarmitsuba.trace.wire_nodes import LineScatterers, cut
 
 # seconds of a usual core: a node and a number of the table and order, laid out; a node traced
 NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
