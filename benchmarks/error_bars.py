@@ -258,7 +258,7 @@ def _designs(report: harness.Report, rows: list[dict]) -> None:  # type: ignore[
 
 def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # type: ignore[no-untyped-def, type-arg]
     """True and estimated error of every run, by factor."""
-    from sarmitsuba.cost.trial import Setting, mean_image
+    from sarmitsuba.cost.trial import TrialSetting, mean_image
     from sarmitsuba.echo.raw_data import Layer
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.simulation.image import Imager
@@ -274,7 +274,7 @@ def _rows(whole, name: str, share: float, factors, runs: int) -> list[dict]:  # 
     scene = crop(whole, share)
     grid = default_grid(scene.radar, scene.image)
     # as many bounces in all runs: their error is not the rays'
-    base = Setting(
+    base = TrialSetting(
         {"method": "image", "scatterer_cell": sampling.scatterer_cell, "max_depth": plan.max_depth}
     )
     reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, REFERENCE_RUNS)

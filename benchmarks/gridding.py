@@ -5,7 +5,7 @@ import harness
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, run_trial
     from sarmitsuba.echo.gridding import spreading_kernel
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
@@ -26,7 +26,7 @@ def run(quick: bool) -> harness.Report:
     widths = (4,) if quick else (2, 3, 4, 5, 6, 7)
     for method, dims in (("hybrid", 2),) if quick else (("raw", 1), ("hybrid", 2)):
         # one block, so that all widths share its geometry
-        base = Setting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
+        base = TrialSetting({"method": method, "key_pulse_interval": 32 if method == "hybrid" else 0})
         best = run_trial(scene, base.but(gridding_width=6 if quick else 8), grid)
         rows = []
         for width in widths:

@@ -9,7 +9,7 @@ REFERENCE = 0.35  # spacing of the reference, as a factor: 8 times the rays of t
 
 @harness.benchmark
 def run(quick: bool) -> harness.Report:
-    from sarmitsuba.cost.trial import Setting, mean_image, run_trial
+    from sarmitsuba.cost.trial import TrialSetting, mean_image, run_trial
     from sarmitsuba.focusing import default_grid
     from sarmitsuba.loader.load import load_scene
     from sarmitsuba.simulation.pilot import plan_scene
@@ -35,7 +35,7 @@ def run(quick: bool) -> harness.Report:
         scene = crop(whole, share, pulses)
         grid = default_grid(scene.radar, scene.image)
         # in metres, from the whole aperture: a piece of it resolves less and would get larger cells
-        base = Setting({"method": "hybrid", "scatterer_cell": sampling.scatterer_cell})
+        base = TrialSetting({"method": "hybrid", "scatterer_cell": sampling.scatterer_cell})
         reference = mean_image(scene, base.but(**rays.at(REFERENCE)), grid, 1 if quick else 2)
         rows = []
         for factor in FACTORS[1:4] if quick else FACTORS:

@@ -63,7 +63,7 @@ class _Listing(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-class _Pair(argparse.Action):
+class _PairAction(argparse.Action):
     """Stores two numbers; one stands for both."""
 
     def __call__(
@@ -107,7 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument(
         "--extent",
         nargs="+",
-        action=_Pair,
+        action=_PairAction,
         type=float,
         metavar="M",
         help="size of the image on the ground in azimuth and range, m; one number is for both",
@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     image.add_argument(
         "--spacing",
         nargs="+",
-        action=_Pair,
+        action=_PairAction,
         type=float,
         metavar="M",
         help="pixel spacing in azimuth and range, m, one number for both; 0 = half a cell",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from sarmitsuba.cost.clock import StudyClock
-from sarmitsuba.cost.trial import Setting, Trial, run_trial
+from sarmitsuba.cost.trial import Trial, TrialSetting, run_trial
 from sarmitsuba.scene.scene import Scene
 from sarmitsuba.simulation.prediction.speed import run_seconds
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan
@@ -32,7 +32,7 @@ REFERENCES = ((1.0, 0.5), (1.0, 0.6), (0.7, 0.5), (0.7, 0.6), (0.5, 0.5), (0.5, 
 
 
 def piece_to_sweep(
-    scene: Scene, base: Setting, budget: float, sampling: SamplingPlan, clock: StudyClock
+    scene: Scene, base: TrialSetting, budget: float, sampling: SamplingPlan, clock: StudyClock
 ) -> tuple[Scene, str, Trial]:
     """Largest piece of the scene whose sweeps fit the budget, in words, and a timed run of it."""
     allowed = SWEEP_SHARE * budget / SWEEP_RUNS

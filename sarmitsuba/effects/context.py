@@ -25,7 +25,7 @@ KINDS = ("coherent", "diffuse", "retro")
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class SamplingFacts:
     """How the full run will sample the scene, as far as it is known before the plan.
 
     Parameters
@@ -179,7 +179,7 @@ class SceneContext:
     """
 
     scene: Scene
-    sampling: Sampling | None = None
+    sampling: SamplingFacts | None = None
     pilot: PilotResult | None = None
     known_shape: ShapeAnalysis | None = None
     pairs: PairLevel | None = None
@@ -266,4 +266,4 @@ class SceneContext:
         return float(2.0 * np.pi / self.scene.radar.waveform.wavelength)
 
 
-__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "Sampling", "SceneContext"]
+__all__ = ["CELL_BELOW_CLUTTER_DB", "KINDS", "PairLevel", "PilotResult", "SamplingFacts", "SceneContext"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from sarmitsuba.effects.catalog.max_depth import DEEPEST, DEFAULT_DEPTH
 from sarmitsuba.effects.catalog.wideband import LEAST_SUB_BANDS
-from sarmitsuba.effects.context import PairLevel, PilotResult, Sampling, SceneContext
+from sarmitsuba.effects.context import PairLevel, PilotResult, SamplingFacts, SceneContext
 from sarmitsuba.effects.effect import Assessment, Decision, Effect, effects, switchable_effects
 from sarmitsuba.effects.flags import FlagValue, KernelFlags
 from sarmitsuba.effects.shape import ShapeAnalysis
@@ -178,7 +178,7 @@ class EffectsPlan:
 
 def plan_effects(
     scene: Scene,
-    sampling: Sampling | None = None,
+    sampling: SamplingFacts | None = None,
     pilot: PilotResult | None = None,
     *,
     shape: ShapeAnalysis | None = None,

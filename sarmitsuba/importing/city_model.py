@@ -23,8 +23,8 @@ from sarmitsuba.importing.places import (
 )
 from sarmitsuba.importing.polygons import triangulate_in_space, why_unusable
 from sarmitsuba.importing.roofs import GABLED, PYRAMIDS, rise
-from sarmitsuba.importing.source_format import Footprint, Solid, Source
-from sarmitsuba.importing.terrain import Raster, read_raster, terrain_mesh
+from sarmitsuba.importing.source_format import BuildingFootprint, CitySource, Solid
+from sarmitsuba.importing.terrain import HeightRaster, read_raster, terrain_mesh
 from sarmitsuba.loader.from_mesh import UNITS
 from sarmitsuba.loader.names_of_materials import DEFAULT, check_chosen, kind_of
 from sarmitsuba.radar.geodesy import Anchor
@@ -69,7 +69,7 @@ class Model:
     notes: tuple[str, ...]
 
 
-def make_model(source: Source, options: ImportOptions) -> Model:
+def make_model(source: CitySource, options: ImportOptions) -> Model:
     """Place everything and put it on the ground.
 
     Raises
@@ -112,12 +112,12 @@ def make_model(source: Source, options: ImportOptions) -> Model:
     return Model(source.name, parts, place.known, tuple(buildings), len(buildings) + n_solids, tuple(notes))
 
 
-def _why(source: Source) -> str:
+def _why(source: CitySource) -> str:
     reasons = "; ".join(f"{n} {reason}" for reason, n in source.skipped.items())
     return f" (left out: {reasons})" if reasons else ""
 
 
-def _materials(source: Source, options: ImportOptions) -> dict[str, str]:
+def _materials(source: CitySource, options: ImportOptions) -> dict[str, str]:
     """Material of the library by part."""
     names = {part.material for part in source.meshes}
     check_chosen(options.materials, names | set(MATERIALS), source.name)
@@ -131,7 +131,7 @@ def _materials(source: Source, options: ImportOptions) -> dict[str, str]:
     return {**MATERIALS, **{n: k or DEFAULT for n, k in kinds.items()}, **options.materials}
 
 
-def _localise(source: Source, options: ImportOptions) -> None:
+def _localise(source: CitySource, options: ImportOptions) -> None:
     """Plain coordinates in metres (heights are so already), about the origin where they are those of a map."""
     import shapely
 
@@ -157,7 +157,7 @@ def _localise(source: Source, options: ImportOptions) -> None:
     ]
 
 
-def _drop_unusable(source: Source) -> None:
+def _drop_unusable(source: CitySource) -> None:
     kept = []
     for one in source.footprints:
         reason = why_unusable(one.polygon)
@@ -168,7 +168,7 @@ def _drop_unusable(source: Source) -> None:
     source.footprints[:] = kept
 
 
-def _drop_outlines_of_parts(source: Source) -> None:
+def _drop_outlines_of_parts(source: CitySource) -> None:
     """Leave out buildings that their parts describe, which would stand in them a second time."""
     import shapely
 
@@ -205,7 +205,7 @@ class _Place:
     level: bool
 
     @staticmethod
-    def of(source: Source, crs: str, options: ImportOptions) -> "_Place":
+    def of(source: CitySource, crs: str, options: ImportOptions) -> "_Place":
         places = Places(crs, source.name)
         points = _corners(source)
         given = options.anchor
@@ -245,7 +245,7 @@ class _Place:
         )
         return np.stack([points.min(axis=0) - step, points.max(axis=0) + step])
 
-    def on(self, raster: Raster, source: Source) -> "_Place":
+    def on(self, raster: HeightRaster, source: CitySource) -> "_Place":
         """The same with the anchor on the ground."""
         if self.crs == LOCAL and self.points.size and self.known is None:
             raise SceneError(
@@ -274,7 +274,7 @@ class _Place:
         flat = np.column_stack([points, np.zeros(len(points))])
         return np.degrees(self.anchor.to_geodetic(flat)[:, 1::-1])
 
-    def ground(self, points: F64, raster: Raster | None) -> F64:
+    def ground(self, points: F64, raster: HeightRaster | None) -> F64:
         """(n, 3) m; points of the file on the plane z = 0 or on the terrain, nan where that has no height."""
         if raster is not None:
             geodetic = self.geodetic(points)
@@ -283,7 +283,7 @@ class _Place:
         return np.column_stack([flat, np.zeros(len(flat))])
 
 
-def _corners(source: Source) -> F64:
+def _corners(source: CitySource) -> F64:
     """(n, 2) coordinates of the file, of all buildings."""
     import shapely
 
@@ -292,7 +292,7 @@ def _corners(source: Source) -> F64:
     return np.concatenate([outlines, *solids]) if solids else outlines
 
 
-def _drop_far(source: Source, place: Callable[[F64], F64], radius: float) -> None:
+def _drop_far(source: CitySource, place: Callable[[F64], F64], radius: float) -> None:
     """Leave out buildings whose middle, placed in the scene, lies beyond the radius."""
     reason = f"buildings beyond the radius of {radius:g} m"
 
@@ -309,9 +309,9 @@ def _drop_far(source: Source, place: Callable[[F64], F64], radius: float) -> Non
 
 def _add_footprints(
     parts: Parts,
-    source: Source,
+    source: CitySource,
     place: _Place,
-    raster: Raster | None,
+    raster: HeightRaster | None,
     options: ImportOptions,
     facades: FacadeBuilder,
     materials: dict[str, str],
@@ -338,7 +338,7 @@ def _add_footprints(
 
 
 def _building(
-    one: Footprint,
+    one: BuildingFootprint,
     polygon: "shapely.Polygon",
     ground: F64,
     options: ImportOptions,
@@ -368,9 +368,9 @@ def _building(
 
 def _add_solids(
     parts: Parts,
-    source: Source,
+    source: CitySource,
     place: _Place,
-    raster: Raster | None,
+    raster: HeightRaster | None,
     options: ImportOptions,
     materials: dict[str, str],
 ) -> int:
@@ -402,7 +402,12 @@ def _add_solids(
 
 
 def _add_ground(
-    parts: Parts, source: Source, place: _Place, raster: Raster | None, options: ImportOptions, material: str
+    parts: Parts,
+    source: CitySource,
+    place: _Place,
+    raster: HeightRaster | None,
+    options: ImportOptions,
+    material: str,
 ) -> None:
     """Terrain, or a plane below the buildings."""
     if raster is not None:

@@ -23,7 +23,7 @@ F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
+class BuildingFootprint:
     """A building as a map has it.
 
     Parameters
@@ -66,7 +66,7 @@ class Solid:
 
 
 @dataclass(eq=False)
-class Source:
+class CitySource:
     """Content of a file or folder.
 
     Parameters
@@ -83,7 +83,7 @@ class Source:
 
     name: str
     crs: str = ""
-    footprints: list[Footprint] = field(default_factory=list)
+    footprints: list[BuildingFootprint] = field(default_factory=list)
     solids: list[Solid] = field(default_factory=list)
     meshes: list[MeshPart] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
@@ -128,7 +128,7 @@ class SourceFormat:
     name: str
     doc: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, ImportOptions], Source]
+    read: Callable[[Path, ImportOptions], CitySource]
     folders: bool = False
 
 
@@ -159,4 +159,4 @@ def find_source(path: Path) -> SourceFormat:
     raise SceneError(f"{one_line(path.name)}: {what}; there are {known}")
 
 
-__all__ = ["SOURCES", "Footprint", "Solid", "Source", "SourceFormat", "find_source"]
+__all__ = ["SOURCES", "BuildingFootprint", "CitySource", "Solid", "SourceFormat", "find_source"]

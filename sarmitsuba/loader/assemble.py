@@ -42,7 +42,7 @@ MAX_PROVEN_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshSurface:
     """Triangles of one mesh and what they are made of.
 
     Parameters
@@ -70,7 +70,7 @@ class Surface:
 def assemble(
     name: str,
     path: Path | None,
-    surfaces: Sequence[Surface],
+    surfaces: Sequence[MeshSurface],
     materials: Sequence[Material],
     points: Sequence[PointTarget],
     radar: RadarInput,
@@ -172,7 +172,7 @@ def seen_by(
     return built, image, (*notes, *angle_notes)
 
 
-def _black(label: str, surfaces: Sequence[Surface], materials: Sequence[Material]) -> list[str]:
+def _black(label: str, surfaces: Sequence[MeshSurface], materials: Sequence[Material]) -> list[str]:
     """Say that a scene which is all mirrors will be black but for them."""
     seen = with_parts([m for m in (materials[s.material] for s in surfaces) if not m.invisible])
     if not seen or any(material.diffuse_law != "none" for material in seen):
@@ -197,7 +197,7 @@ def _check_angle(label: str, material: Material, radar: Radar, image: ImageReque
         )
 
 
-def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[str]]:
+def _geometry(label: str, surfaces: Sequence[MeshSurface]) -> tuple[Geometry, list[str]]:
     if not surfaces:
         return Geometry.empty(), []
     for surface in surfaces:
@@ -233,7 +233,7 @@ def _geometry(label: str, surfaces: Sequence[Surface]) -> tuple[Geometry, list[s
     return geometry, [f"{label}: {note}" for note in notes]
 
 
-def _corner_values(surfaces: Sequence[Surface], joined: JoinedMeshes) -> dict[str, F64]:
+def _corner_values(surfaces: Sequence[MeshSurface], joined: JoinedMeshes) -> dict[str, F64]:
     """Attributes of all meshes at the corners of the faces that are left; NaN where a mesh has none."""
     out = {}
     for name in sorted({name for s in surfaces for name in s.corner_values}):
@@ -292,4 +292,4 @@ def _offset(geometry: Geometry, places: F64) -> F64:
     return np.asarray(np.round(center))
 
 
-__all__ = ["RECENTRE_DISTANCE", "Surface", "assemble", "seen_by"]
+__all__ = ["RECENTRE_DISTANCE", "MeshSurface", "assemble", "seen_by"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sarmitsuba.effects.effect import switchable_effects
 from sarmitsuba.errors import SceneError
 from sarmitsuba.exclusive import exclusive
-from sarmitsuba.loader.assemble import Surface
+from sarmitsuba.loader.assemble import MeshSurface
 from sarmitsuba.loader.attributes import at_corners
 from sarmitsuba.loader.collect import Collector
 from sarmitsuba.loader.describe import Described
@@ -221,7 +221,7 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[F64, 
     return v, f.astype(np.int32)
 
 
-def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
+def _surface(mesh: SceneMesh, material: int, label: str) -> MeshSurface:
     where = f'{label}: mesh "{mesh.name}"'
     vertices, faces = _triangles(mesh.vertices, mesh.faces, where)
     if mesh.to_world is not None:
@@ -231,7 +231,7 @@ def _surface(mesh: SceneMesh, material: int, label: str) -> Surface:
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     faces = faces.astype(np.int32)
     values = at_corners(mesh.attributes, faces, where)
-    return Surface(
+    return MeshSurface(
         mesh.name, vertices, faces, material, mesh.smooth, motion=mesh.motion, corner_values=values
     )
 

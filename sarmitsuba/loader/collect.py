@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.errors import SceneError
 from sarmitsuba.loader import tables
-from sarmitsuba.loader.assemble import Surface, assemble
+from sarmitsuba.loader.assemble import MeshSurface, assemble
 from sarmitsuba.loader.describe import Described
 from sarmitsuba.loader.elements import Element
 from sarmitsuba.loader.material_book import MaterialBook
@@ -56,7 +56,7 @@ class Collector:
     described: Described
     overrides: Overrides = field(default_factory=Overrides)
     notes: list[str] = field(default_factory=list)
-    surfaces: list[Surface] = field(default_factory=list)
+    surfaces: list[MeshSurface] = field(default_factory=list)
     points: list[PointTarget] = field(default_factory=list)
     lines: list[LineTarget] = field(default_factory=list)
     n_faces: int = 0
@@ -96,7 +96,7 @@ class Collector:
         self._check_faces(placed.element.where, len(faces))
         names = map_attributes(self.book.materials[material])
         self.surfaces.append(
-            Surface(
+            MeshSurface(
                 placed.name,
                 vertices,
                 faces,
@@ -145,7 +145,7 @@ class Collector:
             kind = kinds[part.material] or DEFAULT
             index = self.book.named(part.material or DEFAULT, kind, label)
             self._check_faces(label, len(part.faces))
-            self.surfaces.append(Surface(part.name, corners, part.faces, index, motion=motion))
+            self.surfaces.append(MeshSurface(part.name, corners, part.faces, index, motion=motion))
 
     def _named_parts(self, placed: Placed, bsdf: Element | None) -> bool:
         """Take in an obj file by its own materials where the shape has none; say where the shape's replaces them."""

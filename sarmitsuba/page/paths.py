@@ -111,7 +111,7 @@ def page_paths(
 
 
 @dataclass(frozen=True, eq=False)
-class _Tile:
+class _PathTile:
     """Paths of a part of the image: the strongest few of every order and cell, and what all of them add up to.
 
     Parameters
@@ -150,7 +150,7 @@ def _of_tile(
     size: tuple[int, int],
     shape: tuple[int, int],
     tile: tuple[int, int, int, int, int],
-) -> _Tile:
+) -> _PathTile:
     """Trace the paths of one part of the image."""
     pulse, top, bottom, left, right = tile
     rows = np.clip(
@@ -175,7 +175,7 @@ def _of_tile(
         return np.asarray(np.bincount(of, weights=weights, minlength=n))
 
     few = _few(number, order, amplitude)
-    return _Tile(
+    return _PathTile(
         table=table[few],
         number=number[few],
         amplitude=amplitude[few],

@@ -144,7 +144,7 @@ def rcs_sweep(
     channels = channels or scene.radar.channels
     frequency = scene.radar.waveform.center_frequency
     scene, flags, depth = _effects(scene, aspects, channels)
-    tracing = _Tracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
+    tracing = _AspectTracing(scene, flags, depth, most_rays, progress, FarSite(scene, flags, aspects))
     shape = (aspects.azimuth.size, depth, len(channels))
     amplitude, errors, rays, spacing = np.zeros(shape, dtype=np.complex128), (np.nan,) * len(channels), 0, 0.0
     notes: tuple[str, ...] = ()
@@ -174,7 +174,7 @@ def rcs_sweep(
 
 
 @dataclass(frozen=True, eq=False)
-class _Tracing:
+class _AspectTracing:
     """Tracing of one scene from any aspects."""
 
     scene: Scene

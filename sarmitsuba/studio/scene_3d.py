@@ -54,7 +54,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Beam:
+class BeamCone:
     """The radar and what it lights, at one pulse.
 
     Parameters
@@ -110,7 +110,7 @@ def bodies(scene: Scene) -> Iterator[Body]:
         )
 
 
-def beam_at(scene: Scene, share: float) -> Beam:
+def beam_at(scene: Scene, share: float) -> BeamCone:
     """The radar and its beam at a share of the aperture, 0 at its first pulse and 1 at its last."""
     radar, image = scene.radar, scene.image
     pulse = round(share * (radar.track.n_pulses - 1))
@@ -124,7 +124,7 @@ def beam_at(scene: Scene, share: float) -> Beam:
     outline = (
         half[0] * np.cos(angle)[:, None] * radar.track.along + half[1] * np.sin(angle)[:, None] * radar.across
     )
-    return Beam(
+    return BeamCone(
         radar.aim_point + shrink * (position - radar.aim_point),
         middle,
         outline + middle + target - _aim(radar, image.height),
@@ -173,4 +173,4 @@ def _shrink(scene: Scene) -> float:
     return min(1.0, NEARNESS * extent / distance)
 
 
-__all__ = ["Beam", "Body", "Plane", "beam_at", "bodies", "image_plane", "track_shown"]
+__all__ = ["BeamCone", "Body", "Plane", "beam_at", "bodies", "image_plane", "track_shown"]

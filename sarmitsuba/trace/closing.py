@@ -15,12 +15,12 @@ from sarmitsuba.trace.stage import closed as by_stages
 from sarmitsuba.trace.state import (
     COHERENT,
     Contribution,
-    Footprint,
     Hit,
     Kernel,
     Lane,
     RayState,
     Reflection,
+    TubeFootprint,
 )
 from sarmitsuba.trace.tubes import polygon
 
@@ -76,7 +76,7 @@ def close_coherent(
     lane: Lane,
     ray: RayState,
     hit: Hit,
-    tube_here: Footprint,
+    tube_here: TubeFootprint,
     reflection: Reflection,
     receive: Receiver,
 ) -> Contribution:

@@ -16,14 +16,14 @@ from sarmitsuba.trace.state import (
     RETRO,
     REVERSED,
     Contribution,
-    Footprint,
     Hit,
     Kernel,
     Lane,
     RayState,
+    TubeFootprint,
 )
 from sarmitsuba.trace.temporal import Age
-from sarmitsuba.trace.wind_waves import Water
+from sarmitsuba.trace.wind_waves import WaterTables
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -255,7 +255,7 @@ class DiffuseReturns:
         return length, -dr.dot(leg, seen_from(movement, velocity)) / length
 
 
-def _tilted(water: Water, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
+def _tilted(water: WaterTables, hit: Hit, material: mi.UInt32, time: mi.Float64 | None) -> Hit:
     """The hit with the normal of the water among the long waves, for its diffuse law."""
     now = mi.Float(0.0) if time is None else mi.Float(time)
     # waves run on water that moves as a whole, as in a current
@@ -264,7 +264,7 @@ def _tilted(water: Water, hit: Hit, material: mi.UInt32, time: mi.Float64 | None
 
 
 def close_diffuse(
-    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: Footprint, receive: Receiver
+    kernel: Kernel, lane: Lane, ray: RayState, hit: Hit, tube_here: TubeFootprint, receive: Receiver
 ) -> DiffuseReturns:
     """Returns of the persistent scatterers that the footprint overlaps: home, and back along the ray's own chain."""
     constants = kernel.constants

@@ -20,7 +20,7 @@ Purpose = Literal["all", "coherent", "diffuse"]
 
 
 @dataclass(frozen=True)
-class Level:
+class LatticeLevel:
     """Rays of one density within a lattice.
 
     Parameters
@@ -61,7 +61,7 @@ class LaunchGrid:
     taper: float
     purpose: Purpose = "all"
     frame: "LaunchFrame | None" = None
-    levels: tuple[Level, ...] = ()
+    levels: tuple[LatticeLevel, ...] = ()
     pulses: tuple[int, int] | None = None
 
     def serves(self, pulse: int) -> bool:
@@ -74,9 +74,9 @@ class LaunchGrid:
         return int(self.x.size)
 
     @property
-    def every_level(self) -> tuple[Level, ...]:
+    def every_level(self) -> tuple[LatticeLevel, ...]:
         """Its levels; a lattice of one density has one that serves every face."""
-        return self.levels or (Level(0, self.spacing, (0.0, np.inf)),)
+        return self.levels or (LatticeLevel(0, self.spacing, (0.0, np.inf)),)
 
     @property
     def level(self) -> NDArray[np.uint32]:
@@ -259,9 +259,9 @@ class PulseBatch:
 
 __all__ = [
     "LATTICE_TURN",
+    "LatticeLevel",
     "LaunchFrame",
     "LaunchGrid",
-    "Level",
     "PulseBatch",
     "frame_towards",
     "lattice",

@@ -19,7 +19,7 @@ from sarmitsuba.trace.passage import passed
 from sarmitsuba.trace.scene_tables import CLOSED_BIT, INNER_BIT, MATERIAL_MASK
 from sarmitsuba.trace.slab_passage import slab_factors
 from sarmitsuba.trace.stage import mirrored
-from sarmitsuba.trace.state import Footprint, Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeSpread
+from sarmitsuba.trace.state import Hit, Kernel, Lane, Mirror, RayState, Reflection, TubeFootprint, TubeSpread
 from sarmitsuba.trace.tubes import curved_mirror, polygon, tube
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ def _departure(p: mi.Vector3f, n: mi.Vector3f, d: mi.Vector3f, clearance: mi.Flo
     return p + (n - d) * clearance
 
 
-def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
+def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> TubeFootprint:
     """Project the tube onto the facet, end it at the facet's boundary edges, and weigh its spreading."""
     growth = mi.Float(hit.length) * lane.inverse_start
     cross_a, cross_b = ray.edge_a * growth, ray.edge_b * growth
@@ -323,7 +323,7 @@ def footprint(kernel: Kernel, lane: Lane, ray: RayState, hit: Hit) -> Footprint:
         loss *= squeezed
         loss_retro *= dr.square(squeezed)
         lost = ~(wider < curved_mirror.WIDEST_SPREAD)  # also where it is not a number
-    return Footprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
+    return TubeFootprint(u, v, extent, patch, bounds, area, loss, loss_retro, lost)
 
 
 def _edges(table: mi.Float, hit: Hit) -> list[mi.Vector4f]:
@@ -414,7 +414,7 @@ def through_passages(kernel: Kernel, ray: RayState, hit: Hit) -> RayState:
 
 
 def reflect(
-    kernel: Kernel, ray: RayState, hit: Hit, tube_here: Footprint, reflection: Reflection
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint, reflection: Reflection
 ) -> RayState:
     """Mirror the ray, its tube and the virtual antenna in the facet; the ray's last bounce ends it."""
     n64, n, edge_a, edge_b, spread = hit.normal64, hit.normal, ray.edge_a, ray.edge_b, ray.spread
@@ -459,7 +459,7 @@ def reflect(
 
 
 def _curved_mirror(
-    kernel: Kernel, ray: RayState, hit: Hit, tube_here: Footprint
+    kernel: Kernel, ray: RayState, hit: Hit, tube_here: TubeFootprint
 ) -> tuple[mi.Vector3d, mi.Vector3f, Reflection, TubeSpread]:
     """Normals, reflection and growth of the tube where the smooth surface bends."""
     assert ray.spread is not None

@@ -22,10 +22,10 @@ from sarmitsuba.trace.device_arrays import device_array
 from sarmitsuba.trace.intersector import intersector
 from sarmitsuba.trace.movement import Movers
 from sarmitsuba.trace.passage import Passage
-from sarmitsuba.trace.slab_coefficients import Slabs
+from sarmitsuba.trace.slab_coefficients import SlabTables
 from sarmitsuba.trace.speckle import SurfacePlace
 from sarmitsuba.trace.surface_tables import SurfaceTables
-from sarmitsuba.trace.wind_waves import Water
+from sarmitsuba.trace.wind_waves import WaterTables
 
 DIFFUSE_NODES = 256
 # nodes of the tables of height spectra, uniform in the mean cosine and in the root of the sine
@@ -94,8 +94,8 @@ class TraceScene:
     movers: Movers | None = None
     change_table: mi.Float | None = None
     passages: tuple[Passage, ...] = ()
-    water: Water | None = None
-    slabs: Slabs | None = None
+    water: WaterTables | None = None
+    slabs: SlabTables | None = None
     beside: NDArray[np.float64] | None = None
 
     @property
@@ -312,8 +312,8 @@ def build_trace_scene(
         change_table=_table32([(m.temporal_coherence, m.decorrelation_days) for m in materials])
         if any(m.temporal_coherence < 1.0 for m in materials)
         else None,
-        water=Water.of(materials, wavelength, DIFFUSE_NODES, seed),
-        slabs=Slabs.of(materials, wavelength, material, triangles),
+        water=WaterTables.of(materials, wavelength, DIFFUSE_NODES, seed),
+        slabs=SlabTables.of(materials, wavelength, material, triangles),
     )
 
 

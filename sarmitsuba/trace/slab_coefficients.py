@@ -31,7 +31,7 @@ SAME_SLAB = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Slabs:
+class SlabTables:
     """The materials of a scene that are slabs, and the faces that let waves through.
 
     Parameters
@@ -56,7 +56,7 @@ class Slabs:
         wavelength: float,
         material: NDArray[np.uint32],
         triangles: NDArray[np.float64],
-    ) -> Slabs | None:
+    ) -> SlabTables | None:
         """Slabs among the materials of a scene's faces; None where there is none."""
         if not np.array([_is_slab(m) for m in materials])[material].any():
             return None
@@ -64,14 +64,14 @@ class Slabs:
         open_ = np.where(passes, [m.thickness for m in materials], 0.0)
         table = _rows(materials, passes, wavelength)
         depth = np.array([m.facet_depth for m in materials])[material]
-        return Slabs(device_array(mi.Float, table), open_[material], depth, material, triangles)
+        return SlabTables(device_array(mi.Float, table), open_[material], depth, material, triangles)
 
-    def at_frequency(self, materials: tuple[Material, ...], wavelength: float) -> Slabs:
+    def at_frequency(self, materials: tuple[Material, ...], wavelength: float) -> SlabTables:
         """The same faces at another wavelength, m; those let waves through that do now."""
         passes = np.array(self.table).reshape(-1, 4)[:, 2] > 0.0
         return replace(self, table=device_array(mi.Float, _rows(materials, passes, wavelength)))
 
-    def at(self, triangles: NDArray[np.float64]) -> Slabs:
+    def at(self, triangles: NDArray[np.float64]) -> SlabTables:
         """The same with the faces elsewhere."""
         return replace(self, triangles=triangles)
 
@@ -164,7 +164,7 @@ class Slabs:
         return device_array(mi.Float, gap)
 
 
-def lets_waves_through(slabs: Slabs | None, flags: KernelFlags) -> bool:
+def lets_waves_through(slabs: SlabTables | None, flags: KernelFlags) -> bool:
     """Whether waves go through any face of a scene with these slabs."""
     return flags.transmission and flags.slabs and slabs is not None and slabs.passes
 
@@ -176,7 +176,7 @@ def _is_slab(material: Material) -> bool:
 def _rows(
     materials: tuple[Material, ...], passes: NDArray[np.bool_], wavelength: float
 ) -> NDArray[np.float32]:
-    """Rows of the table of :class:`Slabs`; ``passes`` (n_materials,) that let waves through."""
+    """Rows of the table of :class:`SlabTables`; ``passes`` (n_materials,) that let waves through."""
     rows = np.zeros((len(materials), 4), dtype=np.float32)
     for i, m in enumerate(materials):
         if _is_slab(m):
@@ -252,11 +252,11 @@ def slab(
     inner, outer = q * q / eps, eps * (c * c)
     one, cos = mi.Complex2f(1.0), mi.Complex2f(c)
     slope = 2.0 * cosine + 4.0 * c * sine_q + y * sine_q
-    te = _Line(c * c + q * q, -chi, mi.Complex2f(y), one, cos, slope)
+    te = _SlabQuotients(c * c + q * q, -chi, mi.Complex2f(y), one, cos, slope)
     contrast = chi * ((1.0 - (eps + 1.0) * (c * c)) / eps)
     slope = 2.0 * cosine + 2.0 * c * (1.0 / eps + eps) * sine_q
     slope += y * (2.0 * c * cosine + (inner + 2.0 * c * c / eps) * sine_q)
-    tm = _Line(inner + outer, contrast, mi.Complex2f(y * c), cos, inner, slope)
+    tm = _SlabQuotients(inner + outer, contrast, mi.Complex2f(y * c), cos, inner, slope)
     # by the cosine, as `slope` is where these two stay as they are
     turn = c / q * thickness
     twice_c = mi.Complex2f(0.0, 2.0) * once * turn
@@ -285,7 +285,7 @@ def slab(
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
+class _SlabQuotients:
     """One polarisation of :func:`slab`: the factors of its two quotients, and the change of D over c beside them."""
 
     both: mi.Complex2f
@@ -302,4 +302,4 @@ class _Line:
         )
 
 
-__all__ = ["SlabFactors", "Slabs", "lets_waves_through", "slab"]
+__all__ = ["SlabFactors", "SlabTables", "lets_waves_through", "slab"]

@@ -19,7 +19,7 @@ from sarmitsuba.trace.slab_coefficients import SlabFactors, slab
 if TYPE_CHECKING:
     from sarmitsuba.trace.field import ComplexVector
     from sarmitsuba.trace.scene_tables import TraceScene
-    from sarmitsuba.trace.slab_coefficients import Slabs
+    from sarmitsuba.trace.slab_coefficients import SlabTables
     from sarmitsuba.trace.state import Hit, Kernel, RayState
 
 # panes that a path may go through on its way to its last hit; on the way home there is no bound
@@ -117,7 +117,7 @@ def slab_factors(
 
     Parameters
     ----------
-    properties, row : of the material, of `TraceScene.material_table` and of `Slabs.table`
+    properties, row : of the material, of `TraceScene.material_table` and of `SlabTables.table`
     behind : whether ``n`` is the facet's own normal turned round: the wave then meets the coat first
     """
     chi = mi.Complex2f(properties.x, properties.y)
@@ -202,7 +202,7 @@ def branched(
     return ray, replace(waiting, count=count, hits=waiting.hits + dr.select(hit.active, mi.UInt32(1), 0))
 
 
-def _slabs(kernel: Kernel) -> Slabs:
+def _slabs(kernel: Kernel) -> SlabTables:
     slabs = kernel.scene.slabs
     assert slabs is not None
     return slabs
@@ -223,7 +223,9 @@ def _power(vectors: Sequence[ComplexVector]) -> mi.Float:
     return power
 
 
-def _past(slabs: Slabs, face: mi.UInt32, behind: mi.Bool, active: mi.Bool, clearance: mi.Float) -> mi.Float:
+def _past(
+    slabs: SlabTables, face: mi.UInt32, behind: mi.Bool, active: mi.Bool, clearance: mi.Float
+) -> mi.Float:
     """How far along the normal a wave goes on from a face that it met: past the other face of a box, if it is one."""
     gap = dr.gather(mi.Float, slabs.gap, face, active)
     return dr.maximum(dr.select(behind, gap, -gap), 0.0) + clearance

@@ -11,7 +11,7 @@ from sarmitsuba.backend import dr, mi
 from sarmitsuba.trace.field import ComplexVector
 from sarmitsuba.trace.movement import Rim  # as the next
 from sarmitsuba.trace.slab_coefficients import lets_waves_through
-from sarmitsuba.trace.tubes.tube import Extent  # at run time: Dr.Jit reads the types of the loop's state
+from sarmitsuba.trace.tubes.tube import TubeExtent  # at run time: Dr.Jit reads the types of the loop's state
 
 if TYPE_CHECKING:
     from sarmitsuba.effects.flags import KernelFlags
@@ -266,7 +266,7 @@ class RayState:
     edge_a: mi.Vector3f
     edge_b: mi.Vector3f
     spread: TubeSpread | None
-    extent: Extent
+    extent: TubeExtent
     rim: Rim | None
     fields: tuple[ComplexVector, ...]
     contributions: mi.UInt32
@@ -342,7 +342,7 @@ class Hit:
 
 
 @dataclass(frozen=True, eq=False)
-class Footprint:
+class TubeFootprint:
     """The tube on the facet that was hit.
 
     Parameters
@@ -358,7 +358,7 @@ class Footprint:
 
     u: mi.Vector3f
     v: mi.Vector3f
-    extent: Extent
+    extent: TubeExtent
     patch: Patch
     bounds: Bounds
     area: mi.Float
@@ -410,12 +410,12 @@ __all__ = [
     "SCATTERER",
     "Constants",
     "Contribution",
-    "Footprint",
     "Hit",
     "Kernel",
     "KernelSettings",
     "Lane",
     "RayState",
     "Reflection",
+    "TubeFootprint",
     "TubeSpread",
 ]

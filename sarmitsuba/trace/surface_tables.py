@@ -41,8 +41,8 @@ class SurfaceTables:
         :func:`sarmitsuba.materials.texture.texture_amplitudes`; one row for each shape
     """
 
-    levels: Layer | None
-    classes: Layer | None
+    levels: BitmapLayer | None
+    classes: BitmapLayer | None
     textures: mi.Float | None
     quantiles: mi.Float | None
 
@@ -66,10 +66,10 @@ class SurfaceTables:
         starts = np.cumsum([0, *(0 if c is None else len(c.materials) for c in maps)])
         starts += len(materials) - starts[-1]  # parts come after all others
         layers = (
-            Layer.of(
+            BitmapLayer.of(
                 levels, triangles, corners, own, lambda values, _: values.astype(np.float32), 1.0, mi.Float
             ),
-            Layer.of(
+            BitmapLayer.of(
                 [None if c is None else c.bitmap for c in maps],
                 triangles,
                 corners,
@@ -147,7 +147,7 @@ class SurfaceTables:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class BitmapLayer:
     """Bitmaps of one kind, one or none for each material.
 
     Parameters
@@ -171,7 +171,7 @@ class Layer:
         texels_of: Callable[[NDArray[np.float64] | NDArray[np.int64], int], NDArray[np.float32] | U32],
         own: float | U32,
         kind: type[mi.Float] | type[mi.UInt32],
-    ) -> Layer | None:
+    ) -> BitmapLayer | None:
         """Tables of a layer; None where no material has a bitmap.
 
         Parameters
@@ -201,7 +201,7 @@ class Layer:
             faces = face_material == i
             at = {name: values[faces] for name, values in corners.items()}
             places[faces] = _affine(triangles[faces], bitmap.placement.at(triangles[faces], at))
-        return Layer(
+        return BitmapLayer(
             device_array(mi.Float, places.astype(np.float32)),
             device_array(mi.UInt32, records),
             device_array(kind, np.concatenate(texels)),
@@ -282,4 +282,4 @@ def _texture_tables(materials: Sequence[Material]) -> tuple[mi.Float | None, mi.
     return device_array(mi.Float, records), device_array(mi.Float, tables.astype(np.float32))
 
 
-__all__ = ["Layer", "SurfaceTables"]
+__all__ = ["BitmapLayer", "SurfaceTables"]

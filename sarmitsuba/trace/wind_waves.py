@@ -79,7 +79,7 @@ class BraggWave:
 
 
 @dataclass(frozen=True, eq=False)
-class Water:
+class WaterTables:
     """Tables of the materials that are water under wind, on the device.
 
     Parameters
@@ -98,7 +98,7 @@ class Water:
     drawn: bool
 
     @staticmethod
-    def of(materials: Sequence[Material], wavelength: float, n_nodes: int, seed: int) -> Water | None:
+    def of(materials: Sequence[Material], wavelength: float, n_nodes: int, seed: int) -> WaterTables | None:
         """Tables of a scene; None where no material is water under wind.
 
         Parameters
@@ -127,7 +127,7 @@ class Water:
         contrast32, rows32, waves32 = (
             device_array(mi.Float, np.asarray(a, dtype=np.float32)) for a in (contrast, rows, padded)
         )
-        return Water(n_nodes, contrast32, rows32, waves32, len(every) > 0)
+        return WaterTables(n_nodes, contrast32, rows32, waves32, len(every) > 0)
 
     def level(self, material: mi.UInt32, theta: mi.Float, change: mi.Vector3f) -> mi.Vector2f:
         """Amplitude for h and v over that of the table, at an incidence angle and a change ``s - d`` of direction."""
@@ -273,4 +273,4 @@ class Wave:
     cosine: mi.Float
 
 
-__all__ = ["BraggWave", "Drift", "Water"]
+__all__ = ["BraggWave", "Drift", "WaterTables"]

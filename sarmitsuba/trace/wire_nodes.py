@@ -33,7 +33,7 @@ PROBE = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class LineNodes:
+class WireNodes:
     """Nodes of lines.
 
     Parameters
@@ -53,10 +53,10 @@ class LineNodes:
     sides: F64
     line: NDArray[np.intp]
 
-    def weighted(self, weight: F64) -> LineNodes:
+    def weighted(self, weight: F64) -> WireNodes:
         """Those of the nodes with a weight (n,) above 0, their amplitudes times it."""
         kept = weight > 1e-6
-        return LineNodes(
+        return WireNodes(
             self.point[kept],
             self.inward[kept],
             self.axis[kept],
@@ -85,7 +85,7 @@ def longest_step(range_cell: float, azimuth_cell: float, distance: float, wavele
     return float(min(range_cell / PER_RANGE_CELL, azimuth_cell / PER_AZIMUTH_CELL, fresnel))
 
 
-def cut(lines: Sequence[LineTarget], longest: float) -> LineNodes:
+def cut(lines: Sequence[LineTarget], longest: float) -> WireNodes:
     """Nodes of lines, no farther apart than ``longest``, m; each line has both its ends."""
     points, inward, axes, steps, sides, numbers = [], [], [], [], [], []
     for number, line in enumerate(lines):
@@ -102,10 +102,10 @@ def cut(lines: Sequence[LineTarget], longest: float) -> LineNodes:
         side[-1, 0] = side[0, 1] = 0.0
         sides.append(side)
         numbers.append(np.full(n + 1, number))
-    return LineNodes(*(np.concatenate(rows) for rows in (points, inward, axes, steps, sides, numbers)))
+    return WireNodes(*(np.concatenate(rows) for rows in (points, inward, axes, steps, sides, numbers)))
 
 
-class LineScatterers(Scatterers):
+class WireScatterers(Scatterers):
     r"""Rods as scatterers with the closed form of the infinite cylinder's current.
 
     .. math:: q \cdot S e = \frac{2}{\sqrt\pi} h F \left[T_{mm} (q \cdot \hat t_s)(\hat t_i \cdot e)
@@ -139,7 +139,7 @@ class LineScatterers(Scatterers):
     Ruck et al., Radar Cross Section Handbook (1970), chapter 4; Knott, Shaeffer and Tuley, Radar Cross Section (2004).
     """
 
-    def __init__(self, nodes: LineNodes, lines: Sequence[LineTarget], wavelength: float) -> None:
+    def __init__(self, nodes: WireNodes, lines: Sequence[LineTarget], wavelength: float) -> None:
         self.n = len(nodes.point)
         self.places = vector_rows(nodes.point)
         self.inward = device_array(mi.Float, nodes.inward.astype(np.float32))
@@ -157,7 +157,7 @@ class LineScatterers(Scatterers):
         self.radius = device_array(mi.Float, np.array([radius for radius, _ in kinds], np.float32))
         self._tabulate(wavelength)
 
-    def at(self, wavelength: float) -> LineScatterers:
+    def at(self, wavelength: float) -> WireScatterers:
         """The same rods at another wavelength, m."""
         other = copy(self)
         other._tabulate(wavelength)
@@ -196,7 +196,7 @@ class LineScatterers(Scatterers):
         rod = dr.gather(mi.Vector4f, self.rods, index)
         axis, step = mi.Vector3f(rod.x, rod.y, rod.z), rod.w
         d, s = -incident.to_antenna, scattered.to_antenna
-        ways = [_Way.of(axis, v) for v in (d, s)]
+        ways = [_WireLeg.of(axis, v) for v in (d, s)]
         mm, ee, me = self._series(index, axis, ways)
         filled = self._spline(index, (dr.dot(d, axis) - dr.dot(s, axis)) * step * kernel.constants.wavenumber)
         (t_i, p_i), (t_s, p_s) = ((way.along, way.across) for way in ways)
@@ -224,7 +224,7 @@ class LineScatterers(Scatterers):
         return mi.Complex2f(0.5 * dr.square(ratio) * sides.x, -odd * sides.y)
 
     def _series(
-        self, index: mi.UInt32, axis: mi.Vector3f, ways: Sequence[_Way]
+        self, index: mi.UInt32, axis: mi.Vector3f, ways: Sequence[_WireLeg]
     ) -> tuple[mi.Complex2f, mi.Complex2f, mi.Complex2f | None]:
         """TM, TE and TE to TM (over the sine of the tilt), from four nodes of azimuth and two of tilt."""
         kind = dr.gather(mi.UInt32, self.kind, index)
@@ -261,14 +261,14 @@ class LineScatterers(Scatterers):
         """The wave turns round at the front of the rod, a radius before its axis where it is met at right angles."""
         rod = dr.gather(mi.Vector4f, self.rods, index)
         axis = mi.Vector3f(rod.x, rod.y, rod.z)
-        ways = [_Way.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
+        ways = [_WireLeg.of(axis, v) for v in (-incident.to_antenna, scattered.to_antenna)]
         azimuth = _azimuth(axis, ways)
         radius = dr.gather(mi.Float, self.radius, dr.gather(mi.UInt32, self.kind, index))
         return radius * dr.sqrt(ways[0].cosine * ways[1].cosine) * dr.abs(dr.sin(0.5 * azimuth))
 
 
 @dataclass(frozen=True, eq=False)
-class _Way:
+class _WireLeg:
     """A way at a rod: field vectors in the plane of axis and ray and across it, and the cosine of its tilt."""
 
     along: mi.Vector3f
@@ -276,19 +276,19 @@ class _Way:
     cosine: mi.Float
 
     @staticmethod
-    def of(axis: mi.Vector3f, direction: mi.Vector3f) -> _Way:
+    def of(axis: mi.Vector3f, direction: mi.Vector3f) -> _WireLeg:
         across = dr.cross(axis, direction)
         cosine = dr.norm(across)
         # end-on there is no plane, and nothing returns
         across = across * dr.rcp(dr.maximum(cosine, 1e-6))
-        return _Way(dr.cross(direction, across), across, cosine)
+        return _WireLeg(dr.cross(direction, across), across, cosine)
 
 
-def _azimuth(axis: mi.Vector3f, ways: Sequence[_Way]) -> mi.Float:
+def _azimuth(axis: mi.Vector3f, ways: Sequence[_WireLeg]) -> mi.Float:
     """Angle about the axis from the incident to the scattered direction, rad."""
     turn = dr.dot(ways[0].across, ways[1].across)
     side = dr.dot(dr.cross(ways[0].across, ways[1].across), axis)
     return dr.atan2(side, turn)
 
 
-__all__ = ["LineNodes", "LineScatterers", "cut", "longest_step"]
+__all__ = ["WireNodes", "WireScatterers", "cut", "longest_step"]

@@ -30,7 +30,7 @@ WAVELENGTH = SPEED_OF_LIGHT / FREQUENCY
 
 
 @dataclass(frozen=True)
-class Setting:
+class RadarSetting:
     """A radar about the origin.
 
     Parameters
@@ -49,10 +49,10 @@ class Setting:
     azimuth_cell: float
 
     @staticmethod
-    def drawn(seed: int, cell: float, look: tuple[float, float] = (28.0, 50.0)) -> "Setting":
+    def drawn(seed: int, cell: float, look: tuple[float, float] = (28.0, 50.0)) -> "RadarSetting":
         """A setting of a seed."""
         rng = np.random.default_rng([seed, 1998])
-        return Setting(
+        return RadarSetting(
             heading=float(rng.uniform(0.0, 360.0)),
             look=float(rng.uniform(*look)),
             side=("left", "right")[rng.integers(2)],
@@ -124,7 +124,7 @@ class Pair:
 
     raws: tuple[RawData, RawData]
     images: tuple[SarImage, SarImage]
-    setting: Setting
+    setting: RadarSetting
 
     @property
     def radars(self) -> tuple[Radar, Radar]:
@@ -154,7 +154,7 @@ class Pair:
 
 
 def pair_of(
-    setting: Setting,
+    setting: RadarSetting,
     meshes: list[targets.Mesh],
     extent: float,
     *,
@@ -170,7 +170,7 @@ def pair_of(
     Parameters
     ----------
     setting : how it is seen
-    meshes : see `Setting.parallelogram`; materials are taken in turn where there are several
+    meshes : see `RadarSetting.parallelogram`; materials are taken in turn where there are several
     extent : of the image, m
     materials : of the meshes
     relief, baseline, passes : as for `sarmitsuba.analysis.interferometry.second_pass`
@@ -216,4 +216,4 @@ def phase_law(label: str, away: F64, gamma: float, looks: float) -> Comparison:
     )
 
 
-__all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "Setting", "pair_of", "phase_law"]
+__all__ = ["FREQUENCY", "ROUGH", "WAVELENGTH", "Pair", "RadarSetting", "pair_of", "phase_law"]

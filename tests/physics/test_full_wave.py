@@ -25,7 +25,7 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
-def cut(name: str, index: int) -> tuple[full_wave.Cut, full_wave.C128]:
+def cut(name: str, index: int) -> tuple[full_wave.DirectionCut, full_wave.C128]:
     chosen = full_wave.SCENES[name].cuts[index]
     return chosen, full_wave.stored()[name][chosen.name]
 

@@ -30,7 +30,7 @@ from sarmitsuba.simulation.sources import site
 from sarmitsuba.simulation.turntable import Aspects, rcs_sweep
 from sarmitsuba.trace.leg import Leg
 from sarmitsuba.trace.state import Kernel
-from sarmitsuba.trace.wire_nodes import LineScatterers, cut
+from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 from sarmitsuba.validation.cases.wires import beside_broadside, drawn_rod
 
 F64 = NDArray[np.float64]
@@ -42,7 +42,7 @@ ROUGH = {"diffuse_law": "lambert", "diffuse_level_db": -10.0, "rms_height": 0.00
 COARSE = {"azimuth_resolution": 4.0, "bandwidth": 75e6}
 
 
-class Dyad(LineScatterers):
+class Dyad(WireScatterers):
     """Amplitudes for any two directions and real field vectors, in NumPy."""
 
     def of(self, came: F64, goes: F64, e: NDArray[np.complex128], q: NDArray[np.complex128]) -> complex:

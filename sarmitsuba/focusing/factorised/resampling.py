@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sarmitsuba.backend import dr
 from sarmitsuba.echo.gridding import SpreadingKernel
 from sarmitsuba.focusing.device_complex import cis, scaled
-from sarmitsuba.focusing.factorised.kernels import Polar, unpacked
+from sarmitsuba.focusing.factorised.kernels import PolarAxes, unpacked
 
 if TYPE_CHECKING:
     Vector = tuple[dr.ArrayBase, dr.ArrayBase, dr.ArrayBase]
@@ -37,7 +37,7 @@ class Pixels:
 
 def resample(
     types: ModuleType,
-    polar: Polar,
+    polar: PolarAxes,
     pixels: Pixels,
     n_lanes: int,
     turns_per_metre: dr.ArrayBase,

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.focusing.aperture_weights import flight
-from sarmitsuba.focusing.factorised.division import PIXEL_SECONDS, Level, Plan, Section
+from sarmitsuba.focusing.factorised.division import PIXEL_SECONDS, Plan, Section, SubimageLevel
 from sarmitsuba.focusing.factorised.sampling import (
     CORRECTION,
     MARGIN_DB,
     RATIOS,
     TAPS,
-    Sampling,
+    SubimageSampling,
     choose_sampling,
 )
 from sarmitsuba.focusing.windows import Window
@@ -50,7 +50,7 @@ _UNDER = "the image reaches under the track"
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
+class _SectionSpectra:
     """A section's pulses and its part of the image, and the spectra that follow from them.
 
     Parameters
@@ -131,7 +131,7 @@ def _mesh(along: F64, across: F64) -> tuple[F64, F64]:
     return a.ravel(), c.ravel()
 
 
-def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _Sight | str:
+def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _SectionSpectra | str:
     """The section of ``n`` pulses from ``first`` on; what is in the way where there can be none."""
     antenna = radar.track.position[first : first + n]
     origin = antenna.mean(axis=0)
@@ -158,7 +158,7 @@ def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _S
     spread = 0.0
     if radar.antenna.pattern != "isotropic":
         spread = _BEAM_BAND * float((flat / far).max()) * max(radar.antenna.per_width)
-    return _Sight(
+    return _SectionSpectra(
         radar,
         first,
         rows,
@@ -175,7 +175,7 @@ def _sight(radar: Radar, grid: ImageGrid, first: int, n: int, rows: slice) -> _S
     )
 
 
-def _section(sight: _Sight, lengths: tuple[int, ...], sampling: Sampling) -> Section | str:
+def _section(sight: _SectionSpectra, lengths: tuple[int, ...], sampling: SubimageSampling) -> Section | str:
     """Section with groups of ``lengths``, finest first; what is in the way where there can be none."""
     n = len(sight.antenna)
     range_step, angle_step = (np.pi / (half * sampling.upsampling) for half in sight.extent(n))
@@ -184,7 +184,7 @@ def _section(sight: _Sight, lengths: tuple[int, ...], sampling: Sampling) -> Sec
         return _UNDER
     n_ranges = int(np.ceil((sight.ranges[1] - sight.ranges[0]) / range_step)) + 2 * GUARD + 2
     n_angles = int(np.ceil((sight.angles[1] - sight.angles[0]) / angle_step)) + 2 * GUARD + 2
-    top = Level(n, 1, 1, sight.angles[0] - GUARD * angle_step, angle_step, n_angles)
+    top = SubimageLevel(n, 1, 1, sight.angles[0] - GUARD * angle_step, angle_step, n_angles)
     levels = _levels(sight, top, lengths, sampling.upsampling)
     if levels is None:
         return f"groups of {lengths[0]} pulses are no smaller than their section"
@@ -203,8 +203,8 @@ def _section(sight: _Sight, lengths: tuple[int, ...], sampling: Sampling) -> Sec
 
 
 def _levels(
-    sight: _Sight, top: Level, lengths: tuple[int, ...], upsampling: float
-) -> tuple[Level, ...] | None:
+    sight: _SectionSpectra, top: SubimageLevel, lengths: tuple[int, ...], upsampling: float
+) -> tuple[SubimageLevel, ...] | None:
     """Levels from the section's own down; None where a smaller group needs no fewer angles."""
     above = top
     levels = [above]
@@ -217,13 +217,13 @@ def _levels(
         levels[-1] = replace(above, n_angles=chunks * ratio)
         step = above.angle_step * ratio
         below_start = above.start_angle - (TAPS // 2 - 1) * step - 0.5 * above.angle_step
-        above = Level(length, 0, ratio, below_start, step, chunks + TAPS)
+        above = SubimageLevel(length, 0, ratio, below_start, step, chunks + TAPS)
         levels.append(above)
     levels[-1] = replace(above, n_angles=4 * -(-above.n_angles // 4))
     return _padded(levels[::-1], top.n_pulses)
 
 
-def _padded(levels: list[Level], n: int) -> tuple[Level, ...]:
+def _padded(levels: list[SubimageLevel], n: int) -> tuple[SubimageLevel, ...]:
     """Numbers of groups, such that each level's are a whole multiple of those above."""
     merged = [high.n_pulses // low.n_pulses for low, high in pairwise(levels[:-1])]
     groups = 1
@@ -271,7 +271,7 @@ def _chains(n: int, stages: int, own_bands: bool) -> Iterator[tuple[int, ...]]:
 
 
 @dataclass(frozen=True)
-class _Edges:
+class _ApertureEnds:
     """Ends of the pixels' own apertures.
 
     Parameters
@@ -284,7 +284,7 @@ class _Edges:
     fresnel: float
 
     @classmethod
-    def of(cls, radar: Radar, grid: ImageGrid, window: Window) -> "_Edges | None":
+    def of(cls, radar: Radar, grid: ImageGrid, window: Window) -> "_ApertureEnds | None":
         """None where all pulses serve all pixels."""
         if np.isinf(radar.half_aperture) or radar.track.n_pulses < 2:
             return None
@@ -337,7 +337,7 @@ def make_plan(
     best: tuple[float, int, tuple[int, ...]] | None = None
     reason = "there are too few pulses to divide"
     pixels = float(np.prod(grid.shape))
-    edges = _Edges.of(radar, grid, window)
+    edges = _ApertureEnds.of(radar, grid, window)
     shortest = edges.shortest(error_db - MARGIN_DB) if edges else 2.0
     for parts in _parts(radar.track.n_pulses, shortest):
         cuts = _cut(radar.track.n_pulses, parts)
@@ -378,7 +378,7 @@ def make_plan(
     return Plan(tuple(sections), sampling, seconds, edge_db)
 
 
-def _leaves_window(radar: Radar, sight: _Sight) -> bool:
+def _leaves_window(radar: Radar, sight: _SectionSpectra) -> bool:
     """Whether a pulse of the section serves points that it did not record."""
     n, window = len(sight.antenna), radar.window
     pick = np.unique(np.linspace(0, n - 1, _LOOKED_AT).astype(int))
@@ -395,7 +395,7 @@ def _leaves_window(radar: Radar, sight: _Sight) -> bool:
     return bool(outside.any())
 
 
-def _sights(radar: Radar, grid: ImageGrid, cuts: list[tuple[int, int]]) -> list[_Sight] | str:
+def _sights(radar: Radar, grid: ImageGrid, cuts: list[tuple[int, int]]) -> list[_SectionSpectra] | str:
     """Sections that serve the image; what is in the way of one of them, or where none does."""
     out = []
     for first, n in cuts:

@@ -54,7 +54,8 @@ class Factorised(Focuser):
 
     Every grid is as fine as the spectra of its pulses, worked out from the track, ask for, times ``upsampling``; the
     error is that of the interpolations, predicted by
-    :meth:`sarmitsuba.focusing.factorised.sampling.Sampling.error_db`, and ``upsampling=0`` takes the least that keeps
+    :meth:`sarmitsuba.focusing.factorised.sampling.SubimageSampling.error_db`, and ``upsampling=0`` takes the least
+    that keeps
     ``error``.
 
     Validity: any track, spotlight or with apertures of the pixels' own (then in two stages). Refuses an image that

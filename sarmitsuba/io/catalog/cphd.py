@@ -21,7 +21,7 @@ from sarmitsuba.constants import SPEED_OF_LIGHT
 from sarmitsuba.echo.raw_data import RawData
 from sarmitsuba.errors import DataError
 from sarmitsuba.io.atomic import atomic_path
-from sarmitsuba.io.cphd_document import LAYOUT, Area, Recording, document
+from sarmitsuba.io.cphd_document import LAYOUT, CphdRecording, GroundArea, document
 from sarmitsuba.io.extras import formats_package
 from sarmitsuba.io.formats import FORMATS, FileFormat
 from sarmitsuba.io.nga import DAMAGED, LETTERS, plain_xml, refuse_document_type, said
@@ -68,7 +68,7 @@ def write_raw(path: Path, raw: RawData) -> None:
     frequency = _frequencies(radar)
     vectors["SC0"], vectors["SCSS"] = frequency[0], frequency[1] - frequency[0]
     mode = radar.mode
-    recording = Recording(
+    recording = CphdRecording(
         name=printable(str(raw.metadata.get("scene", path.stem))),
         mode=mode,
         bistatic=radar.receiver is not None and not radar.receives_itself,
@@ -163,7 +163,7 @@ def _history(profiles: C64, radar: Radar, frequency: F64) -> C64:
     return out
 
 
-def _area(radar: Radar, request: ImageRequest | None) -> Area:
+def _area(radar: Radar, request: ImageRequest | None) -> GroundArea:
     """The image that is asked for; without one the swath, as far as the window reaches around the aim point."""
     along = radar.track.along
     axes = np.array([along, [-along[1], along[0], 0.0]])
@@ -174,7 +174,7 @@ def _area(radar: Radar, request: ImageRequest | None) -> Area:
         half = 0.5 * np.array([request.extent_azimuth, request.extent_range])
         middle = axes @ (np.array([request.center_x, request.center_y, radar.aim_point[2]]) - radar.aim_point)
     cell = radar.waveform.range_cell
-    return Area(radar.aim_point, axes, middle - half, middle + half, np.full(2, 0.8 * cell))
+    return GroundArea(radar.aim_point, axes, middle - half, middle + half, np.full(2, 0.8 * cell))
 
 
 def _dwell(radar: Radar) -> tuple[float, float, float]:

@@ -94,7 +94,7 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class _Traced:
+class _TracingForecast:
     """What tracing and synthesis of the whole run take.
 
     Parameters
@@ -188,7 +188,7 @@ def predict(
     return planned, prediction
 
 
-def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _Traced:
+def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], clock: Clock) -> _TracingForecast:
     """Settle the blocks of pulses as the run does, trace one of them again, and take all others to be like it."""
     run.timer = StageTimer(clock)
     rays = run.rays(sampling, 0)
@@ -229,7 +229,7 @@ def _tracing(run: Run, sampling: SamplingPlan, data: NDArray[np.complex64], cloc
     batches = settled.rays / max(stats.rays, 1)
     seconds["first use"] = min(FIRST_USE, max(0.0, first - max(batches, 1.0) * sum(stages.values())))
     seams = blocks.survey(SEAM_RAYS)
-    return _Traced(seconds, whole, blocks.interval, blocks.error_db, seams)
+    return _TracingForecast(seconds, whole, blocks.interval, blocks.error_db, seams)
 
 
 def _points_seconds(run: Run, clock: Clock) -> float:

@@ -134,7 +134,7 @@ def refine(
     whole = Run(noiseless, clock=clock, crew=crew)
     layout = PassLayout.of(whole.scene, whole.layers.layers)
     passes = Passes.load(file, mark, layout) if file else Passes(mark)
-    focuser = _Focuser(
+    focuser = _PassImage(
         scene,
         passes,
         grid or default_grid(scene.radar.as_recorded(), scene.image),
@@ -211,7 +211,7 @@ class _Goal:
         return 100.0 * min(1.0, max(by_error, by_time)), 100.0
 
 
-class _Focuser:
+class _PassImage:
     """Image of the passes so far, and its error; focused only when it matters, else the raw data's error stands in."""
 
     def __init__(
@@ -276,7 +276,7 @@ def blocks_of(state: Path) -> Path:
     return state.with_suffix(".blocks")
 
 
-def _finished(focuser: _Focuser, goal: _Goal, noisy: bool) -> Refinement:
+def _finished(focuser: _PassImage, goal: _Goal, noisy: bool) -> Refinement:
     """Raw data and image of all passes, with their record; receiver noise last."""
     passes, raw = focuser.passes, focuser.raw()
     image = focuser.image or focuser.focus(raw)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sarmitsuba.constants import SUBSET_SHARES
 from sarmitsuba.echo.block import choose_block_length
 from sarmitsuba.echo.direct import box_slant_range
-from sarmitsuba.effects.context import Sampling
+from sarmitsuba.effects.context import SamplingFacts
 from sarmitsuba.effects.flags import KernelFlags
 from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.mesh.sharp_edges import SharpEdges
@@ -268,10 +268,10 @@ class SamplingPlan:
         fastest = movers.fastest(self.scene)
         return fastest + water.fastest(self.scene) if self.flags.water_motion else fastest
 
-    def for_effects(self) -> Sampling:
+    def for_effects(self) -> SamplingFacts:
         """What the effects may know of the sampling."""
         ground = self.range_cell / max(float(np.sin(self.window.incidence)), 0.05)
-        return Sampling(
+        return SamplingFacts(
             ray_spacing=self.spacings.coherent,
             n_rays=self.rays_per_pulse,
             cell=float(np.sqrt(self.azimuth_cell * ground)),

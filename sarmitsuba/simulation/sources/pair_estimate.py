@@ -15,10 +15,10 @@ from sarmitsuba.materials.map_materials import with_parts
 from sarmitsuba.mesh.surface_samples import spanned_area, surface_samples
 from sarmitsuba.radar.antenna import Antenna
 from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace.diffuse_pairs import DiffusePairs
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.launch import LaunchGrid, PulseBatch, frame_towards
 from sarmitsuba.trace.leg import Surroundings
-from sarmitsuba.trace.pair_search import Pairs, find_pairs
+from sarmitsuba.trace.pair_search import SurfacePairs, find_pairs
 from sarmitsuba.trace.scene_tables import TraceScene
 from sarmitsuba.trace.source import launches
 from sarmitsuba.trace.state import Contribution, Kernel, KernelSettings
@@ -52,12 +52,12 @@ class PairEstimate:
     """
 
     cell: float
-    pairs: Pairs
+    pairs: SurfacePairs
     power: F64
     cross: float = 0.0
 
 
-def run_pairs(site: Site, pilot: PairEstimate) -> Pairs:
+def run_pairs(site: Site, pilot: PairEstimate) -> SurfacePairs:
     """Pairs of a run, as many as the error of their draw wants."""
     return scene_pairs(site, _cell_of_run(site, pilot))
 
@@ -99,7 +99,7 @@ def _over(power: float, clutter: float) -> float:
     return power / clutter if clutter > 0.0 else float("inf")
 
 
-def scene_pairs(site: Site, cell: float) -> Pairs:
+def scene_pairs(site: Site, cell: float) -> SurfacePairs:
     """Pairs of the lit surfaces that scatter and rest, from one point in each cell (m)."""
     trace_scene = _geometry(site)
     if not site.flags.texture:
@@ -262,7 +262,7 @@ class PairEcho:
 
 
 def pair_echo(
-    pairs: Pairs,
+    pairs: SurfacePairs,
     trace_scene: TraceScene,
     position: F64,
     center: F64,
@@ -299,7 +299,7 @@ def pair_echo(
     batch = PulseBatch(position[None], np.zeros((1, 3)), frame)
     kernel = Kernel.of(trace_scene, grid, batch, flags, settings)
     echoes = []
-    for launch in launches([DiffusePairs(pairs)], [grid], 1):
+    for launch in launches([PairSource(pairs)], [grid], 1):
         kept = _Kept(launch.part.count, len(flags.channels))
         _, state = launch.record(kernel, Antenna(), kept)
         dr.eval(state, kept.memory, kept.slant_range)

@@ -9,7 +9,7 @@ from sarmitsuba.simulation.sources.pair_estimate import (
     run_pairs,
 )
 from sarmitsuba.simulation.sources.site import Site
-from sarmitsuba.trace.diffuse_pairs import DiffusePairs
+from sarmitsuba.trace.diffuse_pairs import PairSource
 from sarmitsuba.trace.source import Source
 
 # seconds of a usual core: a point that pairs are drawn from, laid out, a pair traced, and a draw that tells their level
@@ -18,7 +18,7 @@ POINT_LAID, PAIR_TRACED, LEVEL = 1e-6, 2.5e-7, 0.25
 POINT_BYTES, PAIRS_OF_POINTS = 280, 0.1
 
 
-class Pairs(SourceKind):
+class PairKind(SourceKind):
     """Pairs, as many as the error of their draw wants."""
 
     name, rank = "pairs", 40
@@ -28,7 +28,7 @@ class Pairs(SourceKind):
         if not site.flags.diffuse_pairs or site.trace_scene is None:
             return None
         pairs = run_pairs(site, estimate_pairs(site, pilot_cell(site, PILOT_POINTS)))
-        return DiffusePairs(pairs) if pairs.n else None
+        return PairSource(pairs) if pairs.n else None
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Points, by the level of pairs where it is known."""
@@ -39,4 +39,4 @@ class Pairs(SourceKind):
         return Expected(PAIRS_OF_POINTS * points, making, PAIR_TRACED, points * POINT_BYTES)
 
 
-SOURCES.register(Pairs())
+SOURCES.register(PairKind())

@@ -13,7 +13,7 @@ CELL_LAID, SCATTERER_TRACED = 1e-6, 8e-6
 CELL_BYTES, SCATTERER_BYTES = 150, 100
 
 
-class Volumes(SourceKind):
+class VolumeKind(SourceKind):
     """Volumes as scatterers in cells of a lattice."""
 
     name, rank = "volumes", 20
@@ -41,4 +41,4 @@ class Volumes(SourceKind):
         return Expected(kept, making, SCATTERER_TRACED, max(boxes) * CELL_BYTES + kept * SCATTERER_BYTES)
 
 
-SOURCES.register(Volumes())
+SOURCES.register(VolumeKind())

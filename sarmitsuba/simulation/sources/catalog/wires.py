@@ -6,7 +6,7 @@ from sarmitsuba.materials.cylinder import table_size
 from sarmitsuba.simulation.sources.kind import SOURCES, Expected, SourceKind, most_bounces
 from sarmitsuba.simulation.sources.site import Site
 from sarmitsuba.trace.source import PointSource, Source
-from sarmitsuba.trace.wire_nodes import LineScatterers, cut
+from sarmitsuba.trace.wire_nodes import WireScatterers, cut
 
 # seconds of a usual core: a node and a number of the table and order, laid out; a node traced
 NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
@@ -14,7 +14,7 @@ NODE_LAID, NUMBER_LAID, NODE_TRACED = 1e-6, 1.1e-7, 1e-6
 NODE_BYTES, NUMBER_BYTES = 300, 150
 
 
-class Wires(SourceKind):
+class WireKind(SourceKind):
     """Wires as rows of nodes."""
 
     name, rank = "wires", 10
@@ -28,7 +28,7 @@ class Wires(SourceKind):
         nodes = nodes.weighted(site.shares(nodes.point))
         if not len(nodes.point):
             return None
-        return PointSource(LineScatterers(nodes, scene.lines, site.wavelength), most_bounces(scene))
+        return PointSource(WireScatterers(nodes, scene.lines, site.wavelength), most_bounces(scene))
 
     def expected(self, site: Site, sub_bands: int) -> Expected | None:
         """Their nodes, and a table for each thickness and material at each frequency."""
@@ -47,4 +47,4 @@ class Wires(SourceKind):
         return Expected(nodes, making, NODE_TRACED, nodes * NODE_BYTES + numbers * NUMBER_BYTES)
 
 
-SOURCES.register(Wires())
+SOURCES.register(WireKind())
