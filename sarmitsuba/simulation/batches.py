@@ -154,8 +154,7 @@ def built(scene: Scene) -> TraceScene:
     """Geometry of a scene on the device."""
     wavelength, antenna = scene.radar.waveform.wavelength, scene.radar.track.center_position
     geometry, materials, seed = scene.geometry, scene.materials, scene.settings.seed
-    places = np.concatenate([line_ends(scene.lines), *(volume.vertices for volume in scene.volumes)])
-    made = build_trace_scene(geometry, materials, wavelength, antenna, places, seed)
+    made = build_trace_scene(geometry, materials, wavelength, antenna, scene.source_places, seed)
     return replace(made, passages=passages_of(scene))
 
 

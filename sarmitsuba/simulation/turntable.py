@@ -248,7 +248,7 @@ class _AspectTracing:
             days=scene.settings.pass_days,
             most_rays=self.most_rays,
             sources=self.sources,
-            places=np.concatenate([line_ends(scene.lines), *(v.vertices for v in scene.volumes)]),
+            places=scene.source_places,
             passages=passages_of(scene),
             progress=self.progress,
         )
@@ -290,7 +290,8 @@ def _effects(scene: Scene, aspects: Aspects, channels: tuple[str, ...]) -> tuple
         extra=plan.flags.extra - near,
     )
     left = plan.apply(scene)
-    return dataclasses.replace(scene, lines=left.lines, volumes=left.volumes), flags, plan.max_depth
+    kept = dataclasses.replace(scene, lines=left.lines, volumes=left.volumes, scatterers=left.scatterers)
+    return kept, flags, plan.max_depth
 
 
 def _uprights(aspects: Aspects) -> Iterator[tuple[NDArray[np.intp], tuple[float, float, float]]]:
