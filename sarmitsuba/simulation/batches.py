@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.layers import LayerPlan
 from sarmitsuba.simulation.pulses import EveryPulse, KeyPulse, Pulses
 from sarmitsuba.simulation.sampling.density_plan import SamplingPlan

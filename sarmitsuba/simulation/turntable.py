@@ -27,7 +27,6 @@ from sarmitsuba.radar.film import FilmDescription
 from sarmitsuba.radar.mode import MODES, AimGeometry
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.blame import check_traced
 from sarmitsuba.simulation.far_field import FAR, Aspects, FarSite, geometry_of, outline_of, target_middle
 from sarmitsuba.simulation.point_legs import PointLegs

@@ -9,7 +9,6 @@ from sarmitsuba.errors import RadarError
 from sarmitsuba.radar.image_request import ImageRequest
 from sarmitsuba.radar.track import Track
 from sarmitsuba.scene.scene import Scene
-from sarmitsuba.scene.wires import line_ends
 from sarmitsuba.simulation.sampling.beside_mesh import clipped
 from sarmitsuba.simulation.sampling.movers import lit, swept
 from sarmitsuba.trace.launch import LaunchFrame, frame_towards, window_of
@@ -132,7 +131,7 @@ def launch_window(scene: Scene, pulses: tuple[int, int]) -> LaunchWindow:
     found = np.zeros((0, 3))
     if len(scene.segments):
         rods = (scene.segments.reshape(-1, 3) - middle) @ axes.T
-        footprint = Footprint.of(image, away, incidence, rods)
+        footprint = SectorFootprint.of(image, away, incidence, rods)
         found = clipped(rods.reshape(-1, 2, 3), footprint.low, footprint.high)
     bounds, cut = _lit_mesh(scene, pulses, axes, away, incidence)
     if bounds is None:
